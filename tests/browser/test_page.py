@@ -14,6 +14,8 @@ from tools.look import SIZES, looked_at
 from tools.screenshot import ready, settled
 
 import cartstiff
+from cartstiff.page.run import Background
+from cartstiff.page.source import Source
 
 #: Cells show three digits at least.
 SHOWN = 5.1e-3
@@ -521,10 +523,34 @@ def test_the_analysis_in_words(ur5):
     assert "eigenscrew" in ur5.inner_text("#report").lower()
 
 
-def test_the_page_comes_back_when_the_server_does(pages):
-    from cartstiff.page.run import Background
-    from cartstiff.page.source import Source
+def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
+    """The server goes while curves are asked for; they were asked for again and again."""
+    server = Background(Source(cartstiff.load("cubic")))
+    page = pages.open(server.url)
+    page.evaluate(
+        """() => {
+            const { source } = window.cartstiff;
+            const ask = source.ask.bind(source);
+            window.unanswered = 0;
+            source.ask = (message) => {
+              if (message.do !== "sweep") ask(message);
+              else window.unanswered += 1;
+            };
+        }"""
+    )
+    page.focus("#slider-2")
+    page.keyboard.press("PageUp")
+    page.wait_for_function("() => window.unanswered")
+    server.close()
+    page.wait_for_selector("#banner:has-text('does not answer')")
+    page.wait_for_timeout(800)  # longer than the page waits before it asks for curves
+    assert "does not answer" in page.inner_text("#banner")
+    assert page.evaluate("() => window.unanswered") == 1
+    page.close()
+    page.watch.console.clear()  # refused connections are reported by the browser itself
 
+
+def test_the_page_comes_back_when_the_server_does(pages):
     source = Source(cartstiff.load("cubic"))
     server = Background(source)
     port, token = server.server.port, urlsplit(server.url).path.strip("/")
@@ -550,8 +576,6 @@ def test_the_page_comes_back_when_the_server_does(pages):
 
 def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):
     from cartstiff.page import tab
-    from cartstiff.page.run import Background
-    from cartstiff.page.source import Source
 
     monkeypatch.setattr(tab, "MOST_TABS", 1)
     server = Background(Source(cartstiff.load("cubic")))

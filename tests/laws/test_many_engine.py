@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from cartstiff.many.postures import OUTPUTS, analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.struts import Struts
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.functions import JointFunction
@@ -148,6 +150,26 @@ def test_platform_with_a_weight(path):
     found = cartstiff.load("hexapod").with_potential(payload(20.0, (0.0, 0.0, -9.81), (0, 0, 0.1)))
     for elastic in (given, found):
         assert_same(elastic, postures(elastic), path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("lengths", ["found", "given"])
+def test_legs_that_weigh(lengths, path):
+    """Gravity pulls at the legs as at the platform: unlike bars, at tilted poses."""
+    rng = np.random.default_rng(8)
+    platform = cartstiff.load("stewart-simscape")
+    length = platform.mechanism.at(platform.q).length
+    own = [rng.uniform(5.0, 40.0, 6) for _ in range(2)]
+    centres = [rng.uniform(0.2, 0.6, 6) * length for _ in range(3)]
+    heavy = copy(platform.mechanism)
+    heavy.struts = Struts(*own, *centres)
+    elastic = replace(platform, mechanism=heavy).with_gravity([3.0, -2.0, -9.0])
+    if lengths == "given":
+        made = elastic.mechanism.at(elastic.q).lines.lengths * rng.uniform(0.99, 1.01, 6)
+        elastic = replace(elastic, springs=replace(elastic.springs, rest_length=made))
+    q = postures(elastic)
+    assert_same(elastic, q, path)
+    assert_same(elastic, q, path, wrench=[3.0, -2.0, 1.0, 40.0, -25.0, 60.0])
 
 
 @pytest.mark.parametrize("path", PATHS)

@@ -17,8 +17,8 @@ import cartstiff
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.beam_arithmetic import segments_of_many
 from cartstiff.many.postures import analyse_many
-from cartstiff.many.read_many import Reader
-from cartstiff.many.reading_arithmetic import Readings
+from cartstiff.many.reading.read_many import Reader
+from cartstiff.many.reading.readings import Readings
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import Settings
 from cartstiff.maps.sampling import RandomPostures

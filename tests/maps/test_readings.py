@@ -3,6 +3,7 @@
 The oracle is `evaluate` on the arrays of `analyse_many`: NumPy's LAPACK for eigenvalues.
 """
 
+from copy import copy
 from dataclasses import replace
 
 import mpmath
@@ -13,15 +14,25 @@ import cartstiff
 from cartstiff import numerics
 from cartstiff.analysis.matrices import loss_of_elimination
 from cartstiff.many.algebra import eliminated
-from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue, principal_values
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.postures import analyse_many
-from cartstiff.many.read_many import Reader
-from cartstiff.many.reading_arithmetic import READINGS, Readings
+from cartstiff.many.reading.eigenvalues import (
+    ascending,
+    eigenvalues,
+    largest_eigenvalue,
+    principal_values,
+)
+from cartstiff.many.reading.read_many import Reader, readable
+from cartstiff.many.reading.reading_arithmetic import READINGS
+from cartstiff.many.reading.readings import FREQUENCIES, Readings
+from cartstiff.many.reading.vibration_arithmetic import frequency_name
 from cartstiff.many.tape import Tape
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.maps.sampling import RandomPostures
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.struts import Struts
+from cartstiff.potentials.loads import payload
 from cartstiff.stiffness.applied_load import LoadKind
 
 LENGTH = 0.18
@@ -52,7 +63,7 @@ def _readings(names: tuple[str, ...], s: Settings) -> Readings:
 )
 def test_every_reading_is_the_quantity(robot, connection, wrench, load):
     elastic = cartstiff.load(robot)
-    names = tuple(READINGS)
+    names = tuple(name for name in READINGS if name not in FREQUENCIES)
     settings = _asked(connection, load, wrench is not None)
     quantities = choose_quantities(names, settings, elastic)
     outputs = tuple(dict.fromkeys(o for one in quantities for o in one.outputs(settings)))
@@ -70,6 +81,104 @@ def test_every_reading_is_the_quantity(robot, connection, wrench, load):
         a, b = read.values[name][read.is_known], expected[name][read.is_known]
         np.testing.assert_array_less(np.abs(a - b), ROUNDING * condition * np.abs(b) + 1e-12, name)
     assert found.is_regular[read.is_known].all()
+
+
+def _near(elastic: ElasticMechanism, count: int) -> np.ndarray:
+    """Postures near home, closed chains closed."""
+    at = elastic.mechanism.at(elastic.q)
+    q = np.tile(elastic.q, (count, 1))
+    own = list(getattr(elastic.mechanism, "actuated", None) or range(q.shape[1]))
+    rng = np.random.default_rng(0)
+    q[:, own] += 0.05 * at.coordinate_lengths[own] * rng.uniform(-1.0, 1.0, (count, len(own)))
+    return q
+
+
+def _with_legs_that_differ(elastic: ElasticMechanism) -> ElasticMechanism:
+    mechanism = copy(elastic.mechanism)
+    fixed, moving, *centres = np.random.default_rng(1).uniform(0.02, 0.2, (4, 6))
+    mechanism.struts = Struts(fixed, moving, *(0.2 * c for c in centres), 0.1 * fixed)
+    return replace(elastic, mechanism=mechanism)
+
+
+FORCE, WRENCH = (0.0, 0.0, 0.0, 10.0, -20.0, 30.0), (1.0, 2.0, -3.0, 10.0, -20.0, 30.0)
+
+
+@pytest.mark.parametrize("gravity", [False, True])
+@pytest.mark.parametrize(
+    ("name", "wrench", "load"),
+    [
+        ("ur5", None, LoadKind()),
+        ("ur5", FORCE, LoadKind("dead", (0.0, 0.1, 0.2))),
+        ("ur5", WRENCH, LoadKind("conservative")),
+        ("panda", FORCE, LoadKind()),
+        ("stewart-simscape", FORCE, LoadKind()),
+        ("legs that differ", FORCE, LoadKind()),
+        ("legs that differ", None, LoadKind()),
+        ("6-ups", FORCE, LoadKind()),
+        ("armatures", FORCE, LoadKind()),
+    ],
+)
+def test_frequencies_on_a_tape_are_those_of_the_modes(name, wrench, load, gravity):
+    """Masses of links, legs and rotors; loads with an energy; open and closed chains, platforms."""
+    file = {"armatures": "ur5", "legs that differ": "stewart-simscape"}.get(name, name)
+    elastic = cartstiff.load(file)
+    if name == "legs that differ":
+        elastic = _with_legs_that_differ(elastic)
+    if name == "armatures":
+        elastic.mechanism.tree.model.armature = np.linspace(0.1, 3.0, 6)
+    if gravity:
+        elastic = elastic.with_gravity([1.0, -2.0, -9.0])
+    names = tuple(frequency_name(i) for i in range(6))
+    given = None if wrench is None else np.array(wrench)
+    assert readable(elastic, names, given, "body") == names
+    asked = Readings(names, length=LENGTH, load=load)
+    read = Reader(elastic, asked, (), given, path="portable").read(_near(elastic, 12))
+    assert read.is_known.all()
+    acting = {} if wrench is None else {"load_kind": load.kind, "load_at": load.at}
+    expected = [
+        cartstiff.modes(elastic, q, wrench=wrench, **acting).frequencies[:6] for q in read.q
+    ]
+    found = np.array([read.values[name] for name in names]).T
+    np.testing.assert_allclose(found, expected, rtol=ROUNDING)
+    # The lowest alone comes another way.
+    first = Reader(elastic, replace(asked, names=names[:1]), (), given, path="portable")
+    lowest = first.read(read.q).values["frequency_1"]
+    np.testing.assert_allclose(lowest, found[:, 0], rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("load", [LoadKind("dead"), LoadKind("follower")])
+def test_loads_without_an_energy_are_left_to_the_engine(load):
+    """There motions may flutter: K is no longer symmetric."""
+    asked = Readings(("frequency_1",), length=LENGTH, load=load)
+    elastic = cartstiff.load("ur5")
+    read = Reader(elastic, asked, (), np.array(WRENCH), path="portable").read(_near(elastic, 8))
+    assert not read.is_known.any()
+
+
+def test_frequencies_that_are_not_on_a_tape_are_named():
+    """Masses that loads bring; more than the lowest of many motions."""
+    arm = cartstiff.load("ur5")
+    names = ("frequency_1", "frequency_2", "condition")
+    assert readable(arm, names, None, "body") == names
+    heavy = arm.with_potential(payload(3.0, (0.0, 0.0, -9.81)))
+    assert readable(heavy, names, None, "body") == ("condition",)
+    assert readable(cartstiff.load("delta"), names, None, "body") == ("frequency_1", "condition")
+    assert readable(cartstiff.load("hexapod"), names, None, "body") == ("condition",)
+
+
+@pytest.mark.parametrize("wrench", [None, FORCE])
+def test_a_map_of_frequencies_is_the_same_with_and_without_machine_code(wrench):
+    elastic = cartstiff.load("ur5").with_gravity([0.0, 0.0, -9.81])
+    count = 60
+    sampling = RandomPostures.within_limits(elastic, count, 3)
+    names = ("frequency_1", "frequency_4", "connection_change", "condition")
+    job = MapJob(elastic, sampling, names, _asked("B", LoadKind(), wrench is not None), wrench)
+    box = (slice(0, count),)
+    expected = job.compute(box)
+    found = replace(job, by_kernel=True).compute(box)
+    for name in names:
+        scale = ROUNDING * expected["condition"] * np.abs(expected[name])
+        assert (np.abs(found[name] - expected[name]) <= scale).all(), name
 
 
 def test_readings_are_quantities():
@@ -111,7 +220,7 @@ def _on_tape(function, matrices):
     return out["found"]
 
 
-@pytest.mark.parametrize("n", [3, 6])
+@pytest.mark.parametrize("n", range(1, 9))
 def test_eigenvalues_on_a_tape_are_those_of_lapack(n):
     rng = np.random.default_rng(0)
     factors = rng.normal(size=(500, n, n)) * 10.0 ** rng.uniform(-2, 2, (500, 1, n))

@@ -150,5 +150,5 @@ def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scala
 
 def shared_inputs(wrench: str) -> list[str]:
     """Inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
-    own = ["stiffness", "rest", "forces", "anchors", "points", "length"]
+    own = ["stiffness", "rest", "forces", "weight", "anchors", "points", "length"]
     return own + (["wrench"] if wrench == "shared" else [])

@@ -22,7 +22,7 @@ from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.closing import close
 from cartstiff.many.chains.settling import settle
 from cartstiff.many.plans import CLOSING, SETTLING, BoundCase, Case, known_plan, plan, program_for
-from cartstiff.many.reading_arithmetic import Readings
+from cartstiff.many.reading.readings import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
 

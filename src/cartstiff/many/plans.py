@@ -22,8 +22,10 @@ from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
 from cartstiff.many.chains.settling import settles, settling_arrays
 from cartstiff.many.evaluated import Evaluated
+from cartstiff.many.leg_masses import LegMasses
 from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
-from cartstiff.many.reading_arithmetic import Readings, read
+from cartstiff.many.reading.reading_arithmetic import read
+from cartstiff.many.reading.readings import Readings
 from cartstiff.many.tape import Program, Tape, larger
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import Home
@@ -260,7 +262,8 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     if is_open.any() and not is_open.all():
         return "some rest lengths are given and others are found posture by posture"
     forces, points, loose = _forces(elastic, platform)
-    if m < 6 and (wrench != "none" or (is_open.any() and (forces or loose))):
+    legs = None if elastic.gravity is None else platform.struts
+    if m < 6 and (wrench != "none" or (is_open.any() and (forces or loose or legs is not None))):
         return "whether fewer than six lines carry a load is seen posture by posture"
     case = PlatformCase(
         numbers(platform.anchors),
@@ -279,6 +282,9 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     }
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
+    if legs is not None and elastic.gravity is not None:
+        case = replace(case, legs=LegMasses.of(legs), has_weight=True)
+        shared["weight"] = (elastic.gravity / platform.units.newtons)[None]
     if platform.is_one_of_many:
         case = replace(case, anchors=(), points=(), length=1.0, lines=m)
         shared |= {"anchors": platform.anchors.reshape(1, -1),
@@ -312,6 +318,8 @@ def _strut_plan(
     """Struts as derivatives that are given, beside lines that carry nothing."""
     if (struts.frame_a, struts.frame_b) != ("world", "body"):
         return "the struts are not the platform's own"
+    if elastic.gravity is not None and platform.struts is not None:
+        return "struts between flexures that weigh are put together posture by posture"
     forces, points, loose = _forces(elastic, platform)
     m = len(struts.stiffness)
     # The wrench is known to the struts' rest lengths; to the program it is what they exert.

@@ -42,6 +42,7 @@ from cartstiff.many.arithmetic import (
     limited,
     noteworthy,
 )
+from cartstiff.many.leg_masses import LegMasses, dead_force
 from cartstiff.many.tape import Scalar, Tape, cosine, larger, pick, sine, square_root
 
 #: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
@@ -67,6 +68,11 @@ class PlatformCase:
     points_of_forces : points of the body in M that carry constant forces.
     derivatives : bool
         Whether energy, gradient and Hessian of further potentials are given as arrays.
+    legs : LegMasses, optional
+        Masses of the legs, where these count.
+    has_weight : bool
+        Whether the legs weigh.
+    inertia : flat (6, 6) of the body on its twists, where vibrations count.
     lines : int
         How many lines, where anchors, points and length are given at run time: one program then
         serves platforms of every size.
@@ -81,6 +87,9 @@ class PlatformCase:
     unilateral: bool = False
     points_of_forces: tuple[tuple[float, ...], ...] = ()
     derivatives: bool = False
+    legs: LegMasses | None = None
+    has_weight: bool = False
+    inertia: tuple[float, ...] = ()
     lines: int = 0
 
 
@@ -115,19 +124,6 @@ def _turning(points: Array, lengths: Array, u: Array, lines: Array, t: Array) ->
         total[i, i] = total[i, i] + trace
         total[3 + i, 3 + i] = total[3 + i, 3 + i] + weight
     return total
-
-
-def _dead_force(R: Array, p: Array, force: Array, point: Array) -> tuple[Scalar, Array, Array]:
-    """Energy, alpha and Hessian of a force constant in F at a point of the body."""
-    f = -(R.T @ force)
-    alpha = np.concatenate([cross(point, f), f])
-    H = zeros(6, 6)
-    H[:3, :3] = (np.outer(f, point) + np.outer(point, f)) * 0.5
-    for i in range(3):
-        H[i, i] = H[i, i] - f @ point
-    H[3:, :3] = skew(f) * 0.5
-    H[:3, 3:] = skew(f) * -0.5
-    return -(force @ (R @ point + p)), alpha, H
 
 
 def _chosen_tensions(
@@ -170,9 +166,14 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         hessian = np.where(np.tri(6, dtype=bool), hessian, hessian.T)
     forces = tape.vector("forces", 3 * len(case.points_of_forces)).reshape(-1, 3)
     for force, point in zip(forces, case.points_of_forces, strict=True):
-        E, g, H = _dead_force(R, p, force, np.array(point))
-        energy, gradient, hessian = energy + E, gradient + g, hessian + H
-    alone = not (case.derivatives or case.points_of_forces)
+        E, g, H = dead_force(R.T @ force, np.array(point))
+        energy, gradient, hessian = energy + E - force @ p, gradient + g, hessian + H
+    if case.legs is not None and case.has_weight:
+        per_kg = tape.vector("weight", 3)
+        E, g, H = case.legs.weighed(points, u, lengths, R.T @ per_kg)
+        whole = sum(case.legs.fixed) + sum(case.legs.moving)
+        energy, gradient, hessian = energy + E - (per_kg @ p) * whole, gradient + g, hessian + H
+    alone = not (case.derivatives or case.points_of_forces or case.has_weight)
 
     arrays: dict[str, Array] = {"actuation": lines}
     decomposition, inverse_R = None, zeros(6, 6)
@@ -233,6 +234,10 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
     arrays.update(pose=T, wrench=W, energy=np.array([energy], object), tensions=t)
     arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    if case.inertia:
+        M = np.reshape(case.inertia, (6, 6)).astype(object)
+        M = M if case.legs is None else M + case.legs.kinetic(points, lines, lengths)
+        arrays |= {"kinetic": M, "lagrangian": K_B, "motion": np.eye(6)}
     condition = add_compliances(arrays, stiffness, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.

@@ -18,14 +18,15 @@ from cartstiff.many.chains.following import Assembler, Closed
 from cartstiff.many.kernels import CLOSED_CHUNK, Backend
 from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
-from cartstiff.many.read_many import Reader
-from cartstiff.many.reading_arithmetic import READINGS, Readings
+from cartstiff.many.reading.read_many import Reader, readable
+from cartstiff.many.reading.readings import FREQUENCIES, Readings
 from cartstiff.many.work import each_in_turn, timed
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import LEAST, Grid, Sampling
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes
 from cartstiff.stiffness.compute import analyse
@@ -267,17 +268,23 @@ class MapJob:
     @cached_property
     def _reader(self) -> Reader | None:
         """Machine code that reads some of the quantities."""
-        names = tuple(name for name in self.names if name in READINGS)
-        if not (self.by_kernel and names) or self.with_interval:
+        if not self.by_kernel or self.with_interval:
             return None
-        own = self.settings
+        wrench = None if self.wrench is None else np.array(self.wrench)
+        names, own = readable(self.elastic, self.names, wrench, self.load_axes), self.settings
+        length, force = convert_length(Units(), self.elastic.units)
         readings = Readings(
             names, own.connection, own.length, own.direction, own.deflect, own.deflect_at,
-            own.world, own.load,
+            own.world, own.load, float(np.sqrt(length / force)) / (2.0 * np.pi),
         )  # fmt: skip
-        wrench = None if self.wrench is None else np.array(self.wrench)
-        reader = Reader(self.elastic, readings, self.outputs, wrench, self.load_axes)
-        return reader if reader.serves else None
+        # Where frequencies take too many operations, the rest may still be read.
+        few = tuple(name for name in names if name not in FREQUENCIES)
+        for some in dict.fromkeys((names, few)):
+            asked = replace(readings, names=some)
+            reader = Reader(self.elastic, asked, self.outputs, wrench, self.load_axes)
+            if some and reader.serves:
+                return reader
+        return None
 
     def _values(self, result: Postures, quantities: Sequence[Quantity]) -> dict[str, Array]:
         """Quantities (N,) by name."""

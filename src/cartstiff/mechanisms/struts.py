@@ -69,7 +69,7 @@ class Struts:
         return float(self.fixed.sum() + self.moving.sum())
 
     @property
-    def _turning(self) -> tuple[Array, Array]:
+    def turning_moments(self) -> tuple[Array, Array]:
         """Moments of inertia (m,) of the bars about their own centres, across the line."""
         about = [
             mass * (com * com / 3 + self.radius**2 / 4)
@@ -80,7 +80,7 @@ class Struts:
     def mass_matrix(self, lines: LineGeometry, points: Array) -> Array:
         """Their part (..., 6, 6) of the platform's mass matrix, on body twists."""
         L = lines.lengths
-        fixed, moving = self._turning
+        fixed, moving = self.turning_moments
         across = self.moving * (1 - self.moving_com / L) ** 2
         across = across + (self.fixed * self.fixed_com**2 + fixed + moving) / L**2
         D = np.array([_velocity(point) for point in points])
@@ -92,7 +92,7 @@ class Struts:
         """Momentum (moment about F's origin, linear; axes of F) per body twist, (6, 6)."""
         R, p = pose[:3, :3], pose[:3, 3]
         total = np.zeros((6, 6))
-        turning = self._turning
+        turning = self.turning_moments
         for k, point in enumerate(points):
             u, L = R @ lines.directions[k], lines.lengths[k]
             b = R @ point + p

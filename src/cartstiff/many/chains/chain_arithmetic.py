@@ -309,6 +309,9 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     if "hessian" in wanted:
         arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
         arrays["length"] = np.array([chain.length], object)
+    if chain.case.bodies is not None:
+        arrays |= {"kinetic": chain.kinetic(chain.case.bodies), "motion": chain.J,
+                   "lagrangian": chain.lagrangian(W)}  # fmt: skip
     verdict = _compliances(chain, W, arrays, wanted)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))

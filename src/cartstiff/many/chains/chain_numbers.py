@@ -27,6 +27,7 @@ from cartstiff.many.arithmetic import (
     noteworthy,
 )
 from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, ForceField
+from cartstiff.many.chains.masses import Bodies, kinetic
 from cartstiff.many.chains.tree_twists import TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
 
@@ -60,6 +61,8 @@ class ChainCase:
         alone reads it, and finds the load in M.
     singular : bool
         Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
+    bodies : Bodies, optional
+        All masses, where vibrations count.
     """
 
     constants: ChainConstants
@@ -72,6 +75,7 @@ class ChainCase:
     settled: tuple[int, ...] = ()
     dead_load_at: tuple[float, float, float] | None = None
     singular: bool = False
+    bodies: Bodies | None = None
 
 
 def _field_terms(
@@ -277,6 +281,11 @@ class ChainNumbers:
         """
         margin = 2.0 if self.n == 6 else 100.0
         return noteworthy(self.squared_condition, own, outer, margin=margin)
+
+    def kinetic(self, bodies: Bodies) -> Array:
+        """Masses' matrix in the coordinates."""
+        M = kinetic(bodies, self.kinematics)
+        return M if self.mimic is None else congruence(self.mimic, M)
 
     def pose(self) -> Array:
         """``T_F_M``."""

@@ -268,11 +268,17 @@ class ChainKinematics:
             first = centre * weights[:, None]
             self.beyond.append((_sums_to_the_end(weights), _sums_to_the_end(first)))
 
+    def behind(self, joint: int) -> tuple[Array, Array]:
+        """R and p in C of a joint's frame behind its motion."""
+        R, p = self._places[joint]
+        return R @ self._turns[joint].T, p
+
     def frames(self) -> Array:
         """``T_F_joint`` behind each joint's motion, without the last row (joints, 3, 4)."""
         frames = zeros(len(self._places), 3, 4)
-        for frame, (R, p), turn in zip(frames, self._places, self._turns, strict=True):
-            frame[:, :3] = self.R_C_F.T @ (R @ turn.T)
+        for joint, frame in enumerate(frames):
+            R, p = self.behind(joint)
+            frame[:, :3] = self.R_C_F.T @ R
             frame[:, 3] = self.R_C_F.T @ (p - self.p_C_F)
         return frames
 

@@ -111,6 +111,11 @@ class TreeKinematics:
                         mass[a], first[a] = mass[a] + weight, first[a] + own
         return mass, first
 
+    def behind(self, joint: int) -> tuple[Array, Array]:
+        """R and p in F of a joint's frame behind its motion, joints counted from 0."""
+        walk = self._behind[joint + 1]
+        return walk.R @ self.links.turns[joint].T, walk.p
+
     def placed(self, joint: int, T: tuple[float, ...]) -> tuple[Array, Array]:
         """R and p in F of a frame placed on a joint."""
         walk, placement = self._behind[joint], np.reshape(T, (4, 4))

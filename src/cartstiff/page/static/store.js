@@ -1,6 +1,8 @@
 // What the page shows now: the state that is asked for, and the newest answer to it.
 // One question is in flight; while it is, only the newest state is kept.
 
+import { LOST } from "./dom.js";
+
 // Steps that can be taken back, and the time (ms) within which changes of one kind are one step.
 const MOST_PAST = 200;
 const TOGETHER = 800;
@@ -237,7 +239,7 @@ export class Store {
   lost() {
     this.busy = null;
     this.wanted = false;
-    for (const { reject } of this.waiting.values()) reject(new Error("the connection was lost"));
+    for (const { reject } of this.waiting.values()) reject(new Error(LOST));
     this.waiting.clear();
   }
 

@@ -1,7 +1,7 @@
 // A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { CURVES, shown } from "./curves.js";
-import { SUPERSEDED, byId, clamp, download, el, short } from "./dom.js";
+import { LOST, SUPERSEDED, byId, clamp, download, el, short } from "./dom.js";
 import { CLOSER, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
 import { grid, lettered, svg } from "./grid.js";
@@ -228,6 +228,7 @@ export function strip(store) {
       }
       if (series.others.length) draw();
     } catch (error) {
+      if (error.message === LOST) return; // the next numbers ask again
       if (asked === own && error.message !== SUPERSEDED) store.tell("error", error.message);
     } finally {
       if (asked === own) asked = null;

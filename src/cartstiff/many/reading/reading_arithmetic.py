@@ -9,7 +9,6 @@ and is read there.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -31,7 +30,14 @@ from cartstiff.many.algebra import (
     zeros,
 )
 from cartstiff.many.arithmetic import ENGINE, PLAIN, changed_compliance, limited
-from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue, principal_values
+from cartstiff.many.reading.eigenvalues import (
+    ascending,
+    eigenvalues,
+    largest_eigenvalue,
+    principal_values,
+)
+from cartstiff.many.reading.readings import Readings
+from cartstiff.many.reading.vibration_arithmetic import frequency_name, periods
 from cartstiff.many.tape import Scalar, absolute, larger, pick, square_root
 from cartstiff.stiffness.applied_load import LoadKind
 
@@ -41,52 +47,6 @@ _PAIRED = 0.99 * numerics.PAIRED
 #: that rounding does not make.
 _POSITIVE = 0.1 / numerics.PAIRED
 _BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
-
-
-@dataclass(frozen=True)
-class Readings:
-    """Numbers to read at every posture, and what they refer to; a key.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of `READINGS`.
-    connection : {"A", "B", "K", "F", "load"}
-        The matrix that is read.
-    length : float
-        Characteristic length.
-    direction : tuple of float, optional
-        Direction of stiffness along and about it.
-    deflect : tuple of float, optional
-        Wrench whose deflection is asked for; None for the posture's own.
-    deflect_at : tuple of float
-        Where it acts, in M.
-    world : bool
-        Whether both are in the axes of F.
-    load : LoadKind
-        What the load does while the body moves.
-    """
-
-    names: tuple[str, ...]
-    connection: str = "B"
-    length: float = 1.0
-    direction: tuple[float, ...] | None = None
-    deflect: tuple[float, ...] | None = None
-    deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
-    world: bool = False
-    load: LoadKind = field(default_factory=LoadKind)
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Outputs that are read."""
-        own = {"B", self.connection} - {"load"}
-        names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
-        return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
-
-    def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
-        """Whether a mechanism has all that is read."""
-        of_jacobian = not {"singular_value_ratio", "manipulability"}.isdisjoint(self.names)
-        return all(name in arrays for name in self.needs if name != "jacobian" or of_jacobian)
 
 
 class _Reader:
@@ -198,6 +158,17 @@ class _Reader:
             return [1.0 / values[0], values[1]]
 
         return self.once("ends", make)
+
+    def periods(self, number: int) -> list[Scalar]:
+        """The largest 1 / omega^2, so many or more of them."""
+
+        def make() -> list[Scalar]:
+            D = _change(self.asked.load) @ self.arrays["wrench"]
+            found, doubt = periods(self.arrays, D, number)
+            self.require(doubt)
+            return found
+
+        return self.once(f"periods {number}", make)
 
     def in_body(self, force: Array) -> Array:
         """A vector in the axes of the body."""
@@ -326,6 +297,12 @@ def _natural_length(r: _Reader) -> Scalar:
     return 1.0 / _product([x * y for x, y in zip(held, free, strict=True)])
 
 
+def _frequency(r: _Reader, which: int) -> Scalar:
+    """The square of it."""
+    most = max(i for i in range(6) if frequency_name(i) in r.asked.names)
+    return r.asked.hertz**2 / r.periods(most + 1)[which]
+
+
 class _Reading(NamedTuple):
     """How a number is read, and the root that is taken of it at last."""
 
@@ -373,6 +350,7 @@ READINGS: dict[str, _Reading] = {
     "moment": _Reading(lambda r: _norm(r.arrays["wrench"][:3])),
     "force": _Reading(lambda r: _norm(r.arrays["wrench"][3:])),
     "energy": _Reading(lambda r: r.arrays["energy"][0]),
+    **{frequency_name(i): _Reading(partial(_frequency, which=i), 2) for i in range(6)},
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -12,7 +13,10 @@ from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.kernels import Backend, reading_kernel, run
 from cartstiff.many.plans import BoundCase, plan
 from cartstiff.many.postures import loads_in_body
-from cartstiff.many.reading_arithmetic import READINGS, Readings
+from cartstiff.many.reading.kinetics import frequencies_of, with_masses
+from cartstiff.many.reading.reading_arithmetic import READINGS
+from cartstiff.many.reading.readings import FREQUENCIES, Readings
+from cartstiff.many.reading.vibration_arithmetic import frequency_name
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
@@ -36,6 +40,25 @@ class Values(NamedTuple):
     poses: Array
     q: Array
     is_known: NDArray[np.bool_]
+
+
+Axes = Literal["body", "world"]
+
+
+def readable(
+    elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None, axes: Axes
+) -> tuple[str, ...]:
+    """Which quantities machine code can read of a mechanism under a load, if it reads at all."""
+    taken, frequencies = plan(elastic, _given(wrench, axes)), 0
+    if isinstance(taken, BoundCase) and with_masses(elastic, taken.case) is not None:
+        frequencies = frequencies_of(taken.case)
+    left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
+    return tuple(name for name in names if name in READINGS and name not in left)
+
+
+def _given(wrench: Array | None, axes: Axes) -> str:
+    """How a plan calls the load: in the axes of F every posture has its own."""
+    return "none" if wrench is None else "shared" if axes == "body" else "each"
 
 
 class Reader:
@@ -65,20 +88,21 @@ class Reader:
 
     def __init__(
         self, elastic: ElasticMechanism, readings: Readings, outputs: tuple[str, ...],
-        wrench: Array | None = None, axes: Literal["body", "world"] = "body",
+        wrench: Array | None = None, axes: Axes = "body",
         path: Backend = "auto",
     ) -> None:  # fmt: skip
         self.elastic, self.readings = elastic, readings
         self._wrench, self._axes = wrench, axes
-        load = "none" if wrench is None else "shared" if axes == "body" else "each"
-        self._plan = plan(elastic, load)
+        self._plan = plan(elastic, _given(wrench, axes))
         wanted = recorded(outputs)
         self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
         self._kernel: Any = None
         self.state = ""
         if isinstance(self._plan, BoundCase):
-            self.state = self._plan.regular
-            self._kernel = reading_kernel(self._plan.case, self._outputs, readings, path)
+            self.state, case = self._plan.regular, self._plan.case
+            if not FREQUENCIES.isdisjoint(readings.names):
+                case = with_masses(elastic, case) or case
+            self._kernel = reading_kernel(case, self._outputs, readings, path)
 
     @property
     def serves(self) -> bool:

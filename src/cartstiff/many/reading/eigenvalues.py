@@ -19,17 +19,29 @@ from cartstiff.many.algebra import is_zero, norm_squared
 from cartstiff.many.arithmetic import ENGINE, PLAIN, limited
 from cartstiff.many.tape import Scalar, absolute, copysign, larger, pick, square_root
 
+#: Rows up to which all eigenvalues are found; of more the operations would be too many.
+LARGEST = 8
 #: Sweeps after which nearly every matrix of a size is diagonal.
-_SWEEPS = {2: 1, 3: 4, 6: 6}
+_SWEEPS = {1: 0, 2: 1, 3: 4, 4: 5, 5: 6, 6: 6, 7: 7, 8: 7}
 #: Steps of Laguerre's iteration after which it stands still nearly always.
 _STEPS = 6
-#: Pairs in an order in which neighbours have no row in common, so that none waits for the last.
-_PAIRS = {
-    2: ((0, 1),),
-    3: ((0, 1), (0, 2), (1, 2)),
-    6: ((0, 5), (1, 4), (2, 3), (0, 4), (3, 5), (1, 2), (0, 3), (2, 4), (1, 5), (0, 2), (1, 3),
-        (4, 5), (0, 1), (2, 5), (3, 4)),
-}  # fmt: skip
+
+
+def _rounds(n: int) -> tuple[tuple[int, int], ...]:
+    """Pairs of n rows, in an order in which neighbours have no row in common: none waits.
+
+    Those of a tournament in which every row meets every other once.
+    """
+    seats: list[int] = [*range(n), *[n] * (n % 2)]  # with one too few, somebody rests
+    pairs = list[tuple[int, int]]()
+    for _ in range(len(seats) - 1):
+        met = zip(seats[: len(seats) // 2], reversed(seats), strict=False)
+        pairs += [(min(pair), max(pair)) for pair in met if n not in pair]
+        seats = [seats[0], seats[-1], *seats[1:-1]]
+    return tuple(pairs)
+
+
+_PAIRS = {n: _rounds(n) for n in _SWEEPS}
 #: What may be left beside the diagonal, as a share of the whole matrix: rounding.
 _LEFT = 4.0 * numerics.EPSILON
 #: The last step that may be left to do, as a share: rounding where two are near each other.
@@ -94,6 +106,8 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
     is nearer to the largest, and still above it.
     """
     n = len(matrix)
+    if n == 1:
+        return matrix[0, 0], PLAIN
     whole = square_root(norm_squared(matrix))
     diagonal, squares = _tridiagonal(matrix * (1.0 / whole))
     x: Scalar = 1.0
@@ -134,8 +148,9 @@ def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
     return list(work.diagonal()), squares
 
 
-#: Exchanges that sort so many numbers.
+#: Exchanges that sort so many numbers: of neighbours in turns, or fewer where they are known.
 _EXCHANGES = {
+    **{n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2)) for n in _SWEEPS},
     2: ((0, 1),),
     3: ((0, 1), (1, 2), (0, 1)),
     6: ((0, 5), (1, 3), (2, 4), (1, 2), (3, 4), (0, 3), (2, 5), (0, 1), (2, 3), (4, 5), (1, 2),

@@ -1,0 +1,1 @@
+"""What is read of many postures by the machine code that makes their matrices."""
