@@ -12,7 +12,10 @@ from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.chains.spring_laws import deflection_for
+from cartstiff.many.portable import PortableKernel
 from cartstiff.many.postures import OUTPUTS, analyse_many
+from cartstiff.many.tape import Tape
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -198,6 +201,65 @@ def test_other_potentials(path):
     laws = {1: PolynomialLaw((300.0, 10.0, 40.0)), 4: TabulatedLaw((-1, 0, 2), (-90, 0, 260))}
     curved = replace(elastic, springs=replace(elastic.springs, laws=laws))
     assert_same(curved, postures(curved), path, outputs=("energy", "wrench", "stiffness_F"))
+
+
+TABLE = TabulatedLaw((-0.5, -0.1, 0.0, 0.05, 0.3), (-150.0, -20.0, 0.0, 20.0, 90.0))
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize(
+    "law",
+    [
+        PolynomialLaw((300.0, 40.0, 4000.0)),
+        PolynomialLaw((300.0,)),
+        PolynomialLaw((300.0, -500.0, 0.0, 2000.0)),  # it falls between 0.3 and more
+        TABLE,
+        replace(TABLE, torques=tuple(-t for t in TABLE.torques)),  # the engine's: it falls
+    ],
+)
+def test_rest_positions_of_nonlinear_springs_are_chosen(law, path):
+    """Deflections that carry a wrench and a weight: the root of smallest size, or the engine's."""
+    elastic = arm("RRRRRR", gravity=True)
+    springs = replace(elastic.springs, laws={1: law, 3: law}, rest=np.full(6, np.nan))
+    curved = replace(elastic, springs=springs)
+    q = postures(curved)
+    assert_same(curved, q, path, outputs=("energy", "wrench", "stiffness_B", "compliance_K"))
+    load = [1.0, 2.0, -1.0, 10.0, 20.0, -15.0]
+    assert_same(curved, q, path, wrench=load, outputs=("energy", "wrench", "stiffness_B"))
+
+
+@pytest.mark.parametrize("law", [PolynomialLaw((300.0, -500.0, 0.0, 2000.0)), TABLE])
+def test_deflections_are_the_laws_own(law):
+    """Over all torques: where the tape knows one, it is what the spring says."""
+    torques = np.linspace(-45.0, 45.0, 4001)
+    tape = Tape()
+    x, verdict = deflection_for(law, tape.input("torque", 0))
+    program = tape.program({"x": np.array([x, verdict], object)}, [])
+    out = {"x": np.empty((len(torques), 2))}
+    kernel = PortableKernel(program).workspace(len(torques))
+    kernel.run({"torque": torques[:, None]}, out, len(torques))
+    known = out["x"][:, 1] == 0.0
+    assert known.mean() > 0.6
+    expected = [law.deflection_for(t) for t in torques[known]]
+    np.testing.assert_allclose(out["x"][known, 0], expected, rtol=1e-10, atol=1e-15)
+
+
+def test_closed_chains_have_nonlinear_springs():
+    elastic = cartstiff.load("6-ups")
+    springs, motors = elastic.springs, list(elastic.mechanism.actuated)
+    k = float(springs.stiffness[motors[0]])
+    laws = {motors[0]: PolynomialLaw((k, 0.0, 50.0 * k)), motors[2]: PolynomialLaw((k, 3.0 * k))}
+    curved = replace(elastic, springs=replace(springs, laws=laws))
+    q = np.tile(elastic.q, (120, 1))
+    q[:, motors] += 0.01 * np.random.default_rng(3).uniform(-1, 1, (120, 6))
+    for load in (None, [1.0, 2.0, -1.0, 100.0, 200.0, -150.0]):
+        many = analyse_many(curved, q, wrench=load, outputs=("energy", "stiffness_A"))
+        assert many.by_engine == 0
+        for i in range(0, 120, 30):
+            one = cartstiff.analyse(curved, q[i], wrench=load)
+            np.testing.assert_allclose(many["energy"][i], one.energy, rtol=1e-9, atol=1e-9)
+            size = np.abs(one.matrices["A"]).max()
+            assert np.abs(many["A"][i] - one.matrices["A"]).max() <= 1e-12 * size
 
 
 @pytest.mark.parametrize("path", PATHS)

@@ -21,6 +21,7 @@ from cartstiff.many.chains.closed_case import closed_case
 from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
 from cartstiff.many.chains.settling import settles, settling_arrays
+from cartstiff.many.chains.spring_laws import is_recorded
 from cartstiff.many.evaluated import Evaluated
 from cartstiff.many.leg_masses import LegMasses
 from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
@@ -172,8 +173,8 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
     if isinstance(springs, JointSprings):
         chosen = springs.is_open(wrench != "none")
         laws = springs.laws
-        if any(chosen[j] for j in laws):
-            return "the rest position of a nonlinear spring is found posture by posture"
+        if any(chosen[j] and not is_recorded(law) for j, law in laws.items()):
+            return "the rest position of such a spring is found posture by posture"
         if wrench != "none" and springs.is_passive.any() and not chain.virtual:
             return "whether joints without a spring feel the wrench is seen posture by posture"
         shared, laws = _spring_values(springs)
@@ -236,6 +237,8 @@ def _with_fields(
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
     rest = shared["rest"][0]
+    case = replace(case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law)))
+    laws = {j: law for j, law in laws.items() if not is_recorded(law)}
     beside = Evaluated(chain, tuple(loose), laws, rest, tuple(beams))
     if fields or beside:
         case = replace(case, fields=tuple(fields), derivatives=beside.is_dense,

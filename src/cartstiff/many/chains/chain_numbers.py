@@ -28,8 +28,10 @@ from cartstiff.many.arithmetic import (
 )
 from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, ForceField
 from cartstiff.many.chains.masses import Bodies, kinetic
+from cartstiff.many.chains.spring_laws import JointSpringNumbers
 from cartstiff.many.chains.tree_twists import TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
+from cartstiff.potentials.springs import SpringLaw
 
 #: Where all axes meet within this share of the chain's size the engine chooses the length.
 _MEETING = numerics.NEARBY
@@ -61,6 +63,8 @@ class ChainCase:
         alone reads it, and finds the load in M.
     singular : bool
         Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
+    laws : tuple of (int, SpringLaw)
+        Nonlinear springs among the coordinates' own.
     bodies : Bodies, optional
         All masses, where vibrations count.
     """
@@ -75,6 +79,7 @@ class ChainCase:
     settled: tuple[int, ...] = ()
     dead_load_at: tuple[float, float, float] | None = None
     singular: bool = False
+    laws: tuple[tuple[int, SpringLaw], ...] = ()
     bodies: Bodies | None = None
 
 
@@ -125,6 +130,8 @@ class ChainNumbers:
     """One chain under one case, as numbers on a tape."""
 
     is_closed = False
+    #: The verdict on deflections of springs.
+    of_springs: Scalar = PLAIN
     # Of a closed chain they are other ones.
     case: Any
     kinematics: Any
@@ -192,19 +199,17 @@ class ChainNumbers:
         case, n = self.case, self.n
         energy, gradient, hessian = self._others(tape)
         if case.open is not None:
-            stiffness = tape.vector("stiffness", n)
-            rest = tape.vector("rest", n)
+            springs = JointSpringNumbers(tape, n, case.laws)
             wanted = zeros(n) if self.W is None else self.J.T @ self.W
             for a in (a for a in range(n) if a not in case.settled):
-                hessian[a, a] = hessian[a, a] + stiffness[a]
                 if self.W is not None or case.open[a]:
-                    torque = wanted[a] - gradient[a]
-                    energy = energy + torque * torque / stiffness[a] * 0.5
+                    own, stiffness = springs.under(a, wanted[a] - gradient[a])
                     gradient[a] = wanted[a]
                 else:
-                    stretch = self.q[a] - rest[a]
-                    energy = energy + stiffness[a] * stretch * stretch * 0.5
-                    gradient[a] = gradient[a] + stiffness[a] * stretch
+                    own, torque, stiffness = springs.at(a, self.q[a])
+                    gradient[a] = gradient[a] + torque
+                energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
+            self.of_springs = springs.verdict
         self.energy, self.gradient, self.hessian = energy, gradient, hessian
 
     def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
@@ -212,7 +217,7 @@ class ChainNumbers:
 
         From twists J (6, k) in M, and how much each of them turns.
         """
-        self.verdict: Scalar = PLAIN
+        self.verdict: Scalar = self.of_springs
         total = sum(turning[1:], turning[0])
         self.length: Scalar = 1.0
         self.area: Scalar = 1.0
@@ -226,7 +231,7 @@ class ChainNumbers:
             if not is_zero(area):  # else the engine chooses
                 self.area, self.length = area, square_root(area)
             least = _MEETING * self.kinematics.size
-            self.verdict = pick(least**2, area, PLAIN, ENGINE)
+            self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, ENGINE))
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
         self.columns = zeros(len(is_length))

@@ -11,6 +11,7 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.settling import settles
+from cartstiff.many.chains.spring_laws import is_recorded
 from cartstiff.many.chains.tree_twists import Tie, TreeConstants, TreeKinematics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -164,8 +165,9 @@ def closed_case(
             others.append(potential)
     own = np.zeros(n, bool) if springs is None else ~springs.is_passive
     is_open = np.zeros(n, bool) if springs is None else springs.is_open(wrench != "none")
-    if springs is not None and any(is_open[j] for j in springs.laws):
-        return "the rest position of a nonlinear spring is found posture by posture"
+    laws = {} if springs is None else springs.laws
+    if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
+        return "the rest position of such a spring is found posture by posture"
     springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at), *settled}
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"

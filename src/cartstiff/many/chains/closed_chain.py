@@ -40,6 +40,7 @@ from cartstiff.many.algebra import (
 from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited, noteworthy
 from cartstiff.many.chains.chain_arithmetic import arrays_of
 from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, curvature_of
+from cartstiff.many.chains.spring_laws import JointSpringNumbers
 from cartstiff.many.chains.tree_twists import TreeConstants, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 
@@ -128,6 +129,7 @@ class ClosedChainNumbers(ChainNumbers):
             is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, ENGINE)
             self.verdict = larger(self.verdict, is_still)
         self._evaluate(tape)
+        self.verdict = larger(self.verdict, self.of_springs)
         self.mimic = self.N
 
     def _motions(self, case: ClosedCase) -> Scalar:
@@ -203,17 +205,17 @@ class ClosedChainNumbers(ChainNumbers):
         energy, gradient, hessian = self._others(tape)
         for indices, flat in case.still:
             hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
-        stiffness = tape.vector("stiffness", len(self.q))
-        rest = tape.vector("rest", len(self.q))
+        springs = JointSpringNumbers(tape, len(self.q), case.laws)
         chosen = [
             a for a in case.springs if case.balance == "chosen" and case.open and case.open[a]
         ]
-        for a in case.springs:
-            hessian[a, a] = hessian[a, a] + stiffness[a]
-            if case.balance != "idle" and a not in chosen:
-                stretch = self.q[a] - rest[a]
-                energy = energy + stiffness[a] * stretch * stretch * 0.5
-                gradient[a] = gradient[a] + stiffness[a] * stretch
+        for a in (a for a in case.springs if a not in chosen):
+            if case.balance == "idle":  # nothing is stretched
+                own, stiffness = springs.under(a, 0.0)
+            else:
+                own, torque, stiffness = springs.at(a, self.q[a])
+                gradient[a] = gradient[a] + torque
+            energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
         if case.balance == "chosen":
             # The springs carry what the closures pass on to them.
             settled = [a for a in range(len(self.q)) if a not in chosen]
@@ -225,9 +227,10 @@ class ClosedChainNumbers(ChainNumbers):
             elif chosen != list(case.independent):
                 wanted = self._nearest(chosen, wanted)
             for a, torque in zip(chosen, wanted, strict=True):
-                own = torque - gradient[a]
-                energy = energy + own * own / stiffness[a] * 0.5
+                own, stiffness = springs.under(a, torque - gradient[a])
+                energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
                 gradient[a] = torque
+        self.of_springs = springs.verdict
         self.energy = energy
         self.gradient = self.N.T @ gradient
         self._of_joints = gradient, hessian
