@@ -25,9 +25,9 @@ from cartstiff.maps import (
     summary,
     worst,
 )
+from cartstiff.maps.chunks import chunk_shape, usual_chunk
 from cartstiff.maps.prepare import prepare_map
 from cartstiff.maps.run import run_map
-from cartstiff.maps.sampling import chunk_shape
 from cartstiff.maps.store import MapFile
 
 # Another order of the same operations, matrices of condition up to 1e6.
@@ -352,6 +352,8 @@ def test_chunks_are_near_cubes_and_keep_branches_whole(elastic):
     grid = CartesianGrid({"x": Axis(0, 1, 50), "y": Axis(0, 1, 50)}, elastic, elastic.q)
     assert chunk_shape(grid)[3] == 8
     assert chunk_shape(RandomPostures(10**9, 0, [0.0], [1.0])) == (2**18,)
+    assert usual_chunk(10**6, 16384) == 10**6 // 32  # postures that are quickly computed
+    assert usual_chunk(1000, 16384) == 16384
 
 
 # -- reading ------------------------------------------------------------------------------------

@@ -22,10 +22,11 @@ from cartstiff.many.reading.read_many import Reader, readable
 from cartstiff.many.reading.readings import FREQUENCIES, Readings
 from cartstiff.many.work import each_in_turn, timed
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
+from cartstiff.maps.chunks import usual_chunk
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
-from cartstiff.maps.sampling import LEAST, Grid, Sampling
+from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes
@@ -107,10 +108,11 @@ class MapJob:
         return not (one_by_one or (self.path == "engine" and bool(self._closures)))
 
     @property
-    def least_chunk(self) -> int:
-        """Fewest postures of a chunk: what keeps two threads busy, or what is soon computed."""
+    def usual_chunk(self) -> int:
+        """Postures of a chunk: what keeps two threads busy, or what is soon computed."""
         is_quick = self.in_stacks and self.path != "engine" and not self.moves
-        return 2 * _ROWS if is_quick and not isinstance(self.sampling, CartesianGrid) else LEAST
+        is_quick = is_quick and not isinstance(self.sampling, CartesianGrid)
+        return usual_chunk(self.sampling.size, 2 * _ROWS if is_quick else None)
 
     @cached_property
     def with_interval(self) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartstiff.errors import UnknownNameError
-from cartstiff.maps.picture_distributions import histogram, points, violin
-from cartstiff.maps.picture_grids import heat_map, line, slices
+from cartstiff.maps.drawing.distributions import histogram, points, violin
+from cartstiff.maps.drawing.grids import heat_map, line, slices
 from cartstiff.maps.reading import quantity_of
 
 if TYPE_CHECKING:

@@ -266,7 +266,7 @@ def prepare_map(
     return job, MapFile.create(
         path, sampling, variables, attributes, units=axis_units,
         coordinates=len(elastic.names), single=single,
-        postures_per_chunk=chunk, least_per_chunk=job.least_chunk,
+        postures_per_chunk=chunk or job.usual_chunk,
     )  # fmt: skip
 
 

@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -26,8 +25,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 _BLOCK = 1024
 # Values of an axis are held in memory, all of them.
 _MOST_VALUES = 10**7
-# Smallest and largest number of postures in a chunk, and how many chunks are aimed at.
-LEAST, _MOST, _CHUNKS = 64, 2**18, 128
 
 
 @dataclass(frozen=True)
@@ -377,24 +374,3 @@ def from_dict(data: Mapping[str, Any]) -> Sampling | None:
     if data["kind"] == "random":
         return RandomPostures(data["count"], data["seed"], data["lower"], data["upper"])
     return None
-
-
-def chunk_shape(
-    sampling: Sampling, postures: int | None = None, least: int = LEAST
-) -> tuple[int, ...]:
-    """Shape of a chunk: near a cube, so that a slice in any direction touches few of them.
-
-    `postures` is the most of a chunk; default from `least` for small maps to 262144 for large ones.
-    """
-    if postures is None:
-        postures = min(max(sampling.size // _CHUNKS, least), _MOST)
-    shape = list(sampling.shape)
-    if len(shape) == 1:
-        return (min(shape[0], postures),)
-    may_split = [i for i, name in enumerate(sampling.dims) if name not in sampling.whole]
-    while int(np.prod(shape, dtype=object)) > postures:
-        i = max(may_split, key=lambda i: shape[i])
-        if shape[i] == 1:
-            break
-        shape[i] = ceil(shape[i] / 2)
-    return tuple(shape)

@@ -24,6 +24,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, imported, one_line
 from cartstiff.geometry.se3 import Array
+from cartstiff.maps.chunks import chunk_shape
 from cartstiff.maps.damage import (
     CHECKSUM,
     DamageError,
@@ -34,7 +35,7 @@ from cartstiff.maps.damage import (
     description_checksum,
     require_plain_files,
 )
-from cartstiff.maps.sampling import Axis, Sampling, chunk_shape
+from cartstiff.maps.sampling import Axis, Sampling
 
 SCHEMA = "cartstiff-map/3"
 
@@ -105,7 +106,6 @@ class MapFile:
         coordinates: int,
         single: bool = False,
         postures_per_chunk: int | None = None,
-        least_per_chunk: int = 64,
     ) -> MapFile:
         """A new map with nothing computed; it appears whole or not at all.
 
@@ -126,7 +126,7 @@ class MapFile:
             Number of coordinates of a posture.
         single : bool
             Keep numbers in single precision.
-        postures_per_chunk, least_per_chunk : int, optional
+        postures_per_chunk : int, optional
             See `chunk_shape`.
         """
         zarr, place = _zarr(), Path(path)
@@ -134,7 +134,7 @@ class MapFile:
             if name in _RESERVED or name in variables:
                 raise InputError("a dimension has the name of something else in the map", got=name)
         chunk, shape, dims = (
-            chunk_shape(sampling, postures_per_chunk, least_per_chunk),
+            chunk_shape(sampling, postures_per_chunk),
             sampling.shape,
             sampling.dims,
         )

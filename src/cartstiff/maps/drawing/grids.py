@@ -9,7 +9,7 @@ import numpy as np
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.picture_parts import (
+from cartstiff.maps.drawing.parts import (
     COLOURS,
     add_legend,
     colour_norm,

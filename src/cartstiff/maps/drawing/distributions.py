@@ -10,7 +10,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.picture_parts import (
+from cartstiff.maps.drawing.parts import (
     COLOURS,
     DECADES,
     colour_norm,
