@@ -50,7 +50,8 @@ def each_block(
     parts = [[known[i][name] if i in known else delayed(function)(part)
               for i, part in enumerate(array.data.to_delayed().ravel())]
              for name, array in arrays.items()]  # fmt: skip
-    computed: list[list[_T]] = list(compute(*parts))  # type: ignore[no-untyped-call]
+    # Without a word for it, a package for clusters would be imported, and its client asked.
+    computed: list[list[_T]] = list(compute(*parts, scheduler="threads"))  # type: ignore[no-untyped-call]
     return computed
 
 
