@@ -45,13 +45,14 @@ def each_block(
         return [[function(array.values)] for array in arrays.values()]
     from dask.base import compute
     from dask.delayed import delayed
+    from dask.threaded import get
 
     known = known or {}
     parts = [[known[i][name] if i in known else delayed(function)(part)
               for i, part in enumerate(array.data.to_delayed().ravel())]
              for name, array in arrays.items()]  # fmt: skip
-    # Without a word for it, a package for clusters would be imported, and its client asked.
-    computed: list[list[_T]] = list(compute(*parts, scheduler="threads"))  # type: ignore[no-untyped-call]
+    # By name, or without one, a package for clusters would be imported to ask for its client.
+    computed: list[list[_T]] = list(compute(*parts, scheduler=get))  # type: ignore[no-untyped-call]
     return computed
 
 
