@@ -13,18 +13,21 @@ from tests.support import add_frame, random_pose, serial_model
 import cartstiff
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.chains.spring_laws import deflection_for
+from cartstiff.many.leg_forces import tensions_of_many
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.postures import OUTPUTS, analyse_many
 from cartstiff.many.tape import Tape
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.struts import Struts
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.functions import JointFunction
 from cartstiff.potentials.loads import DeadForce, FollowerWrench, payload
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff.stiffness.applied_load import LoadKind
 
 #: Two computations in double precision: relative to the largest entry,
 AGREEMENT = 1e-12
@@ -173,6 +176,31 @@ def test_legs_that_weigh(lengths, path):
     q = postures(elastic)
     assert_same(elastic, q, path)
     assert_same(elastic, q, path, wrench=[3.0, -2.0, 1.0, 40.0, -25.0, 60.0])
+
+
+@pytest.mark.parametrize("name", ["hexapod", "stewart-gough", "cable-robot", "seven lines"])
+@pytest.mark.parametrize("axes", ["none", "body", "world"])
+def test_tensions_are_the_engines(name, axes):
+    """What limits of forces ask for; an odd number of lines is found over arrays."""
+    elastic = cartstiff.load("cable-robot" if name == "seven lines" else name)
+    if name == "seven lines":
+        rest, own = elastic.springs, elastic.mechanism
+        fewer = own.with_points(own.anchors[:7], own.points[:7])
+        lines = {f: getattr(rest, f)[:7] for f in ("anchors", "points", "stiffness", "rest_length")}
+        elastic = replace(elastic, mechanism=fewer, springs=replace(rest, **lines))
+    q = postures(elastic)
+    kind = LoadKind("dead", (0.0, 0.0, 0.0) if axes == "none" else (0.1, 0.0, -0.2))
+    load = None if axes == "none" else np.array([0.1, 0.2, -0.1, 3.0, -2.0, 5.0])
+    tensions, known = tensions_of_many(
+        elastic, q, load, kind, "world" if axes == "world" else "body"
+    )
+    assert known.any()
+    for posture, found in zip(q[known], tensions[known], strict=True):
+        acting = {} if load is None else {"wrench": load, "load_at": kind.at, "load_axes": axes}
+        one = cartstiff.analyse(elastic, posture, **acting)
+        expected = tensions_of(one.elastic, one.posture)
+        noise = _noise(one.elastic, posture) + 1e-12 * np.abs(expected).max(initial=0.0)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=noise)
 
 
 @pytest.mark.parametrize("path", PATHS)

@@ -16,6 +16,7 @@ from cartstiff.errors import CartstiffError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.chains.following import Assembler, Closed
 from cartstiff.many.kernels import CLOSED_CHUNK, Backend
+from cartstiff.many.leg_forces import tensions_of_many
 from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.reading.read_many import Reader, readable
@@ -29,7 +30,7 @@ from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits, force_notes
+from cartstiff.mechanisms.limits import Limits, force_notes, forces_beyond
 from cartstiff.stiffness.compute import analyse
 from cartstiff.vibration.many_modes import ManyModes, moves_as_body, unloaded_compliances
 
@@ -324,7 +325,13 @@ class MapJob:
         beyond = self._limits.exceeded(self._limits.values(q, poses))
         legs = getattr(self.elastic.mechanism, "leg_limits", None)
         if legs is not None and legs.forces is not None:  # they depend on the load as well
-            for i in np.flatnonzero(~beyond):
+            left = np.flatnonzero(~beyond)
+            wrench = None if self.wrench is None else np.array(self.wrench, float)
+            tensions, known = tensions_of_many(
+                self.elastic, q[left], wrench, self.settings.load, self.load_axes
+            )
+            beyond[left] = forces_beyond(legs.forces, tensions).any(axis=1)
+            for i in left[~known]:
                 beyond[i] = self._is_force_beyond(q[i])
         return beyond
 

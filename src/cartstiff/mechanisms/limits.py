@@ -11,6 +11,7 @@ from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
@@ -226,6 +227,13 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
     return springs.tensions(springs.lengths_at(posture.pose))
 
 
+def forces_beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
+    """Which tensions (..., m) are beyond their bounds (m, 2), to rounding of the largest."""
+    slack = numerics.LIMIT_SLACK * np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
+    below, above = tensions < bounds[:, 0] - slack, tensions > bounds[:, 1] + slack
+    return np.asarray(below | above)
+
+
 def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     """A note of legs that pull or push beyond their limits at a posture.
 
@@ -242,14 +250,13 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     bounds, tensions = platform.leg_limits.forces, tensions_of(elastic, posture)
     if bounds is None or tensions is None:
         return []
-    slack = numerics.LIMIT_SLACK * np.abs(tensions).max(initial=0.0)
     beyond: dict[str, Mapping[str, float | None]] = {}
     words = []
-    for i, (t, (low, high)) in enumerate(zip(tensions.tolist(), bounds.tolist(), strict=True)):
-        if not low - slack <= t <= high + slack:
-            name, unit = f"force of leg{i + 1}", platform.units.force
-            words.append(f"{name} is at {t:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
-            beyond[name] = finite({"value": t, "lower": low, "upper": high})
+    for i in np.flatnonzero(forces_beyond(bounds, tensions)):
+        name, unit = f"force of leg{i + 1}", platform.units.force
+        t, (low, high) = float(tensions[i]), map(float, bounds[i])
+        words.append(f"{name} is at {t:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
+        beyond[name] = finite({"value": t, "lower": low, "upper": high})
     if not beyond:
         return []
     return [Note("force-limits", f"beyond limits: {'; '.join(words)}", beyond)]
