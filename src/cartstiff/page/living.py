@@ -70,6 +70,8 @@ def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
         chosen = plan(elastic, wrench)
         if isinstance(chosen, str):
             return chosen
+        if getattr(chosen.case, "laws", ()):
+            return "its nonlinear springs have no stiffness that could be set here"
         if chosen.has_derivatives or chosen.settles:
             return "some of its potentials are evaluated posture by posture"
         if chosen.regular != "regular":
