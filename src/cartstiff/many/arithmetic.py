@@ -13,7 +13,15 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import below, inverse, norm_squared, positive_factor, skew, zeros
+from cartstiff.many.algebra import (
+    below,
+    congruence,
+    inverse,
+    norm_squared,
+    positive_factor,
+    skew,
+    zeros,
+)
 from cartstiff.many.tape import Scalar, absolute, larger, pick
 from cartstiff.numerics import EPSILON, NEAR, TELLING
 
@@ -28,6 +36,8 @@ JACOBIAN_CONDITION, STIFFNESS_CONDITION = numerics.PLAIN_JACOBIAN, numerics.PLAI
 
 #: How well the norm of an inverse is known where it has lost nearly all of its digits.
 _KNOWN_TO = 0.8
+#: How many times an inverse may be exceeded by the terms that it is the sum of.
+_GROWN = 30.0
 #: Squared norm beyond which other sizes than those of the diagonal are taken for a matrix.
 _UNEVEN = 1e2
 
@@ -59,26 +69,23 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     r"""The verdict on K^B (6, 6) that is wanted without its inverse.
 
     Beside a compliance it need not hold its softer directions. The engine judges them by
-    ``|K| |K^-1|`` in the sizes of the diagonal. With ``K = L d L^T`` the second norm is no more
-    than these sizes times the diagonal of ``L^-T |d|^-1 L^-1``: of a positive K that is its trace.
-    Where pivots are negative it may be far more, but less so in one of two orders.
+    ``|K| |K^-1|`` in the sizes of the diagonal. With ``K = L d L^T`` and ``X = L^-1`` the second
+    norm is that of ``X^T d^-1 X``, and no more than these sizes times the diagonal of
+    ``X^T |d|^-1 X``. Where the two are far apart, pivots of both signs have taken the digits.
     """
     kinds = {name.partition("_")[0] for name in wanted}
     if "stiffness" not in kinds or "compliance" in kinds:
         return PLAIN
     sizes = np.array([absolute(x) for x in K.diagonal()], object)
-    totals: list[Scalar] = []
-    for order in (slice(None), slice(None, None, -1)):
-        total: Scalar = 0.0
-        L, inverses, _ = positive_factor(K[order, order])
-        for size, column in zip(sizes[order], below(L, np.eye(6)).T, strict=True):
-            for one, x in zip(inverses, column, strict=True):
-                total = total + absolute(one) * size * (x * x)
-        totals.append(total)
-    softest = pick(*totals, *totals)
-    return limited(
-        squares_over(K, sizes) * softest * softest, (_KNOWN_TO * numerics.LOST / EPSILON) ** 2
-    )
+    L, inverses, _ = positive_factor(K)
+    X = below(L, np.eye(6))
+    total: Scalar = 0.0
+    for one, row in zip(inverses, X, strict=True):
+        total = total + absolute(one) * ((row * row) @ sizes)
+    known = squares_over(congruence(X, np.diag(inverses)), 1.0 / sizes)
+    most = total * total
+    softest = pick(most, known * _GROWN**2, known, most)
+    return limited(squares_over(K, sizes) * softest, (_KNOWN_TO * numerics.LOST / EPSILON) ** 2)
 
 
 def squares_over(matrix: Array, sizes: Array) -> Scalar:
