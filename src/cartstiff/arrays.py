@@ -88,6 +88,13 @@ class NamedArrays(Mapping[str, Array | None]):
         self._arrays = {n: None if a is None else fixed(a) for n, a in arrays.items()}
         self._also = dict(also)
 
+    @classmethod
+    def of_fixed(cls, arrays: dict[str, Array | None], also: dict[str, Any]) -> NamedArrays:
+        """Of arrays that are fixed already, and mappings that nobody changes: neither is copied."""
+        own = cls.__new__(cls)
+        own._arrays, own._also = arrays, also
+        return own
+
     def __getitem__(self, name: str) -> Array | None:
         if name not in self._arrays and name in self._also:
             value = self._also[name]

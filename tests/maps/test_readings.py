@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import mpmath
 import numpy as np
+import pinocchio
 import pytest
+from tests.support import serial_model
 
 import cartstiff
 from cartstiff import numerics
@@ -30,9 +32,12 @@ from cartstiff.many.tape import Tape
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.maps.sampling import RandomPostures
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.loads import payload
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 
 LENGTH = 0.18
@@ -144,6 +149,30 @@ def test_frequencies_on_a_tape_are_those_of_the_modes(name, wrench, load, gravit
     first = Reader(elastic, replace(asked, names=names[:1]), (), given, path="portable")
     lowest = first.read(read.q).values["frequency_1"]
     np.testing.assert_allclose(lowest, found[:, 0], rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_frequencies_of_any_arm_are_those_of_the_modes(seed):
+    """Joints of every kind, inertias and rotors by chance, some links without mass."""
+    rng = np.random.default_rng(seed)
+    kinds = "".join(rng.choice(list("RRRPH"), rng.integers(6, 9)))
+    model, n = serial_model(kinds, rng), len(kinds)
+    for j in range(1, model.njoints - seed % 2):
+        moments = np.diag(rng.uniform(0.01, 0.05, 3))
+        lever = rng.uniform(-0.2, 0.2, 3)
+        model.inertias[j] = pinocchio.Inertia(rng.uniform(0.1, 5.0), lever, moments)
+    model.armature = rng.uniform(0.0, 2.0, n)
+    springs = JointSprings(rng.uniform(1e3, 5e4, n), np.full(n, np.nan))
+    elastic = ElasticMechanism(kinds, Chain(plain_tree(model), "tip"), np.zeros(n), springs,
+                               gravity=rng.uniform(-9.0, 9.0, 3))  # fmt: skip
+    wrench = np.array([0.0, 0.0, 0.0, *rng.uniform(-50.0, 50.0, 3)])
+    names = tuple(frequency_name(i) for i in range(6))
+    reader = Reader(elastic, Readings(names, length=0.3), (), wrench, path="portable")
+    read = reader.read(rng.uniform(-1.5, 1.5, (8, n)))
+    assert read.is_known.all()
+    found = np.array([read.values[name] for name in names]).T
+    expected = [cartstiff.modes(elastic, q, wrench=wrench).frequencies[:6] for q in read.q]
+    np.testing.assert_allclose(found, expected, rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("load", [LoadKind("dead"), LoadKind("follower")])

@@ -139,18 +139,24 @@ class QuickPosture(PostureStiffness):
     @property
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
-        return self._named(self._code.matrices, "tangent")
+        return self._named(self._stiffness, "tangent")
 
     @property
     def compliances(self) -> Mapping[str, Array | None]:
         """Inverses of `matrices`, found without them."""
-        return self._named(self._code.compliances, "tangent_compliance")
+        return self._named(self._compliance, "tangent_compliance")
+
+    @cached_property
+    def _stiffness(self) -> dict[str, Array | None]:
+        return dict(zip_longest("ABKF", self._record[self._code.matrices].reshape(-1, 6, 6)))
+
+    @cached_property
+    def _compliance(self) -> dict[str, Array | None]:
+        return dict(zip_longest("ABKF", self._record[self._code.compliances].reshape(-1, 6, 6)))
 
     # Not kept: they know this object, and in a circle it would stay until circles are looked for.
-    def _named(self, place: slice, under_load: str) -> NamedArrays:
-        each = self._record[place].reshape(-1, 6, 6)
-        also = {"load": partial(getattr, self, under_load)}
-        return NamedArrays(dict(zip_longest("ABKF", each)), also)
+    def _named(self, arrays: dict[str, Array | None], under_load: str) -> NamedArrays:
+        return NamedArrays.of_fixed(arrays, {"load": partial(getattr, self, under_load)})
 
     @cached_property
     def tangent(self) -> Array | None:
