@@ -4,7 +4,7 @@ import { BLANK } from "./numerics.js";
 
 /** What the server says where it answers a later question of the same kind instead. */
 export const SUPERSEDED = "a newer question took the place of this one";
-export const LOST = "the connection was lost"; // which the banner says as long as it lasts
+export const LOST = "the connection was lost";
 
 /** An element with attributes, listeners (on...) and children. */
 export function el(tag, attributes = {}, ...children) {

@@ -1,7 +1,7 @@
 // The page: from a server, or from the data that an exported file holds.
 
 import { controls, pictureControls, toolPanel } from "./controls.js";
-import { LOST, byId, el, loaded } from "./dom.js";
+import { byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
 import { FramesSource } from "./frames.js";
 import { hands } from "./hands.js";
@@ -84,9 +84,7 @@ function banners(store, source) {
     document.body.classList.toggle("lost", lost && !source.alone);
     document.body.classList.toggle("alone", lost && Boolean(source.alone));
   };
-  store.on("error", (text) => {
-    if (text !== LOST || !lost) show(text, "bad");
-  });
+  store.on("error", (text) => show(text, "bad"));
   store.on("numbers", () => {
     if (!lost && !store.sticky && !banner.hidden && banner.dataset.level === "bad") show(null);
   });
