@@ -240,6 +240,7 @@ TABLE = TabulatedLaw((-0.5, -0.1, 0.0, 0.05, 0.3), (-150.0, -20.0, 0.0, 20.0, 90
     [
         PolynomialLaw((300.0, 40.0, 4000.0)),
         PolynomialLaw((300.0,)),
+        PolynomialLaw((0.0, 0.0, 4000.0)),  # the engine's: at rest it has no stiffness
         PolynomialLaw((300.0, -500.0, 0.0, 2000.0)),  # it falls between 0.3 and more
         TABLE,
         replace(TABLE, torques=tuple(-t for t in TABLE.torques)),  # the engine's: it falls

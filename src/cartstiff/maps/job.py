@@ -282,10 +282,10 @@ class MapJob:
         )  # fmt: skip
         # Where frequencies take too many operations, the rest may still be read.
         few = tuple(name for name in names if name not in FREQUENCIES)
-        for some in dict.fromkeys((names, few)):
+        for some in filter(None, dict.fromkeys((names, few))):
             asked = replace(readings, names=some)
             reader = Reader(self.elastic, asked, self.outputs, wrench, self.load_axes)
-            if some and reader.serves:
+            if reader.serves:
                 return reader
         return None
 

@@ -103,7 +103,7 @@ def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
 
 def _settled(step: Scalar, size: Scalar) -> Scalar:
     """Whether the last step has changed little; what is left is its square."""
-    return pick(size * _CHANGED + numerics.TINY, absolute(step), ENGINE, PLAIN)
+    return pick(absolute(step), size * _CHANGED + numerics.TINY, PLAIN, ENGINE)
 
 
 class JointSpringNumbers:

@@ -16,10 +16,10 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.loads import DeadForce, Scaled
 
+_Case = ChainCase | PlatformCase
 
-def with_masses(elastic: ElasticMechanism, case: ChainCase | PlatformCase) -> (
-    ChainCase | PlatformCase | None
-):  # fmt: skip
+
+def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
     """The case with all masses; None where some are not on the tape, or there are none."""
     if any(isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass)
            for p in elastic.potentials):  # fmt: skip
@@ -38,7 +38,7 @@ def with_masses(elastic: ElasticMechanism, case: ChainCase | PlatformCase) -> (
     return None
 
 
-def frequencies_of(case: ChainCase | PlatformCase) -> int:
+def frequencies_of(case: _Case) -> int:
     """How many of the lowest frequencies are found: all, or the first of many motions."""
     motions = 6
     if isinstance(case, ClosedCase):
