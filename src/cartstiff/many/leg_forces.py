@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import PLAIN
 from cartstiff.many.kernels import has_package, kernel_for, run
-from cartstiff.many.plans import plan
+from cartstiff.many.plans import given_as, plan
 from cartstiff.many.platform_arithmetic import PlatformCase
 from cartstiff.many.postures import loads_in_body
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -27,17 +27,15 @@ def tensions_of_many(
     Under a wrench (6,), given as to `cartstiff.analyse`; where they are not known, the engine is to
     be asked.
     """
-    load = "none" if wrench is None else "shared" if axes == "body" else "each"
-    taken, count = plan(elastic, load), len(q)
+    taken, count = plan(elastic, given_as(wrench, axes)), len(q)
     legs = getattr(elastic.mechanism, "anchors", np.zeros((0, 3)))
     tensions = np.full((count, len(legs)), np.nan)
     served = type(elastic.springs) is LineSprings and count > 0
     if isinstance(taken, str) or not isinstance(taken.case, PlatformCase) or not served:
         return tensions, np.zeros(count, bool)
     loads = wrench
-    if wrench is not None:
-        each = np.broadcast_to(wrench, (count, 6)) if axes == "world" else wrench
-        loads = loads_in_body(elastic, q, each, kind, axes, "auto", 1)
+    if loads is not None:
+        loads = loads_in_body(elastic, q, loads, kind, axes, "auto", 1)
     is_compiled = has_package("llvmlite") and len(legs) % 2 == 0  # records are written by pairs
     kernel = kernel_for(taken.case, ("tensions",), count, is_compiled)
     verdicts = np.zeros(count, np.uint8)

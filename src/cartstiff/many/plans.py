@@ -120,6 +120,11 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
 _plans: deque[tuple[ElasticMechanism, str, BoundCase | str]] = deque(maxlen=8)
 
 
+def given_as(wrench: Array | None, axes: str) -> str:
+    """How a plan calls a load (6,): along the axes of F ("world") every posture has its own."""
+    return "none" if wrench is None else "shared" if axes == "body" else "each"
+
+
 def plan(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
     """The arithmetic that serves a mechanism, or why none does; the last few are kept.
 

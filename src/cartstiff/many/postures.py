@@ -322,6 +322,8 @@ def loads_in_body(
     """
     if axes == "body" and not any(kind.at):
         return loads
+    if axes == "world" and loads.ndim == 1:
+        loads = np.broadcast_to(loads, (len(q), 6))
     if axes == "body":
         return wrench_in_body(loads, _HERE, kind.at, axes).reshape(loads.shape)
     if settled_coordinates(elastic).size:  # links that give turn M

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.kernels import Backend, reading_kernel, run
-from cartstiff.many.plans import BoundCase, plan
+from cartstiff.many.plans import BoundCase, given_as, plan
 from cartstiff.many.postures import loads_in_body
 from cartstiff.many.reading.kinetics import frequencies_of, with_masses
 from cartstiff.many.reading.reading_arithmetic import READINGS
@@ -49,16 +49,11 @@ def readable(
     elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None, axes: Axes
 ) -> tuple[str, ...]:
     """Which quantities machine code can read of a mechanism under a load, if it reads at all."""
-    taken, frequencies = plan(elastic, _given(wrench, axes)), 0
+    taken, frequencies = plan(elastic, given_as(wrench, axes)), 0
     if isinstance(taken, BoundCase) and with_masses(elastic, taken.case) is not None:
         frequencies = frequencies_of(taken.case)
     left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
     return tuple(name for name in names if name in READINGS and name not in left)
-
-
-def _given(wrench: Array | None, axes: Axes) -> str:
-    """How a plan calls the load: in the axes of F every posture has its own."""
-    return "none" if wrench is None else "shared" if axes == "body" else "each"
 
 
 class Reader:
@@ -93,7 +88,7 @@ class Reader:
     ) -> None:  # fmt: skip
         self.elastic, self.readings = elastic, readings
         self._wrench, self._axes = wrench, axes
-        self._plan = plan(elastic, _given(wrench, axes))
+        self._plan = plan(elastic, given_as(wrench, axes))
         wanted = recorded(outputs)
         self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
         self._kernel: Any = None
@@ -117,8 +112,6 @@ class Reader:
         q = q.copy() if self._plan.is_closed or self._plan.settles else q
         loads = self._wrench
         if loads is not None:
-            if self._axes == "world":
-                loads = np.broadcast_to(loads, (count, 6))
             loads = loads_in_body(
                 self.elastic, q, loads, self.readings.load, self._axes, "compiled", 1
             )
