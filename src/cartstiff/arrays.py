@@ -246,6 +246,9 @@ def checked_array(
     InputError
         For what is no real number (see `real_array`), another shape, NaN or infinity.
     """
+    is_own = type(values) is np.ndarray and values.dtype is _DOUBLE and values.shape == shape
+    if is_own and (_is_finite(values) or not finite):  # nearly always
+        return values.copy() if copy else values
     shapes = shape if isinstance(shape, list) else [] if shape is None else [shape]
     array = real_array(values, what, where=where, expected=shapes)
     if copy and (array is values or not array.flags.owndata or not array.flags.writeable):
@@ -294,6 +297,8 @@ def checked_unit(values: ArrayLike, what: str = "direction") -> Array:
 
 def checked_number(value: object, what: str, *, where: str | None = None) -> float:
     """One finite number."""
+    if type(value) is float and isfinite(value):
+        return value
     return float(checked_array(value, (), what, where=where, copy=False))  # type: ignore[arg-type]
 
 

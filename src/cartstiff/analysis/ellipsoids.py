@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,10 +113,14 @@ def _principal(
 
 def _ellipsoid(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
     """From eigenvalues, smallest first, and their vectors in columns."""
-    # In plain numbers: arrays of three take longer.
-    (a, b, c), (d, e, f) = (_upright(vector) for vector in vectors.T[:2].tolist())
-    axes = [[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]
-    return Ellipsoid(read_only(axes), read_only(np.abs(values)), read_only(values), sign)
+    # In plain numbers, and in one array: those of three take longer.
+    first, second, _ = vectors.T.tolist()
+    (a, b, c), (d, e, f) = _upright(first), _upright(second)
+    sizes = values.tolist()
+    rows = read_only(
+        [a, d, b * f - c * e, b, e, c * d - a * f, c, f, a * e - b * d, *sizes, *map(abs, sizes)]
+    )
+    return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], rows[9:12], sign)
 
 
 def _upright(vector: list[float]) -> list[float]:
@@ -130,6 +134,36 @@ def _choice(freedom: str, others: str) -> tuple[slice, bool]:
     if others not in ("free", "held"):
         raise UnknownNameError("condition of the other freedoms", others, ("free", "held"))
     return _BLOCKS[freedom], others == "held"
+
+
+def ellipsoid_of_pair(
+    K: Array | None, C: Array | None, root: Array | None, freedom: Freedom, quantity: str,
+    others: Others,
+) -> Ellipsoid:  # fmt: skip
+    """`stiffness_ellipsoid` or `compliance_ellipsoid` of a `StiffnessInFrame.pair`.
+
+    Parameters
+    ----------
+    K, C, root : ndarray, shape (6, 6), or None
+        Known to be symmetric, each other's inverse, and a root of C; not both are None.
+    freedom : {"translation", "rotation"}
+        Unit of the result.
+    quantity : {"stiffness", "compliance"}
+        Which of the two is meant.
+    others : {"free", "held"}
+        What the other freedoms do.
+    """
+    is_stiffness = quantity == "stiffness"
+    matrix, inverse = (K, C) if is_stiffness else (C, K)
+    if root is None and matrix is not None and is_stiffness == (others == "held"):
+        # Nothing is eliminated, and nearly always the block has all the digits.
+        keep = _BLOCKS[freedom]
+        values, vectors = numerics.symmetric_vectors(matrix[keep, keep])
+        if inverse is not None and numerics.hold_all_digits(values):
+            return _ellipsoid(values, vectors, definiteness(values))
+    if is_stiffness:
+        return stiffness_ellipsoid(cast(Array, K), freedom, others, None, C, root)
+    return compliance_ellipsoid(cast(Array, C), freedom, others, None, K, root)
 
 
 def stiffness_block(

@@ -24,6 +24,7 @@ from cartstiff.analysis.matrices import (
     loss_of_elimination,
     lost_digits,
     scale_lengths,
+    with_angles_times,
 )
 from cartstiff.arrays import Result, checked_array, checked_length, real_array
 from cartstiff.errors import UndefinedError
@@ -154,8 +155,8 @@ def spectrum(
 
     Parameters and errors are those of `indices_of`; K and C are symmetric.
     """
-    scaled = scale_lengths(K, checked_length(length))
-    inverse = None if C is None else scale_lengths(C, 1.0 / length)
+    scaled = with_angles_times(K, 1.0 / checked_length(length))
+    inverse = None if C is None else with_angles_times(C, length)
     if root is not None:
         values, x = graded.eigenpairs(_scaled_root(root, length))
     else:

@@ -98,6 +98,8 @@ def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO) -> Definit
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Asked for every posture of a page: on a few floats NumPy takes ten times as long.
     values = real_array(eigenvalues).tolist()
+    if min(values, default=0.0) > max(0.0, zero * max(values, default=0.0)):
+        return "positive"
     least = zero * max(map(abs, values), default=0.0)
     below, above = any(v < -least for v in values), any(v > least for v in values)
     null = any(abs(v) <= least for v in values)
@@ -144,10 +146,13 @@ def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
 
     ``D K D`` with D = diag(1/length, 1/length, 1/length, 1, 1, 1).
     """
-    per = 1.0 / checked_length(length)
-    d = np.array([per, per, per, 1.0, 1.0, 1.0])
-    scaled: Array = checked_matrix(stiffness) * d[:, None] * d
-    return scaled
+    return with_angles_times(checked_matrix(stiffness), 1.0 / checked_length(length))
+
+
+def with_angles_times(matrix: Array, factor: float) -> Array:
+    """A matrix (6, 6) with its first three rows and columns multiplied."""
+    d = np.array([factor, factor, factor, 1.0, 1.0, 1.0])
+    return np.asarray(matrix * d[:, None] * d)
 
 
 def balancing_length(matrix: ArrayLike) -> float:

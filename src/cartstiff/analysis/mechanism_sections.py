@@ -9,7 +9,7 @@ all are one.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,6 +69,31 @@ def deflection_section(
     notes : Notes
         Takes the reason why there is none.
     """
+    found = deflection_found(r, name, added, acts_at, point, notes)
+    if found is None:
+        return None
+    return {
+        **plain(found.whole),
+        "wrench": found.added,
+        "acts_at": found.acts_at,
+        "connection": name,
+        **(found.shares or {"kind": None, "shares": None}),
+    }
+
+
+class FoundDeflection(NamedTuple):
+    """What `deflection_section` tells."""
+
+    whole: Deflection
+    added: Array
+    acts_at: Array
+    shares: dict[str, Any] | None
+
+
+def deflection_found(
+    r: PostureStiffness, name: str, added: Array | None, acts_at: Array, point: Array, notes: Notes
+) -> FoundDeflection | None:
+    """The numbers of `deflection_section`, with the same parameters."""
     if added is None:
         if r.wrench is None or not r.is_loaded:
             return None
@@ -83,13 +108,7 @@ def deflection_section(
         return None
     whole = compliance_deflection(C, whole_wrench, point)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
-    return {
-        **plain(_without_rounding(whole, r.posture.length)),
-        "wrench": added,
-        "acts_at": acts_at,
-        "connection": name,
-        **(shares or {"kind": None, "shares": None}),
-    }
+    return FoundDeflection(_without_rounding(whole, r.posture.length), added, acts_at, shares)
 
 
 def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] | None:
@@ -148,11 +167,11 @@ def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] |
 
 def _without_rounding(deflection: Deflection, length: float) -> Deflection:
     """A motion with zeros for what is rounding beside the rest, angles times the length."""
-    scaled = np.abs(deflection.twist) * np.repeat([length, 1.0], 3)
-    moved = np.abs(deflection.displacement)
-    sizes = scaled.tolist() + moved.tolist()
+    twist, displacement = deflection.twist.tolist(), deflection.displacement.tolist()
+    sizes = [*(length * abs(x) for x in twist[:3]), *map(abs, twist[3:] + displacement)]
     if min(sizes) > (noise := numerics.ROUNDING * max(sizes)):
         return deflection
+    scaled, moved = np.array(sizes[:6]), np.array(sizes[6:])
     return replace(
         deflection,
         twist=read_only(np.where(scaled > noise, deflection.twist, 0.0)),
@@ -177,8 +196,8 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         rows = [
             {"name": leg, "elongation": e, "force": f, "energy": u, "share": s, "is_length": True}
             for leg, e, f, u, s in zip(
-                r.elastic.spring_names, legs.elongation, legs.force, legs.energy, legs.share,
-                strict=True,
+                r.elastic.spring_names, legs.elongation.tolist(), legs.force.tolist(),
+                legs.energy.tolist(), legs.share.tolist(), strict=True,
             )
         ]  # fmt: skip
         return {"kind": "springs", "shares": rows, "load_share": legs.load_share}

@@ -82,35 +82,47 @@ def natural_length(
     UndefinedError
         Code ``"no-natural-length"`` unless both blocks are positive definite.
     """
+    return _natural_length(*_checked(stiffness, compliance, root), root)
+
+
+def _checked(K: ArrayLike, C: ArrayLike | None, root: Array | None) -> tuple[Array, Array | None]:
+    """Stiffness and compliance as symmetric matrices; with a root nobody reads them."""
+    if root is not None:
+        return root, None
+    return as_symmetric(K), None if C is None else as_symmetric(C, "compliance")
+
+
+def _natural_length(K: Array, C: Array | None, root: Array | None) -> float:
+    """`natural_length` of matrices known to be symmetric."""
     if root is not None:
         turning = graded.eigenvalues(root[ROTATION])
         moving = graded.eigenvalues(graded.held(root, TRANSLATION))
         return float(np.exp((np.log(turning).sum() - np.log(moving).sum()) / 6.0))
-    K = as_symmetric(stiffness)
-    if (length := _length_of_positive(K)) is not None:
+    if C is None and (length := _length_of_positive(K)) is not None:
         return length
-    translation, rotation = _principal_values(K, compliance)
-    if not (np.all(np.isfinite(rotation)) and definiteness(rotation, zero=0.0) == "positive"):
+    translation, rotation = _principal_values(K, C)
+    is_known = all(map(math.isfinite, rotation.tolist()))
+    if not (is_known and definiteness(rotation, zero=0.0) == "positive"):
         raise UndefinedError(
             "the elasticity has no natural length: its translational and free rotational "
             "stiffness are not both positive definite",
             code="no-natural-length",
             values={
                 "translational": translation.tolist(),
-                "free_rotational": rotation.tolist() if np.all(np.isfinite(rotation)) else None,
+                "free_rotational": rotation.tolist() if is_known else None,
             },
         )
-    return float(np.exp((np.log(rotation).sum() - np.log(translation).sum()) / 6.0))
+    logs = [sum(map(math.log, values.tolist())) for values in (rotation, translation)]
+    return math.exp((logs[0] - logs[1]) / 6.0)
 
 
-def _principal_values(K: Array, compliance: ArrayLike | None) -> tuple[Array, Array]:
+def _principal_values(K: Array, C: Array | None) -> tuple[Array, Array]:
     """Eigenvalues (3,) of K_tt and of S of `natural_length`; NaN for S where K_tt is not positive.
 
     S is the inverse of C_rr, and the inverse of K_tt is C_tt with the rotations held.
     """
     inverse, free, loss = None, None, 1.0
-    if compliance is not None:
-        C = as_symmetric(compliance, "compliance")
+    if C is not None:
         free = C[ROTATION, ROTATION]
         moving, turning = map(numerics.symmetric_values, (K[TRANSLATION, TRANSLATION], free))
         if numerics.hold_all_digits(moving) and numerics.hold_all_digits(turning):
@@ -188,9 +200,16 @@ def characteristic_length(
         value = length_from_inertia(mass, inertia)
         return CharacteristicLength(value, "inertia", "radius of gyration of the body")
     if stiffness is None:
+        return length_of_pair(None, None, None)
+    return length_of_pair(*_checked(stiffness, compliance, root), root)
+
+
+def length_of_pair(K: Array | None, C: Array | None, root: Array | None) -> CharacteristicLength:
+    """The natural length of a `StiffnessInFrame.pair` and its root, else one unit, and why."""
+    if K is None:
         return CharacteristicLength(1.0, "unit", "one unit of length: there is no stiffness matrix")
     try:
-        value = natural_length(stiffness, compliance, root)
+        value = _natural_length(K, C, root)
     except UndefinedError:
         reason = "one unit of length: none is natural, as the stiffness is not positive definite"
         return CharacteristicLength(1.0, "unit", reason)

@@ -15,9 +15,12 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import condition, held_values, spectrum
-from cartstiff.analysis.matrices import as_symmetric
-from cartstiff.analysis.mechanism_sections import deflection_half_width, deflection_section
-from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.analysis.mechanism_sections import (
+    FoundDeflection,
+    deflection_found,
+    deflection_half_width,
+)
+from cartstiff.analysis.metrics import length_of_pair
 from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
@@ -191,8 +194,7 @@ def _indices(
 ) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
     root = here.root(connection, "held")
-    length = characteristic_length(K, C, root)
-    C = None if C is None else as_symmetric(C, "compliance")
+    length = length_of_pair(K, C, root)
     try:
         values, _, definiteness = spectrum(K, length.value, C, root)
     except UndefinedError:
@@ -262,33 +264,26 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
         return None
     mechanism, springs = result.elastic.mechanism, result.elastic.springs
     lengths = posture.lines.lengths
-    tensions = springs.tensions(lengths) if isinstance(springs, LineSprings) else None
+    nothing: list[None] = [None] * len(lengths)
     limits = getattr(mechanism, "limits", None)
+    lower, upper = (nothing, nothing) if limits is None else plain(np.transpose(limits))
+    tensions = plain(springs.tensions(lengths)) if isinstance(springs, LineSprings) else nothing
     return [
-        {
-            "length": float(length),
-            "tension": None if tensions is None else plain(float(tensions[i])),
-            "lower": None if limits is None else plain(float(limits[i][0])),
-            "upper": None if limits is None else plain(float(limits[i][1])),
-        }
-        for i, length in enumerate(lengths)
-    ]
+        {"length": length, "tension": tension, "lower": low, "upper": high}
+        for length, tension, low, high in zip(
+            lengths.tolist(), tensions, lower, upper, strict=True
+        )
+    ]  # fmt: skip
 
 
-def _deflection(result: PostureStiffness, state: ViewState, notes: Notes | None = None) -> Any:
-    """What the analysis says of the deflection under the load; None where the load is not resisted.
-
-    With a negative compliance the load would move the body on and on.
-    """
-    kept = Notes() if notes is None else notes
+def _deflection(result: PostureStiffness, state: ViewState, notes: Notes) -> FoundDeflection | None:
+    """What the analysis says of the deflection of the reference point under the load."""
     point = np.array(state.point)
-    section = deflection_section(result, "load", None, np.zeros(3), point, kept)
-    if section is None or (notes is None and not _resists(result)):
-        return None
-    return section
+    return deflection_found(result, "load", None, np.zeros(3), point, notes)
 
 
 def _resists(result: PostureStiffness) -> bool:
+    """Whether the load is resisted: a negative compliance would let it move the body on and on."""
     C = result.at().compliances["load"]
     return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
 
@@ -296,20 +291,19 @@ def _resists(result: PostureStiffness) -> bool:
 def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
     """How far the load moves the reference point: to first order, from the rest without it."""
     notes = Notes()
-    section = _deflection(result, state, notes)
-    if section is None:
+    found = _deflection(result, state, notes)
+    if found is None:
         return None
     spread = notes.attempt("interval of the deflection", deflection_half_width, result,
                            np.array(state.point))  # fmt: skip
-    displacement, twist = np.array(section["displacement"]), np.array(section["twist"])
-    rows = section["shares"] or []
+    whole, rows = found.whole, found.shares["shares"] if found.shares else []
     return {
-        "displacement": displacement.tolist(),
-        "in_room": (result.pose[:3, :3] @ displacement).tolist(),
-        "rotation": twist[:3].tolist(),
+        "displacement": whole.displacement.tolist(),
+        "in_room": (result.pose[:3, :3] @ whole.displacement).tolist(),
+        "rotation": whole.twist[:3].tolist(),
         "half_width": plain(spread),
-        "energy": plain(section["energy"]),
-        "acts_at": np.array(section["acts_at"]).tolist(),
+        "energy": plain(whole.energy),
+        "acts_at": found.acts_at.tolist(),
         "resisted": _resists(result),
         "shares": [{"name": row["name"], "share": plain(row["share"])} for row in rows],
         "notes": [note["message"] for note in notes.entries],
@@ -333,9 +327,11 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
-    moved = _deflection(result, state)
+    moved = _deflection(result, state, Notes())
+    if moved is not None and not _resists(result):
+        moved = None
     forces = [leg["tension"] for leg in _legs(result) or () if leg["tension"] is not None]
-    ways = (None, None) if moved is None else (moved["displacement"], moved["twist"][:3])
+    ways = (None, None) if moved is None else (moved.whole.displacement, moved.whole.twist[:3])
     deflection, turn = (None if way is None else [float(np.linalg.norm(way))] for way in ways)
     energy = plain(result.energy)
     return {

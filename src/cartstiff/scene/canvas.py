@@ -7,12 +7,16 @@ normals that meshcat's own classes lack, for any ``meshcat.Visualizer`` alike.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+
+#: The first three columns of a translation.
+_UNTURNED = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 class _Lowered:
@@ -25,6 +29,10 @@ class _Lowered:
 
     def lower(self) -> dict[str, Any]:
         return self.data
+
+
+def _send_lowered(window: Any, data: dict[str, Any]) -> None:
+    window.send(_Lowered(data))
 
 
 class Node:
@@ -47,7 +55,8 @@ class Node:
         self.window = window
         self.path = path
         self.enlarged = enlarged
-        self._send = window.send
+        record = getattr(window, "record", None)
+        self._send = partial(_send_lowered, window) if record is None else record
         self._visible = True
         self._children: dict[str, Node] = {}
 
@@ -77,7 +86,7 @@ class Node:
 
     def set_object(self, data: dict[str, Any]) -> None:
         """Put an object here, made by `cartstiff.scene.objects`."""
-        self._send(_Lowered({"type": "set_object", "object": data, "path": self.path}))
+        self._send({"type": "set_object", "object": data, "path": self.path})
 
     def set_transform(self, T: Array) -> None:
         """Affine motion (4, 4) of this place in its parent; it may scale."""
@@ -91,17 +100,14 @@ class Node:
 
     def move_to(self, point: Iterable[float]) -> None:
         """Pure translation to a point in the parent."""
-        x, y, z = map(float, point)
-        self.set_columns((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (x, y, z))
+        self._set_matrix([*_UNTURNED, *map(float, point), 1.0])
 
     def _set_matrix(self, matrix: list[float]) -> None:
-        self._send(_Lowered({"type": "set_transform", "path": self.path, "matrix": matrix}))
+        self._send({"type": "set_transform", "path": self.path, "matrix": matrix})
 
     def set_property(self, key: str, value: Any) -> None:
         """Property of the three.js object here."""
-        self._send(
-            _Lowered({"type": "set_property", "path": self.path, "property": key, "value": value})
-        )
+        self._send({"type": "set_property", "path": self.path, "property": key, "value": value})
 
     def show(self, visible: bool) -> None:
         """Show or hide this place and everything below; sent only where it changes."""
@@ -113,7 +119,7 @@ class Node:
         """Remove this place and everything below."""
         self._children.clear()
         self._visible = True
-        self._send(_Lowered({"type": "delete", "path": self.path}))
+        self._send({"type": "delete", "path": self.path})
 
 
 def scaled(T: Array, scale: Array | float) -> Array:

@@ -116,13 +116,13 @@ class Label:
         self._paper = [t.paper for t in shades]
         self._shade = shades.index(theme)
         self._height = HEIGHT / node.enlarged
-        self._text: str | None = None
+        self._text: str | None = None  # as it was given
 
     def show(self, text: str, point: Iterable[float]) -> None:
         """Write a text at a point (3,) of the node's parent."""
-        text = printable(text)
         if text != self._text:
             self._text = text
+            text = printable(text)
             if getattr(self.node.window, "writes", False):
                 said = {"text": text, "letters": self._letters, "paper": self._paper}
                 self.node.set_object({"label": {**said, "height": self._height}})

@@ -91,10 +91,10 @@ class LinesPicture:
 
     def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
         """Slack cables grey and dashed."""
-        colours = theme.diverging(scale.share(tensions)).tolist()
+        shades = theme.hexes_of(theme.diverging(scale.share(tensions)))
         for i, line in enumerate(self._lines):
             slack = self._cables and not taut[i]
-            shade = theme.SLACK if slack else theme.hex_of(colours[i])
+            shade = theme.SLACK if slack else shades[i]
             if slack != self._dashed[i]:
                 self._dashed[i] = slack
                 rod = shapes.dashed_rod if slack else shapes.rod

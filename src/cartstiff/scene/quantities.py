@@ -5,14 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Literal
 
-from cartstiff.analysis.ellipsoids import (
-    Ellipsoid,
-    Freedom,
-    Others,
-    compliance_ellipsoid,
-    stiffness_ellipsoid,
-)
-from cartstiff.analysis.matrices import symmetric_part
+from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, Others, ellipsoid_of_pair
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
 from cartstiff.scene.look import Look
@@ -25,21 +18,12 @@ def reference(result: PostureStiffness, look: Look) -> StiffnessInFrame:
     return result.at(se3.pose(translation=look.point) if any(look.point) else None)
 
 
-def matrices_at(
-    result: PostureStiffness, look: Look
-) -> tuple[Array | None, Array | None, str | None]:
-    """Symmetric parts of stiffness and compliance at the reference point, or why there are none."""
-    name, here = look.connection, reference(result, look)
-    K, C = here.matrices[name], here.compliances[name]
-    reason = None
-    if K is None:
-        states = [note.message for note in result.notes if note.code in _STATES]
-        reason = states[-1] if states else f"K^{name} does not exist here"
-    return (
-        None if K is None else symmetric_part(K),
-        None if C is None else symmetric_part(C),
-        reason,
-    )
+def why_missing(result: PostureStiffness, look: Look) -> str | None:
+    """Why there is no stiffness of the shown connection; None where there is one."""
+    if result.at().matrices[look.connection] is not None:
+        return None
+    states = [note.message for note in result.notes if note.code in _STATES]
+    return states[-1] if states else f"K^{look.connection} does not exist here"
 
 
 @lru_cache(maxsize=16)  # numbers and picture of a page are about the same
@@ -59,15 +43,12 @@ def block_ellipsoid(
     UndefinedError
         See `cartstiff.analysis.ellipsoids`.
     """
-    if quantity == "stiffness":
-        how: Others = "held" if others == "block" else others
-        K, C = here.pair(connection, how)
-        root = here.root(connection, how)
-        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C, root)
-    how = "free" if others == "block" else others
+    is_stiffness = quantity == "stiffness"
+    how: Others = ("held" if is_stiffness else "free") if others == "block" else others
     K, C = here.pair(connection, how)
-    root = here.root(connection, how)
-    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K, root)
+    if (K if is_stiffness else C) is None:
+        return None
+    return ellipsoid_of_pair(K, C, here.root(connection, how), freedom, quantity, how)
 
 
 #: Notes that say why a stiffness does not exist.

@@ -63,6 +63,12 @@ class _Scale(ABC):
         if not self._settled and (sizes := _sizes(values)) is not None:
             self._choose(*sizes)
 
+    def copy(self) -> Self:
+        """A scale of its own."""
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
+        return other
+
     def kept(self, facts: Mapping[str, Any]) -> Self:
         """The scale that a legend says."""
         self._keep(facts)

@@ -6,7 +6,6 @@ Objects are sent once; a new posture moves and stretches them, some twenty-five 
 
 from __future__ import annotations
 
-from copy import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.analysis.deflection import compliance_deflection
 from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom
+from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -26,7 +26,7 @@ from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
 from cartstiff.scene.look import Look as Look
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
-from cartstiff.scene.quantities import block_ellipsoid, load_at, matrices_at, reference
+from cartstiff.scene.quantities import block_ellipsoid, load_at, reference, why_missing
 from cartstiff.scene.scales import SCALES, Scale
 from cartstiff.scene.screws import (
     AxesPicture,
@@ -111,7 +111,7 @@ class Scene:
         if look.theme != self._theme:
             self._build(look.theme)
         notes = list(self.notes)
-        K, C, reason = matrices_at(result, look)
+        reason = why_missing(result, look)
         T = (here := reference(result, look)).pose
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
@@ -128,9 +128,9 @@ class Scene:
             "ellipsoids": {f: self._ellipsoid(f, look, here, reason) for f in _FREEDOMS},
             "wrench": self._wrench(result, look, T),
             "deflection": self._deflection(result, look, added, T),
-            "screws": self._axes("screws", look.screws, look, K, T, reason),
-            "compliant_axes": self._axes("axes", look.compliant_axes, look, K, T, reason),
-            "centres": self._centres(look, K, C, T, reason),
+            "screws": self._axes("screws", look.screws, look, here, reason),
+            "compliant_axes": self._axes("axes", look.compliant_axes, look, here, reason),
+            "centres": self._centres(look, here, reason),
             "nodal": self._nodal(result, look),
             "tension": tension,
             "notes": notes,
@@ -277,13 +277,14 @@ class Scene:
 
     def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:
         """The scale of a kind of value: it has no history."""
-        key, scale = (quantity, freedom, kind), SCALES[kind](_RADIUS * self._stage.size)
+        key, target = (quantity, freedom, kind), _RADIUS * self._stage.size
         if kept and (measure := kept.get(freedom)) and measure["kind"] == kind:
-            return scale.kept(measure)
+            return SCALES[kind](target).kept(measure)
         if key not in self._scales:
+            scale = SCALES[kind](target)
             scale.refer(self._usual_values(quantity, freedom))
             self._scales[key] = scale
-        return copy(self._scales[key])
+        return self._scales[key].copy()
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
         """Principal values of K^B in the mechanism's own posture: sizes have no history."""
@@ -345,15 +346,17 @@ class Scene:
         return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 
     def _axes(
-        self, name: str, wanted: bool, look: Look, K: Array | None, T: Array, reason: str | None
+        self, name: str, wanted: bool, look: Look, here: StiffnessInFrame, reason: str | None
     ) -> list[dict[str, Any]] | dict[str, Any] | None:
         picture = self._lines[name]
-        if not wanted or K is None:
+        if not wanted or (K := here.matrices[look.connection]) is None:
             picture.hide()
             return {"shown": False, "reason": reason} if wanted else None
         units = self._elastic.units
-        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(K, units)
-        return picture.draw(lines, T, units.length, look.labels)
+        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(
+            symmetric_part(K), units
+        )  # fmt: skip
+        return picture.draw(lines, here.pose, units.length, look.labels)
 
     def _nodal(self, result: PostureStiffness, look: Look) -> dict[str, Any] | None:
         if look.nodal is None:
@@ -365,12 +368,14 @@ class Scene:
         return self._lines["nodal"].draw([line], result.pose, unit, look.labels)[0]
 
     def _centres(
-        self, look: Look, K: Array | None, C: Array | None, T: Array, reason: str | None
+        self, look: Look, here: StiffnessInFrame, reason: str | None
     ) -> dict[str, Any] | None:
-        if not look.centres or K is None:
+        if not look.centres or (K := here.matrices[look.connection]) is None:
             self._balls.hide()
             return {"shown": False, "reason": reason} if look.centres else None
-        return self._balls.draw(K, C, T, look.labels)
+        C = here.compliances[look.connection]
+        even = None if C is None else symmetric_part(C)
+        return self._balls.draw(symmetric_part(K), even, here.pose, look.labels)
 
     def _ghost_posture(self, look: Look) -> MechanismPosture | None:
         if look.ghost is None or look.ghost == self._ghost_at:

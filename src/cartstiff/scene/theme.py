@@ -104,6 +104,12 @@ def hex_of(colour: Sequence[float] | Array) -> int:
     return (r << 16) + (g << 8) + b
 
 
+def hexes_of(colours: NDArray[np.uint8]) -> list[int]:
+    """`hex_of` of each row (n, 3)."""
+    shades: list[int] = colours.dot([0x10000, 0x100, 1]).tolist()
+    return shades
+
+
 def fractions(colour: int) -> list[float]:
     """Red, green, blue in [0, 1] of 0xRRGGBB."""
     return [(colour >> shift & 0xFF) / 255 for shift in (16, 8, 0)]

@@ -61,7 +61,10 @@ class RecordingWindow:
         InputError
             For a kind that is no part of a picture (a request for an image, say).
         """
-        data = command.lower()
+        self.record(command.lower())
+
+    def record(self, data: dict[str, Any]) -> None:
+        """`send` of a command that is plain already."""
         kind = data["type"]
         if kind == "set_transform":  # nearly all of them
             path = data["path"]
@@ -148,8 +151,7 @@ def _packer() -> Callable[[dict[str, Any]], bytes]:
     pack = msgpack.Packer(default=arrays).pack
 
     def packed(command: dict[str, Any]) -> bytes:
-        label = command["object"].get("label") if "object" in command else None
-        if label is None:
+        if "object" not in command or (label := command["object"].get("label")) is None:
             return pack(command)
         return json.dumps({"type": "label", "path": command["path"], **label}).encode()
 

@@ -48,8 +48,6 @@ class StiffnessInFrame:
         How the load behaves, and where it acts, in N.
     matrices, compliances : mapping of str to ndarray (6, 6) or None
         By name: "A", "B", "K", "F", "+", and "load", the tangent under the load.
-    symmetric_change : ndarray (6, 6)
-        Symmetric part of K^load - K^B.
     """
 
     T_M_N: Array
@@ -58,7 +56,7 @@ class StiffnessInFrame:
     load: LoadKind
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
-    symmetric_change: Array
+    _change_by_load: Array
     _root: Callable[[str, str], Array | None]
 
     @cached_property
@@ -107,7 +105,7 @@ class StiffnessInFrame:
 
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
-        C, change = self.compliances["B"], self.symmetric_change
+        C, change = self.compliances["B"], 0.5 * (self._change_by_load + self._change_by_load.T)
         return C if C is None or not change.any() else numerics.inverse_of_sum(C, change)
 
 
@@ -128,34 +126,29 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
     matrices = {**result.matrices, "load": result.tangent}
     compliances = {**result.compliances, "load": result.tangent_compliance}
-    W, load, pose = result.wrench, result.load, result.pose
-    change = 0.5 * (result.change_by_load + result.change_by_load.T)
+    W, load, pose, change = result.wrench, result.load, result.pose, result.change_by_load
     if not _is_body_frame(T_M_N):
         forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
         matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
         compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
-        W = None if W is None else forth.T @ W
+        W = None if W is None else read_only(forth.T @ W)
         change = forth.T @ change @ forth
-        pose = pose @ T_M_N
+        pose = read_only(pose @ T_M_N)
         load = LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3])))
     for table in (matrices, compliances):
         minus = table["A"]
         table["+"] = None if minus is None else minus.T
     return StiffnessInFrame(
         read_only(T_M_N),
-        read_only(pose),
-        None if W is None else read_only(W),
+        pose,
+        W,
         load,
-        _fixed(matrices),
-        _fixed(compliances),
-        read_only(change),
+        NamedArrays(matrices),
+        NamedArrays(compliances),
+        change,
         result.root_of_compliance,
     )
 
 
 def _is_body_frame(T: Array) -> bool:
     return bool(T.tolist() == _BODY)
-
-
-def _fixed(table: dict[str, Array | None]) -> Mapping[str, Array | None]:
-    return NamedArrays(table)

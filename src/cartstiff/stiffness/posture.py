@@ -286,11 +286,17 @@ class PostureStiffness(ShownInLines):
         InputError
             If it is not a rigid motion.
         """
-        T = _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        if T_M_N is None:
+            return self._own_frame
+        T = checked_pose(T_M_N, "frame of the body")
         key = T.tobytes()
         if key not in self._frames:
             self._frames[key] = stiffness_in_frame(self, T)
         return self._frames[key]
+
+    @cached_property
+    def _own_frame(self) -> StiffnessInFrame:
+        return stiffness_in_frame(self, _EYE_4)
 
     @cached_property
     def _frames(self) -> dict[bytes, StiffnessInFrame]:

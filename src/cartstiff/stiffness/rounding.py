@@ -67,10 +67,13 @@ def is_felt(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> boo
 
     `sizes` (n,) are the natural sizes of the coordinates of J (6, n) and H (n, n).
     """
-    torque = np.abs(jacobian.T @ wrench) * sizes
-    stiffness = np.abs(hessian * np.outer(sizes, sizes)).max(axis=0, initial=0.0)
-    stiffness[stiffness == 0.0] = stiffness.max(initial=0.0)  # passive: the others' rounding
-    return bool(np.any(torque > numerics.ROUNDING * stiffness))
+    torques = np.abs(jacobian.T @ wrench * sizes).tolist()
+    stiffness = np.abs(hessian * (sizes[:, None] * sizes)).max(axis=0, initial=0.0).tolist()
+    most = max(stiffness, default=0.0)  # for those without a spring the others' rounding counts
+    return any(
+        torque > numerics.ROUNDING * (k or most)
+        for torque, k in zip(torques, stiffness, strict=True)
+    )
 
 
 def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: float) -> Array:
@@ -79,7 +82,12 @@ def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: flo
     Rounding is what the springs exert over a turn of `numerics.ROUNDING`, and what is below
     that share of the other half, a force taken over the characteristic length.
     """
-    stiffest = 0.0 if hessian is None else np.abs(hessian * np.outer(sizes, sizes)).max(initial=0.0)
-    scaled = np.abs(wrench) * np.repeat([1.0, length], 3)
-    noise = numerics.ROUNDING * max(float(stiffest), float(scaled.max()))
-    return np.where(scaled > noise, wrench, 0.0)
+    stiffest = 0.0
+    if hessian is not None:
+        stiffest = float(np.abs(hessian * (sizes[:, None] * sizes)).max(initial=0.0))
+    values = wrench.tolist()
+    scaled = [*map(abs, values[:3]), *(length * abs(x) for x in values[3:])]
+    noise = numerics.ROUNDING * max(stiffest, *scaled)
+    if min(scaled) > noise:
+        return wrench
+    return np.array([x if s > noise else 0.0 for x, s in zip(values, scaled, strict=True)])
