@@ -246,8 +246,12 @@ def checked_array(
     InputError
         For what is no real number (see `real_array`), another shape, NaN or infinity.
     """
-    is_own = type(values) is np.ndarray and values.dtype is _DOUBLE and values.shape == shape
-    if is_own and (_is_finite(values) or not finite):  # nearly always
+    if (  # nearly always
+        type(values) is np.ndarray
+        and values.dtype is _DOUBLE
+        and values.shape == shape
+        and (not finite or _is_finite(values))
+    ):
         return values.copy() if copy else values
     shapes = shape if isinstance(shape, list) else [] if shape is None else [shape]
     array = real_array(values, what, where=where, expected=shapes)

@@ -107,12 +107,12 @@ def _principal(
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
     sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)
-    shape = _ellipsoid(values, vectors, sign)
+    shape = shape_of(values, vectors, sign)
     return shape.axes, shape.radii, shape.eigenvalues, sign
 
 
-def _ellipsoid(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
-    """From eigenvalues, smallest first, and their vectors in columns."""
+def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
+    """`ellipsoid` from eigenvalues (3,), smallest first, and their vectors in columns (3, 3)."""
     # In plain numbers, and in one array: those of three take longer.
     first, second, _ = vectors.T.tolist()
     (a, b, c), (d, e, f) = _upright(first), _upright(second)
@@ -140,18 +140,9 @@ def ellipsoid_of_pair(
     K: Array | None, C: Array | None, root: Array | None, freedom: Freedom, quantity: str,
     others: Others,
 ) -> Ellipsoid:  # fmt: skip
-    """`stiffness_ellipsoid` or `compliance_ellipsoid` of a `StiffnessInFrame.pair`.
+    """`stiffness_ellipsoid` or `compliance_ellipsoid` of a `StiffnessInFrame.pair` and its root.
 
-    Parameters
-    ----------
-    K, C, root : ndarray, shape (6, 6), or None
-        Known to be symmetric, each other's inverse, and a root of C; not both are None.
-    freedom : {"translation", "rotation"}
-        Unit of the result.
-    quantity : {"stiffness", "compliance"}
-        Which of the two is meant.
-    others : {"free", "held"}
-        What the other freedoms do.
+    What is meant, the "stiffness" or the "compliance", is not None; both are known to be symmetric.
     """
     is_stiffness = quantity == "stiffness"
     matrix, inverse = (K, C) if is_stiffness else (C, K)
@@ -160,7 +151,7 @@ def ellipsoid_of_pair(
         keep = _BLOCKS[freedom]
         values, vectors = numerics.symmetric_vectors(matrix[keep, keep])
         if inverse is not None and numerics.hold_all_digits(values):
-            return _ellipsoid(values, vectors, definiteness(values))
+            return shape_of(values, vectors, definiteness(values))
     if is_stiffness:
         return stiffness_ellipsoid(cast(Array, K), freedom, others, None, C, root)
     return compliance_ellipsoid(cast(Array, C), freedom, others, None, K, root)
@@ -277,12 +268,12 @@ def _of_root(
         root = se3.adjoint(se3.inverse(checked_pose(T, "frame"))) @ root
     values, vectors = graded.eigenpairs(graded.held(root, keep) if is_held else root[keep])
     if is_stiffness:
-        return _ellipsoid(values, vectors, "positive")
+        return shape_of(values, vectors, "positive")
     values, vectors = 1.0 / values[::-1], vectors[:, ::-1]
     # Squares of the root's rounding are what is left of a motion that does not exist.
     size = float((root[keep] ** 2).sum())
     values = np.where(values > (_OF_A_ROOT * numerics.EPSILON) ** 2 * size, values, 0.0)
-    return _ellipsoid(values, vectors, definiteness(values, zero=0.0))
+    return shape_of(values, vectors, definiteness(values, zero=0.0))
 
 
 def _moved(block: Callable[..., Array], matrix: ArrayLike, T: ArrayLike) -> Array:

@@ -36,6 +36,8 @@ from cartstiff.geometry.se3 import Array
 
 #: Share of the largest eigenvalue above which a stiffness alone has digits enough.
 _PLAIN = numerics.PLAIN
+#: What is said of a natural length.
+NATURAL = "natural: there rotation and translation are equally stiff on average"
 
 
 @dataclass(frozen=True)
@@ -213,8 +215,7 @@ def length_of_pair(K: Array | None, C: Array | None, root: Array | None) -> Char
     except UndefinedError:
         reason = "one unit of length: none is natural, as the stiffness is not positive definite"
         return CharacteristicLength(1.0, "unit", reason)
-    reason = "natural: there rotation and translation are equally stiff on average"
-    return CharacteristicLength(value, "natural", reason)
+    return CharacteristicLength(value, "natural", NATURAL)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from cartstiff.many.algebra import (
     below,
     congruence,
     inverse,
+    is_zero,
     norm_squared,
     positive_factor,
     skew,
@@ -24,6 +25,7 @@ from cartstiff.many.algebra import (
 )
 from cartstiff.many.tape import Scalar, absolute, larger, pick
 from cartstiff.numerics import EPSILON, NEAR, TELLING
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
@@ -153,6 +155,24 @@ def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scala
     condition = norm_squared(factor) * norm_squared(turned)
     back = _in_length(turned, 1.0 / length, length)
     return C @ back, limited(condition, STIFFNESS_CONDITION**2)
+
+
+#: Of a dead load at M's origin: K^load, its inverse, that of its symmetric part, and whether both
+#: hold.
+UNDER_LOAD = ("dead_stiffness", "dead_compliance", "dead_even", "dead_verdict")
+_DEAD = np.moveaxis(DEAD_AT_ORIGIN.change(np.eye(6)), 0, -1)
+
+
+def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Scalar) -> None:
+    """Put `UNDER_LOAD` into `arrays` where they are wanted, and not those without a load."""
+    is_wanted = "dead_stiffness" in wanted and {"stiffness_B", "compliance_B"} <= arrays.keys()
+    if not is_wanted or all(is_zero(w) for w in arrays["wrench"]):
+        return
+    C, D = arrays["compliance_B"], _DEAD @ arrays["wrench"]
+    arrays["dead_stiffness"] = arrays["stiffness_B"] + D
+    arrays["dead_compliance"], doubt = changed_compliance(C, D, length)
+    arrays["dead_even"], other = changed_compliance(C, (D + D.T) * 0.5, length)
+    arrays["dead_verdict"] = np.array([larger(doubt, other)], object)
 
 
 def shared_inputs(wrench: str) -> list[str]:

@@ -37,6 +37,7 @@ from cartstiff.many.arithmetic import (
     PLAIN,
     STIFFNESS_CONDITION,
     add_compliances,
+    add_under_load,
     connections,
     holds_soft_directions,
     limited,
@@ -239,6 +240,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         M = M if case.legs is None else M + case.legs.kinetic(points, lines, lengths)
         arrays |= {"kinetic": M, "lagrangian": K_B, "motion": np.eye(6)}
     condition = add_compliances(arrays, stiffness, wanted, natural)
+    add_under_load(arrays, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.
     verdict = larger(verdict, limited(condition * squared_condition, _KNOWN**2))

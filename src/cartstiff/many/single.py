@@ -23,6 +23,7 @@ from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, checked_vector
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.many.arithmetic import PLAIN, UNDER_LOAD
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes, limit_notes
@@ -52,7 +53,7 @@ _OFTEN = 200
 _OFTEN_BENT, _LARGEST_BENT = 1000, 150_000
 _NAMES = ("pose", "jacobian", "wrench", "energy",
           *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
-          "actuation", "verdict", "noteworthy")  # fmt: skip
+          *UNDER_LOAD, "actuation", "verdict", "noteworthy")  # fmt: skip
 
 
 class QuickPosture(PostureStiffness):
@@ -161,17 +162,37 @@ class QuickPosture(PostureStiffness):
     @cached_property
     def tangent(self) -> Array | None:
         """K^load (6, 6), as in `PostureStiffness`."""
-        K = self.matrices["B"]
-        return None if K is None else K + self.change_by_load
+        if self._holds_under_load:
+            return self._matrix(self._code.under_load["dead_stiffness"])
+        K, change = self.matrices["B"], self._changes[2]
+        return K if K is None or not any(change.ravel().tolist()) else K + change
 
     @cached_property
     def tangent_compliance(self) -> Array | None:
         """Inverse of `tangent`."""
-        C, change = self.compliances["B"], self.change_by_load
-        if C is None or not change.any():
+        if self._holds_under_load:
+            return self._matrix(self._code.under_load["dead_compliance"])
+        C, change = self.compliances["B"], self._changes[2]
+        if C is None or not any(change.ravel().tolist()):
             return C
         inverse = numerics.plain_inverse_of_sum(C, change)
         return self._engine.tangent_compliance if inverse is None else inverse
+
+    @cached_property
+    def inverse_of_even_tangent(self) -> Array | None:
+        """Inverse of the symmetric part of `tangent`."""
+        if self._holds_under_load:
+            return self._matrix(self._code.under_load["dead_even"])
+        return super().inverse_of_even_tangent
+
+    @property
+    def _holds_under_load(self) -> bool:
+        """Whether the code has found what the load changes."""
+        place = self._code.under_load
+        return bool(place) and self._record[place["dead_verdict"].start] == PLAIN
+
+    def _matrix(self, place: slice) -> Array:
+        return self._record[place].reshape(6, 6)
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -235,6 +256,7 @@ class _Code:
         self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
         self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
         self._sizes = here.coordinate_lengths, here.length
+        self.under_load = {name: at[name] for name in UNDER_LOAD if name in at}
         self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
         chart = here.chart()
@@ -291,7 +313,6 @@ class _Code:
     @staticmethod
     def _closed(closing: OnePosture, q: Array) -> Array | None:
         """The steps of `closing.close` for one posture; None where the engine would go on."""
-        from cartstiff.many.arithmetic import PLAIN
         from cartstiff.many.chains.closing import STEPS, is_shut
         from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 

@@ -20,7 +20,6 @@ from cartstiff.analysis.mechanism_sections import (
     deflection_found,
     deflection_half_width,
 )
-from cartstiff.analysis.metrics import length_of_pair
 from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
@@ -30,7 +29,7 @@ from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.page.state import ViewState
 from cartstiff.page.verdict import asymmetries, verdict
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.scene.quantities import block_ellipsoid
+from cartstiff.scene.quantities import HeldPair, block_ellipsoid, held_pair
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
 from cartstiff.stiffness.reduction import scaled_values, values_of_closed
@@ -65,15 +64,13 @@ def shown_numbers(
     """
     T = reference_frame(result, state)
     here = result.at(T)
-    K, C = here.pair(state.connection, "held")
+    pair = held_pair(here, state.connection)
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
-    numbers = None
-    if K is not None:
-        numbers = _indices(here, state.connection, K, C)
+    numbers = None if pair is None else _indices(pair)
     answer: dict[str, Any] = {
         "result": result.as_dict() if whole else _part(result, state.quantity),
-        "has_compliance": K is not None or result.reduction.compliance is not None,
+        "has_compliance": pair is not None or result.reduction.compliance is not None,
         "position": result.pose[:3, 3].tolist(),
         "angles": se3.roll_pitch_yaw(result.pose).tolist(),
         "frame": None if T is None else T.tolist(),
@@ -189,12 +186,9 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
     return shown
 
 
-def _indices(
-    here: StiffnessInFrame, connection: str, K: Array, C: Array | None
-) -> dict[str, Any] | None:
+def _indices(pair: HeldPair) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
-    root = here.root(connection, "held")
-    length = length_of_pair(K, C, root)
+    K, C, root, length = pair.K, pair.C, pair.root, pair.length
     try:
         values, _, definiteness = spectrum(K, length.value, C, root)
     except UndefinedError:
@@ -202,10 +196,9 @@ def _indices(
     blocks = dict[str, float]()
     for freedom in _FREEDOMS:
         try:  # principal values that are shown as well
-            e = block_ellipsoid(here, connection, "stiffness", freedom, "block")
+            of_block = pair.ellipsoid(freedom).eigenvalues
         except UndefinedError:
-            e = None
-        of_block = held_values(K, C, freedom, root) if e is None else e.eigenvalues
+            of_block = held_values(K, C, freedom, root)
         blocks[freedom] = condition(of_block)
     return {
         "length": length.value,
@@ -228,7 +221,8 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
     ratios, motions = list[dict[str, Any]](), None
     if not posture.coordinates_are_pose:
         if posture.closure is None:
-            values, freedoms = scaled_values(posture), len(posture.q)
+            values = scaled_values(posture, result.jacobian)
+            freedoms = len(posture.q)
         elif isinstance(result, QuickPosture):  # machine code answers where closures are regular
             values, freedoms, motions = values_of_closed(posture)
         else:
@@ -242,7 +236,9 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
             rates = rates @ motions
         # Fewer actuators than motions (links that give): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
-            values = numerics.singular_values(rates)
+            near = (n.values for n in result.notes if n.code.endswith("type-2-singularity"))
+            known = next(near, {}).get("singular_values")
+            values = numerics.singular_values(rates) if known is None else np.array(known)
             ratios.append(_ratio("type-2", values, rates.shape[1]))
     for entry in ratios:
         entry["length"] = posture.length
@@ -285,7 +281,10 @@ def _deflection(result: PostureStiffness, state: ViewState, notes: Notes) -> Fou
 def _resists(result: PostureStiffness) -> bool:
     """Whether the load is resisted: a negative compliance would let it move the body on and on."""
     C = result.at().compliances["load"]
-    return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
+    if C is None:
+        return True
+    values = numerics.symmetric_values(0.5 * (C + C.T)).tolist()
+    return bool(values[0] >= -numerics.ZERO * values[-1])
 
 
 def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
@@ -322,8 +321,8 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         principal = _principal(here, state)
     except UndefinedError:
         principal = None
-    K, C = here.pair(state.connection, "held")
-    indices = None if K is None else _indices(here, state.connection, K, C)
+    pair = held_pair(here, state.connection)
+    indices = None if pair is None else _indices(pair)
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]

@@ -30,7 +30,7 @@ class Arrow:
     ) -> None:
         self.scale = scale
         self._node, self._colour, self._turning = node, colour, turning
-        self._label = Label(node["label"], look, colour)
+        self._label, self._body = Label(node["label"], look, colour), node["arrow"]
         self._made = False
 
     def draw(
@@ -38,19 +38,22 @@ class Arrow:
     ) -> float:
         """Show a vector (3,) at a point by its scale, `fixed` or not; returns its drawn length."""
         size = sqrt(vector.dot(vector))
+        sizes = np.array([size])
         if size and not fixed:
-            self.scale.fit(np.array([size]))
-        length = float(self.scale.length(np.array([size]))[0]) if size else 0.0
+            self.scale.fit(sizes)
+        length = float(self.scale.length(sizes)[0]) if size else 0.0
         if not 0.0 < length < np.inf:
             self.hide()
             return 0.0
-        body = self._node["arrow"]
         self.make()
-        x, y, z = (shapes.rotation_to(vector).T * length).tolist()
-        body.set_columns(x, y, z, point.tolist())
+        (a, b, c), start = vector.tolist(), point.tolist()
+        x, y, z = ([length * e for e in axis] for axis in shapes.axes_along(a, b, c, size))
+        self._body.set_columns(x, y, z, start)
         self._node.show(True)
         if labels:
-            self._label.show(number(size, unit), point + vector * (1.1 * length / size))
+            reach = 1.1 * length / size
+            tip = [p + reach * v for p, v in zip(start, (a, b, c), strict=True)]
+            self._label.show(number(size, unit), tip)
         else:
             self._label.hide()
         return length
@@ -60,7 +63,7 @@ class Arrow:
         if not self._made:
             self._made = True
             made = shapes.turning_arrow if self._turning else shapes.arrow
-            made(self._node["arrow"], self._colour)
+            made(self._body, self._colour)
 
     def hide(self) -> None:
         """Show nothing."""

@@ -65,7 +65,9 @@ class EllipsoidPicture:
         self._body = node["body"]
         self._axes = [node[f"axis {i + 1}"] for i in range(3)]
         self._labels = [Label(node[f"value {i + 1}"], look, colour) for i in range(3)]
+        self._signs = [(axis["plus"], axis["minus"]) for axis in self._axes]
         self._rings = [node[f"ring {i + 1}"] for i in range(MOST_RINGS)]
+        self._has_rings = False
         self._made = False
 
     def draw(
@@ -79,7 +81,7 @@ class EllipsoidPicture:
         lengths = self.scale.length(values)
         self.make()
         # In plain numbers from here: arrays of three take longer.
-        columns = (T[:3, :3] @ shape.axes).T.tolist()
+        columns = T[:3, :3].dot(shape.axes).T.tolist()
         centre, radii, principal = T[:3, 3].tolist(), lengths.tolist(), values.tolist()
         self.node.show(True)
         self._body.show(solid)
@@ -121,8 +123,9 @@ class EllipsoidPicture:
         node.show(shown)
         if not shown:
             return
-        node["plus"].show(not negative)
-        node["minus"].show(negative)
+        plus, minus = self._signs[i]
+        plus.show(not negative)
+        minus.show(negative)
         node.set_columns(
             _along(columns[i], 2.0 * length), columns[i - 2], columns[i - 1],
             _along(columns[i], -length, centre),
@@ -139,10 +142,10 @@ class EllipsoidPicture:
             objects.solid(ball, self._colour, theme.ELLIPSOID_OPACITY, shininess=60)
         )
         radius = 0.0035 * self._size
-        for node in self._axes:  # from one end of the axis to the other
-            node["plus"].set_object(shapes.rod(radius, _darker(self._colour)))
-            node["minus"].set_object(shapes.dashed_rod(1.3 * radius, theme.NEGATIVE))
-            node["minus"].show(False)
+        for plus, minus in self._signs:  # from one end of the axis to the other
+            plus.set_object(shapes.rod(radius, _darker(self._colour)))
+            minus.set_object(shapes.dashed_rod(1.3 * radius, theme.NEGATIVE))
+            minus.show(False)
         turn = np.linspace(0.0, 2.0 * np.pi, 97)
         circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
         for ring in self._rings:
@@ -152,6 +155,9 @@ class EllipsoidPicture:
     def _draw_rings(self, columns: list[list[float]], centre: list[float], largest: float) -> None:
         """Where a logarithmic scale has another factor of ten, across the softest axis."""
         step = self.scale.per_decade if isinstance(self.scale, Logarithmic) else 0.0
+        if not step and not self._has_rings:
+            return
+        self._has_rings = step > 0.0
         for i, ring in enumerate(self._rings):
             radius = (i + 1) * step
             ring.show(0.0 < radius < largest)

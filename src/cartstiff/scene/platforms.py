@@ -58,23 +58,26 @@ class LinesPicture:
         self._cables = cables
         colour = theme.GHOST if ghost else 0xFFFFFF
         opacity = theme.GHOST_OPACITY if ghost else 1.0
-        self._lines = [node[f"line {i + 1}"] for i in range(count)]
+        lines = [node[f"line {i + 1}"] for i in range(count)]
+        self._rods = [line["rod"] for line in lines]
+        self._tubes = [line["tube"] for line in lines] if telescope is not None else []
         self._shades: list[int | None] = [None] * count
-        for line in self._lines:
-            line["rod"].set_object(shapes.rod(radius, colour, opacity))
-            if telescope is not None:
-                outer = theme.GHOST if ghost else tube
-                line["tube"].set_object(shapes.rod(1.9 * radius, outer, opacity))
+        outer = theme.GHOST if ghost else tube
+        for line in self._rods:
+            line.set_object(shapes.rod(radius, colour, opacity))
+        for line in self._tubes:
+            line.set_object(shapes.rod(1.9 * radius, outer, opacity))
         self._dashed = [False] * count
 
     def move(self, starts: Array, ends: Array) -> None:
         """Draw each line from `starts` to `ends` (m, 3)."""
-        for line, start, end in zip(self._lines, starts.tolist(), ends.tolist(), strict=True):
+        for i, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
             x, y, z = shapes.segment_columns(start, end)
-            line["rod"].set_columns(x, y, z, start)
+            self._rods[i].set_columns(x, y, z, start)
             if self.telescope is not None:
-                share = min(1.0, self.telescope / sqrt(sum(c * c for c in x)))
-                line["tube"].set_columns([share * c for c in x], y, z, start)
+                a, b, c = x
+                share = min(1.0, self.telescope / sqrt(a * a + b * b + c * c))
+                self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
 
     def carry(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
         """Colour each line by what it carries at a length; returns the legend.
@@ -92,17 +95,17 @@ class LinesPicture:
     def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
         """Slack cables grey and dashed."""
         shades = theme.hexes_of(theme.diverging(scale.share(tensions)))
-        for i, line in enumerate(self._lines):
+        for i, line in enumerate(self._rods):
             slack = self._cables and not taut[i]
             shade = theme.SLACK if slack else shades[i]
             if slack != self._dashed[i]:
                 self._dashed[i] = slack
                 rod = shapes.dashed_rod if slack else shapes.rod
-                line["rod"].set_object(rod(self._radius, 0xFFFFFF))
+                line.set_object(rod(self._radius, 0xFFFFFF))
                 self._shades[i] = None
             if shade != self._shades[i]:
                 self._shades[i] = shade
-                line["rod"].set_property("color", [*theme.fractions(shade), 1.0])
+                line.set_property("color", [*theme.fractions(shade), 1.0])
 
 
 class PlatformPicture:

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import exp, log
 from typing import Literal
 
-from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, Others, ellipsoid_of_pair
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, Others, ellipsoid_of_pair, shape_of
+from cartstiff.analysis.matrices import ROTATION, TRANSLATION, definiteness
+from cartstiff.analysis.metrics import NATURAL, CharacteristicLength, length_of_pair
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
+from cartstiff.lazily import cached_property
 from cartstiff.scene.look import Look
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
@@ -24,6 +31,72 @@ def why_missing(result: PostureStiffness, look: Look) -> str | None:
         return None
     states = [note.message for note in result.notes if note.code in _STATES]
     return states[-1] if states else f"K^{look.connection} does not exist here"
+
+
+_PLACES: dict[Freedom, int] = {"translation": 0, "rotation": 1}
+
+
+class HeldPair:
+    """A `StiffnessInFrame.pair` with the other freedoms held, and what is read from it together.
+
+    Each of these numbers has a function of its own (`cartstiff.analysis.ellipsoids`, `metrics`)
+    that takes what one matrix has no digits for from the other. Where a block has all its digits,
+    as nearly always, one call of LAPACK serves three of them.
+
+    Parameters
+    ----------
+    K : ndarray, shape (6, 6)
+        Symmetric.
+    C : ndarray, shape (6, 6), or None
+        Its inverse.
+    root : ndarray, shape (6, 6), or None
+        Root of C, see `cartstiff.graded`, where stiffness and compliance have not all digits.
+    """
+
+    def __init__(self, K: Array, C: Array | None, root: Array | None) -> None:
+        self.K, self.C, self.root = K, C, root
+        self._shapes: dict[Freedom, Ellipsoid] = {}
+
+    @cached_property
+    def _blocks(self) -> tuple[list[bool], Array, Array]:
+        """Of K_tt, K_rr and C_rr: whether all digits are there, eigenvalues, and eigenvectors."""
+        K, C = self.K, self.C
+        if C is None or self.root is not None:
+            return [False] * 3, K, K
+        stack = np.array(
+            [K[TRANSLATION, TRANSLATION], K[ROTATION, ROTATION], C[ROTATION, ROTATION]]
+        )
+        values, vectors = numerics.symmetric_vectors(stack)
+        return [*map(numerics.hold_all_digits, values)], values, vectors
+
+    def ellipsoid(self, freedom: Freedom) -> Ellipsoid:
+        """`cartstiff.analysis.ellipsoids.stiffness_ellipsoid`, the other freedoms held.
+
+        Raises
+        ------
+        UndefinedError
+            As that function.
+        """
+        if freedom not in self._shapes:
+            at, (is_whole, values, vectors) = _PLACES[freedom], self._blocks
+            if is_whole[at]:
+                shape = shape_of(values[at], vectors[at], definiteness(values[at]))
+            else:
+                pair = self.K, self.C, self.root
+                shape = ellipsoid_of_pair(*pair, freedom, "stiffness", "held")
+            self._shapes[freedom] = shape
+        return self._shapes[freedom]
+
+    @cached_property
+    def length(self) -> CharacteristicLength:
+        """`cartstiff.analysis.metrics.characteristic_length` without a given one."""
+        is_whole, values, _ = self._blocks
+        if is_whole[0] and is_whole[2]:
+            moving, softness = values[0].tolist(), values[2].tolist()
+            if moving[0] > 0.0 and softness[0] > 0.0:
+                logs = sum(map(log, softness)) + sum(map(log, moving))
+                return CharacteristicLength(exp(-logs / 6.0), "natural", NATURAL)
+        return length_of_pair(self.K, self.C, self.root)
 
 
 @lru_cache(maxsize=16)  # numbers and picture of a page are about the same
@@ -44,11 +117,21 @@ def block_ellipsoid(
         See `cartstiff.analysis.ellipsoids`.
     """
     is_stiffness = quantity == "stiffness"
-    how: Others = ("held" if is_stiffness else "free") if others == "block" else others
+    if is_stiffness and others != "free":
+        pair = held_pair(here, connection)
+        return None if pair is None else pair.ellipsoid(freedom)
+    how: Others = "free" if others == "block" else others
     K, C = here.pair(connection, how)
     if (K if is_stiffness else C) is None:
         return None
     return ellipsoid_of_pair(K, C, here.root(connection, how), freedom, quantity, how)
+
+
+@lru_cache(maxsize=16)
+def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
+    """The pair of a connection with the other freedoms held; None without a stiffness."""
+    K, C = here.pair(connection, "held")
+    return None if K is None else HeldPair(K, C, here.root(connection, "held"))
 
 
 #: Notes that say why a stiffness does not exist.

@@ -111,8 +111,7 @@ class Scene:
         if look.theme != self._theme:
             self._build(look.theme)
         notes = list(self.notes)
-        reason = why_missing(result, look)
-        T = (here := reference(result, look)).pose
+        reason, here = why_missing(result, look), reference(result, look)
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
         self._frame.set_transform(result.pose)
@@ -126,8 +125,8 @@ class Scene:
             "quantity": look.quantity,
             "others": look.others,
             "ellipsoids": {f: self._ellipsoid(f, look, here, reason) for f in _FREEDOMS},
-            "wrench": self._wrench(result, look, T),
-            "deflection": self._deflection(result, look, added, T),
+            "wrench": self._wrench(result, look, here.pose),
+            "deflection": self._deflection(result, look, added, here.pose),
             "screws": self._axes("screws", look.screws, look, here, reason),
             "compliant_axes": self._axes("axes", look.compliant_axes, look, here, reason),
             "centres": self._centres(look, here, reason),
@@ -309,8 +308,8 @@ class Scene:
         if not look.wrench or W is None:
             self._wrenches.hide()
             return None
-        units = self._elastic.units
-        return self._wrenches.draw(W, T, units.force, units.moment, look.labels)
+        force, moment = self._elastic.units.force, self._elastic.units.moment
+        return self._wrenches.draw(W, T, force, moment, look.labels)
 
     def _added(self, result: PostureStiffness, look: Look) -> Array | None:
         """The wrench whose deflection is drawn, about the reference point."""
@@ -340,9 +339,7 @@ class Scene:
             return {"shown": False, "reason": "no load: nothing moves"}
         unit = self._elastic.units.length
         answer = self._deflections.draw(twist, T, unit, look.exaggeration, look.labels)
-        acts_at = look.added_at or look.point
-        if look.added is None:
-            acts_at = result.load.at
+        acts_at = result.load.at if look.added is None else look.added_at or look.point
         return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 
     def _axes(
@@ -352,10 +349,8 @@ class Scene:
         if not wanted or (K := here.matrices[look.connection]) is None:
             picture.hide()
             return {"shown": False, "reason": reason} if wanted else None
-        units = self._elastic.units
-        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(
-            symmetric_part(K), units
-        )  # fmt: skip
+        K, units = symmetric_part(K), self._elastic.units
+        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(K, units)
         return picture.draw(lines, here.pose, units.length, look.labels)
 
     def _nodal(self, result: PostureStiffness, look: Look) -> dict[str, Any] | None:
@@ -374,8 +369,8 @@ class Scene:
             self._balls.hide()
             return {"shown": False, "reason": reason} if look.centres else None
         C = here.compliances[look.connection]
-        even = None if C is None else symmetric_part(C)
-        return self._balls.draw(symmetric_part(K), even, here.pose, look.labels)
+        C = None if C is None else symmetric_part(C)
+        return self._balls.draw(symmetric_part(K), C, here.pose, look.labels)
 
     def _ghost_posture(self, look: Look) -> MechanismPosture | None:
         if look.ghost is None or look.ghost == self._ghost_at:

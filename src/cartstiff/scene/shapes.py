@@ -20,11 +20,11 @@ def rotation_to(direction: Array) -> Array:
     """A rotation (3, 3) whose x axis is a direction, which need not be a unit vector."""
     # In plain numbers: on three of them NumPy's calls cost more than the arithmetic.
     a, b, c = direction.tolist()
-    return np.array(_towards(a, b, c, sqrt(a * a + b * b + c * c))).T
+    return np.array(axes_along(a, b, c, sqrt(a * a + b * b + c * c))).T
 
 
-def _towards(a: float, b: float, c: float, size: float) -> tuple[list[float], ...]:
-    """Columns of `rotation_to` a direction of a size."""
+def axes_along(a: float, b: float, c: float, size: float) -> tuple[list[float], ...]:
+    """Columns of `rotation_to` a direction of a size, plain numbers."""
     a, b, c = a / size, b / size, c / size
     if abs(a) < 0.6:  # y is across the x axis of the parent, or across its z axis
         n = sqrt(b * b + c * c)
@@ -47,7 +47,7 @@ def segment_columns(start: list[float], end: list[float]) -> tuple[list[float], 
     a, b, c = u - r, v - s, w - t
     length = sqrt(a * a + b * b + c * c)
     if length > 0.0:
-        x, y, z = _towards(a, b, c, length)
+        x, y, z = axes_along(a, b, c, length)
     else:
         x, y, z = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
     stretched = max(length, numerics.CLOSE)

@@ -12,6 +12,7 @@ that of the point at which the load acts. K^K *recomputed* for N's origin would 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,7 +57,7 @@ class StiffnessInFrame:
     load: LoadKind
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
-    _change_by_load: Array
+    _inverse_of_even_tangent: Callable[[], Array | None]
     _root: Callable[[str, str], Array | None]
 
     @cached_property
@@ -93,8 +94,9 @@ class StiffnessInFrame:
 
     def inverse_of_symmetric_part(self, name: str) -> Array | None:
         """Inverse (6, 6) of the symmetric part of a stiffness matrix; None if there is none."""
-        C = self.compliances["B" if name in ("A", "+", "load") else name]
-        return self._inverse_of_symmetric_tangent if name == "load" else C
+        if name == "load":
+            return self._inverse_of_symmetric_tangent
+        return self.compliances["B" if name in ("A", "+") else name]
 
     def root(self, name: str, others: str) -> Array | None:
         """Root of the C of `pair`, see `PostureStiffness.root_of_compliance`."""
@@ -105,8 +107,11 @@ class StiffnessInFrame:
 
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
-        C, change = self.compliances["B"], 0.5 * (self._change_by_load + self._change_by_load.T)
-        return C if C is None or not change.any() else numerics.inverse_of_sum(C, change)
+        C = self._inverse_of_even_tangent()
+        if C is None or self.is_body_frame:
+            return C
+        back = se3.adjoint(se3.inverse(self.T_M_N))
+        return np.asarray(back @ C @ back.T)
 
 
 def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:
@@ -126,13 +131,12 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
     matrices = {**result.matrices, "load": result.tangent}
     compliances = {**result.compliances, "load": result.tangent_compliance}
-    W, load, pose, change = result.wrench, result.load, result.pose, result.change_by_load
+    W, load, pose = result.wrench, result.load, result.pose
     if not _is_body_frame(T_M_N):
         forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
         matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
         compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
         W = None if W is None else read_only(forth.T @ W)
-        change = forth.T @ change @ forth
         pose = read_only(pose @ T_M_N)
         load = LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3])))
     for table in (matrices, compliances):
@@ -145,7 +149,7 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
         load,
         NamedArrays(matrices),
         NamedArrays(compliances),
-        change,
+        partial(getattr, result, "inverse_of_even_tangent"),
         result.root_of_compliance,
     )
 

@@ -256,6 +256,14 @@ class PostureStiffness(ShownInLines):
         """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
         return self.compliances["load"]
 
+    @cached_property
+    def inverse_of_even_tangent(self) -> Array | None:
+        """Inverse of the symmetric part of `tangent`; None if there is none."""
+        C, change = self.compliances["B"], self.change_by_load
+        if C is None or not change.any():
+            return C
+        return numerics.inverse_of_sum(C, 0.5 * (change + change.T))
+
     @property
     def compliance(self) -> Compliance:
         """Compliance under the load, C^load: motion per wrench that is added; unloaded, C^B too.

@@ -214,12 +214,14 @@ def hardly_held(
         return []
     if free is not None:
         motions = motions @ free.T
-    lost = sum(value <= numerics.RANK * each[0] for value in each)
-    weak = lost or sum(value < numerics.NEAR * each[0] for value in each)
+    is_lost = each[-1] <= numerics.RANK * each[0]
+    limit, weak = (numerics.RANK if is_lost else numerics.NEAR) * each[0], 1
+    while weak < len(each) and each[-1 - weak] <= limit:
+        weak += 1
     return [
         Note(
-            "type-2-singularity" if lost else "near-type-2-singularity",
-            f"the actuators {'do not' if lost else 'hardly'} hold the mechanism in {weak} "
+            "type-2-singularity" if is_lost else "near-type-2-singularity",
+            f"the actuators {'do not' if is_lost else 'hardly'} hold the mechanism in {weak} "
             f"direction(s): smallest over largest singular value {each[-1] / each[0]:.2g}",
             {
                 "singular_values": each,

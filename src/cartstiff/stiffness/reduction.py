@@ -98,10 +98,9 @@ def values_of_closed(posture: MechanismPosture) -> tuple[Array, int, Array]:
     return numerics.singular_values(J @ N), N.shape[1], N
 
 
-def scaled_values(posture: MechanismPosture) -> Array:
-    """Singular values of the length-scaled Jacobian of a posture."""
+def scaled_values(posture: MechanismPosture, jacobian: Array | None = None) -> Array:
+    """Singular values of the length-scaled Jacobian of a posture, which may be known."""
+    J = posture.motion.jacobian if jacobian is None else jacobian
     per_length = 1 / posture.length
     rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
-    return numerics.singular_values(
-        posture.motion.jacobian * rows[:, None] * posture.coordinate_lengths
-    )
+    return numerics.singular_values(J * rows[:, None] * posture.coordinate_lengths)

@@ -43,6 +43,7 @@ from cartstiff.many.arithmetic import (
     JACOBIAN_CONDITION,
     PLAIN,
     UNBALANCED,
+    add_under_load,
     changed_compliance,
     connections,
     equilibrated_squares,
@@ -313,6 +314,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         arrays |= {"kinetic": chain.kinetic(chain.case.bodies), "motion": chain.J,
                    "lagrangian": chain.lagrangian(W)}  # fmt: skip
     verdict = _compliances(chain, W, arrays, wanted)
+    add_under_load(arrays, wanted, chain.length)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
     # What does not balance stays so, whatever its stiffness would be.
