@@ -201,13 +201,8 @@ def _words(shapes: Sequence[Shape]) -> str:
         return "real numbers"
     if len(shapes) == 1 and len(shape := shapes[0]) < 2:
         n = shape[0] if shape else 1
-        return (
-            "one number"
-            if n == 1
-            else f"{n} numbers"
-            if isinstance(n, int)
-            else "one or more numbers"
-        )
+        many = f"{n} numbers" if isinstance(n, int) else "one or more numbers"
+        return "one number" if n == 1 else many
     each = ["(" + ", ".join(map(str, s)) + ("," if len(s) == 1 else "") + ")" for s in shapes]
     return "shape " + " or ".join(each)
 
@@ -246,13 +241,10 @@ def checked_array(
     InputError
         For what is no real number (see `real_array`), another shape, NaN or infinity.
     """
-    if (  # nearly always
-        type(values) is np.ndarray
-        and values.dtype is _DOUBLE
-        and values.shape == shape
-        and (not finite or _is_finite(values))
-    ):
-        return values.copy() if copy else values
+    if type(values) is np.ndarray and values.dtype is _DOUBLE and values.shape == shape:
+        own: Array = values
+        if not finite or _is_finite(own):  # nearly always
+            return own.copy() if copy else own
     shapes = shape if isinstance(shape, list) else [] if shape is None else [shape]
     array = real_array(values, what, where=where, expected=shapes)
     if copy and (array is values or not array.flags.owndata or not array.flags.writeable):

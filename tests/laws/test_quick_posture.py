@@ -12,6 +12,7 @@ import pytest
 import cartstiff
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.many import single
+from cartstiff.many.quick_posture import QuickPosture
 from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")
@@ -77,7 +78,7 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
         if (both := both_answers(elastic, q, wrench)) is None:
             continue
         ours, engine = both
-        found += isinstance(ours, single.QuickPosture)
+        found += isinstance(ours, QuickPosture)
         assert_same(ours.q, engine.q)
         assert [n.code for n in ours.notes] == [n.code for n in engine.notes]
         assert [n.code for n in ours.notes_on_posture] == [n.code for n in engine.notes_on_posture]
@@ -95,6 +96,11 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
         if engine.tangent is not None and engine.tangent_compliance is not None:
             assert_same(ours.tangent, engine.tangent)
             assert_same(ours.tangent_compliance, engine.tangent_compliance)
+            assert_same(ours.inverse_of_even_tangent, engine.inverse_of_even_tangent)
+            even = 0.5 * (engine.tangent + engine.tangent.T)
+            condition = np.linalg.cond(even)
+            residual = ours.inverse_of_even_tangent @ even - np.eye(6)
+            assert np.abs(residual).max() <= 1e-14 * condition
         assert ours.is_loaded == engine.is_loaded
         assert ours.as_dict().keys() == engine.as_dict().keys()
     assert found >= quick
@@ -115,7 +121,7 @@ def test_links_that_give_are_bent_by_machine_code_too(monkeypatch):
         if (both := both_answers(elastic, q, load)) is None:
             continue
         ours, engine = both
-        quick += isinstance(ours, single.QuickPosture)
+        quick += isinstance(ours, QuickPosture)
         np.testing.assert_allclose(ours.q, engine.q, rtol=0, atol=1e-12)
         assert [n.message for n in ours.notes] == [n.message for n in engine.notes]
         for name in ("pose", "jacobian", "wrench", "tangent", "tangent_compliance"):
@@ -136,7 +142,7 @@ def test_postures_that_would_not_stay_are_answered_alike():
     for q in elastic.q + rng.uniform(-0.8, 0.8, (60, 6)):
         ours, engine = cartstiff.analyse(elastic, q), compute.analyse(elastic, q)
         is_unstable = np.linalg.eigvalsh(engine.matrices["B"])[0] < 0
-        quick += is_unstable and isinstance(ours, single.QuickPosture)
+        quick += is_unstable and isinstance(ours, QuickPosture)
         for c in "ABKF":
             K, C = engine.matrices[c], engine.compliances[c]
             scaled = K * np.outer([2, 2, 2, 1, 1, 1], [2, 2, 2, 1, 1, 1])  # lengths in 0.5 m
@@ -167,7 +173,7 @@ def test_beyond_limits_it_says_so(arm):
     q = arm.q.copy()
     q[0] = 20.0
     ours = cartstiff.analyse(arm, q)
-    assert isinstance(ours, single.QuickPosture)
+    assert isinstance(ours, QuickPosture)
     assert ours.notes == compute.analyse(arm, q).notes
     assert "beyond-limits" in {n.code for n in ours.notes}
 
@@ -178,7 +184,7 @@ def test_refusals_and_what_is_not_computed_are_the_engines(arm):
     with pytest.raises(InputError, match="finite"):
         cartstiff.analyse(arm, [np.nan] * 6)
     ours = cartstiff.analyse(arm)
-    assert isinstance(ours, single.QuickPosture)
+    assert isinstance(ours, QuickPosture)
     engine = compute.analyse(arm)
     assert ours.reduction.rank == 6
     assert np.array_equal(ours.elastic.springs.rest, engine.elastic.springs.rest)

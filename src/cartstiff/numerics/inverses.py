@@ -156,6 +156,8 @@ def _inverted_one_by_one(matrices: Array) -> tuple[Array, list[float]]:
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
     r"""``(M + D)^-1 = C (1 + D C)^-1`` from ``C = M^-1``, without M; None if there is none."""
+    if not change.any():
+        return inverse
     if (plain := plain_inverse_of_sum(inverse, change)) is not None:
         return plain
     factor = invert(np.eye(len(inverse)) + change @ inverse)

@@ -24,7 +24,7 @@ from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.single import QuickPosture
+from cartstiff.many.quick_posture import QuickPosture
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.page.state import ViewState
 from cartstiff.page.verdict import asymmetries, verdict

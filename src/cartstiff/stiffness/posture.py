@@ -102,9 +102,8 @@ class PostureStiffness(ShownInLines):
     def stored_energy(self) -> float:
         """Energy of springs and other potentials, without that of gravity and of loads."""
         inner, outside = self.elastic.parted_terms()
-        if not outside:
-            return self.energy
-        return float(sum((t.evaluate(self.posture).energy for t in inner), 0.0))
+        each = (term.evaluate(self.posture).energy for term in inner)
+        return float(sum(each, 0.0)) if outside else self.energy
 
     def motion_under(self, wrench: ArrayLike, change: ArrayLike | None = None) -> Array:
         """Linear motion of all coordinates (n,) under an added wrench (6,) in the body frame.
@@ -210,9 +209,7 @@ class PostureStiffness(ShownInLines):
         """Whether a stiffness and its inverse leave some principal values without digits."""
         name = "B" if name in ("A", "+", "load") else name
         K, C = self.matrices.get(name), self.compliances.get(name)
-        if K is None or C is None:
-            return C is not None
-        return bool(numerics.pair_condition(K, C) > numerics.PAIRED)
+        return C is not None and (K is None or numerics.pair_condition(K, C) > numerics.PAIRED)
 
     @cached_property
     def is_loaded(self) -> bool:
@@ -226,8 +223,7 @@ class PostureStiffness(ShownInLines):
     def wrench_is_known(self) -> bool:
         """Whether the joints feel all of W; else the part that the structure carries is open.
 
-        Where the user gave the load, that part is the load's; otherwise it is taken as zero in the
-        length-scaled norm.
+        Of a given load it is the load's; else it is taken as zero in the length-scaled norm.
         """
         return self.wrench is not None and (self.reduction.rank == 6 or self._load_is_given)
 
@@ -245,9 +241,8 @@ class PostureStiffness(ShownInLines):
     def tangent(self) -> Array | None:
         """K^load (6, 6): change of the wrench that must be added, per motion, under the load.
 
-        The derivative of the elastic wrench less that of the load, which behaves as `load` says;
-        what `equilibrium` gives as the linear limit of an added load. None where no stiffness
-        exists.
+        The derivative of the elastic wrench less that of the load, which behaves as `load` says:
+        the linear limit of `equilibrium`. None where no stiffness exists.
         """
         return None if self._every is None else self._every[3]
 
@@ -260,9 +255,7 @@ class PostureStiffness(ShownInLines):
     def inverse_of_even_tangent(self) -> Array | None:
         """Inverse of the symmetric part of `tangent`; None if there is none."""
         C, change = self.compliances["B"], self.change_by_load
-        if C is None or not change.any():
-            return C
-        return numerics.inverse_of_sum(C, 0.5 * (change + change.T))
+        return C if C is None else numerics.inverse_of_sum(C, 0.5 * (change + change.T))
 
     @property
     def compliance(self) -> Compliance:
@@ -294,20 +287,14 @@ class PostureStiffness(ShownInLines):
         InputError
             If it is not a rigid motion.
         """
-        if T_M_N is None:
-            return self._own_frame
-        T = checked_pose(T_M_N, "frame of the body")
-        key = T.tobytes()
+        T = _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        key = None if T_M_N is None else T.tobytes()
         if key not in self._frames:
             self._frames[key] = stiffness_in_frame(self, T)
         return self._frames[key]
 
     @cached_property
-    def _own_frame(self) -> StiffnessInFrame:
-        return stiffness_in_frame(self, _EYE_4)
-
-    @cached_property
-    def _frames(self) -> dict[bytes, StiffnessInFrame]:
+    def _frames(self) -> dict[bytes | None, StiffnessInFrame]:
         """Frames that have been asked for: numbers and picture read the same object."""
         return {}
 
@@ -351,9 +338,8 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
-        if self._notes is not None:
-            return self._notes
-        return posture_notes.notes_on_posture(self.elastic, self.posture, self.reduction)
+        known, find = self._notes, posture_notes.notes_on_posture
+        return find(self.elastic, self.posture, self.reduction) if known is None else known
 
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
         """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
