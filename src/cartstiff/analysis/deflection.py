@@ -21,9 +21,9 @@ from cartstiff.geometry.se3 import Array
 
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
     """Small displacement (3,) of a body point: ``v + omega x p``."""
-    t = checked_vector(twist, 6, "twist")
-    (a, b, c), (x, y, z) = t[:3].tolist(), checked_vector(point, 3, "point").tolist()
-    return np.asarray(t[3:] + np.array([b * z - c * y, c * x - a * z, a * y - b * x]))
+    a, b, c, *v = checked_vector(twist, 6, "twist").tolist()
+    x, y, z = checked_vector(point, 3, "point").tolist()
+    return np.array([v[0] + (b * z - c * y), v[1] + (c * x - a * z), v[2] + (a * y - b * x)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,11 @@ def compliance_deflection(
     """Deflection ``C dW``; exists at singular postures and for fewer than six joints too."""
     C = checked_matrix(compliance, "compliance")
     W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
-    twist = C @ W
-    return Deflection(W, twist, p, displacement_of_point(twist, p), 0.5 * float(W @ twist))
+    twist = C.dot(W)
+    moved = displacement_of_point(twist, p)
+    for own in (W, p, twist, moved):  # nobody else's, so that they need not be copied
+        own.flags.writeable = False
+    return Deflection(W, twist, p, moved, 0.5 * float(W.dot(twist)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,4 +189,6 @@ def spring_shares(
     energy = 0.5 * force * elongation
     whole = deflection.energy
     share = energy / whole if whole != 0.0 else np.full(len(energy), np.nan)
+    for own in (force, energy, share):  # nobody else's, so that they need not be copied
+        own.flags.writeable = False
     return SpringShares(elongation, force, energy, share, 1.0 - float(share.sum()))

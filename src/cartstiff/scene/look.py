@@ -12,6 +12,14 @@ from cartstiff.matrix_names import LETTERS
 from cartstiff.scene.scales import SCALES
 from cartstiff.scene.theme import THEMES
 
+_KNOWN = {
+    "connection": LETTERS,
+    "quantity": ("stiffness", "compliance"),
+    "condition of the other freedoms": ("block", "held", "free"),
+    "scale": tuple(SCALES),
+    "theme": tuple(THEMES),
+}
+
 
 @dataclass(frozen=True)
 class Look:
@@ -86,13 +94,8 @@ class Look:
     frames: bool = True
 
     def __post_init__(self) -> None:
-        for name, value, known in (
-            ("connection", self.connection, LETTERS),
-            ("quantity", self.quantity, ("stiffness", "compliance")),
-            ("condition of the other freedoms", self.others, ("block", "held", "free")),
-            ("scale", self.scale, tuple(SCALES)),
-            ("theme", self.theme, tuple(THEMES)),
-        ):
+        chosen = self.connection, self.quantity, self.others, self.scale, self.theme
+        for value, (name, known) in zip(chosen, _KNOWN.items(), strict=True):
             if value not in known:
                 raise UnknownNameError(name, str(value), known)
         if self.exaggeration is not None and not 0.0 < self.exaggeration < 1e30:

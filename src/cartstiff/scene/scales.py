@@ -235,7 +235,9 @@ class Tension:
 
     def share(self, tensions: Array) -> Array:
         """Tensions over the limit, within [-1, 1]."""
-        return np.clip(tensions / self.limit, -1.0, 1.0) if self.limit else np.zeros_like(tensions)
+        if not self.limit:
+            return np.zeros_like(tensions)
+        return np.minimum(np.maximum(tensions / self.limit, -1.0), 1.0)
 
     def legend(self) -> dict[str, Any]:
         """The limits of the colour bar: compression below zero."""

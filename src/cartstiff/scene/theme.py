@@ -116,7 +116,7 @@ def fractions(colour: int) -> list[float]:
 
 
 def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
-    place = np.clip(real_array(x), 0.0, 1.0) * (len(table) - 1)
+    place = np.minimum(np.maximum(real_array(x), 0.0), 1.0) * (len(table) - 1)
     knot = np.minimum(place.astype(int), len(table) - 2)
     start = table[knot]
     mixed = (table[knot + 1] - start) * (place - knot)[..., None] + start
