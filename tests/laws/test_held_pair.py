@@ -1,0 +1,53 @@
+"""What a page reads from a pair of matrices together is what each function says on its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cartstiff.analysis.ellipsoids import compliance_ellipsoid, stiffness_ellipsoid
+from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.scene.quantities import HeldPair
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    spread=st.floats(0.0, 5.0),
+    signs=st.lists(st.sampled_from([1.0, 1.0, 1.0, -1.0]), min_size=6, max_size=6),
+)
+def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    values = np.array(signs) * 10.0 ** rng.uniform(-spread, spread, 6)
+    K = (Q * values) @ Q.T
+    C = (Q / values) @ Q.T
+    K, C = 0.5 * (K + K.T), 0.5 * (C + C.T)
+    pair = HeldPair(K, C, None)
+    for freedom in ("translation", "rotation"):
+        ours = pair.ellipsoid(freedom)
+        other = stiffness_ellipsoid(K, freedom, "held", None, C)
+        np.testing.assert_allclose(ours.eigenvalues, other.eigenvalues, rtol=1e-9)
+        assert ours.definiteness == other.definiteness
+        np.testing.assert_allclose(np.linalg.det(ours.axes), 1.0, atol=1e-12)
+        block = slice(3, 6) if freedom == "translation" else slice(0, 3)
+        size = np.abs(K[block, block]).max()
+        np.testing.assert_allclose(ours.matrix, K[block, block], atol=1e-9 * size)
+    length = characteristic_length(K, C)
+    assert (pair.length.origin, pair.length.reason) == (length.origin, length.reason)
+    assert pair.length.value == pytest.approx(length.value, rel=1e-9)
+    alone = characteristic_length(K)  # by Cholesky's decomposition
+    if spread < 2.0:
+        assert pair.length.origin == alone.origin
+        assert pair.length.value == pytest.approx(alone.value, rel=1e-9)
+
+
+def test_a_compliance_is_the_inverse_of_a_stiffness():
+    K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
+    shape = compliance_ellipsoid(np.linalg.inv(K), "translation", "held", None, K)
+    own = HeldPair(K, np.linalg.inv(K), None).ellipsoid("translation")
+    np.testing.assert_allclose(shape.eigenvalues, 1.0 / own.eigenvalues[::-1], rtol=1e-15)
+    # (det S / det K_tt)^(1/6) = (6 / 6000)^(1/6)
+    assert HeldPair(K, np.linalg.inv(K), None).length.value == pytest.approx(10**-0.5, rel=1e-15)
