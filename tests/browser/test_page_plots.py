@@ -109,7 +109,11 @@ def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
     for _ in range(4):
         page.mouse.wheel(0, -100)
     page.wait_for_function("() => location.hash.includes('seen=')")
-    plot = page.evaluate("() => window.cartstiff.plot")
+    before = ""
+    while before != page.url:  # the address is written a little after the last turn of the wheel
+        before = page.url
+        page.wait_for_timeout(1000)
+        plot = page.evaluate("() => window.cartstiff.plot")
     again = pages.open(page.url)
     again.wait_for_selector("#strip .plot .turn.curve-0")
     assert again.evaluate("() => window.cartstiff.plot") == plot
