@@ -527,6 +527,7 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
     """The server goes while curves are asked for; they were asked for again and again."""
     server = Background(Source(cartstiff.load("cubic")))
     page = pages.open(server.url)
+    page.wait_for_selector("#strip .plot:not(.computing) .curve-2")  # those of the start
     page.evaluate(
         """() => {
             const { source } = window.cartstiff;
@@ -538,7 +539,7 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
             };
         }"""
     )
-    page.focus("#slider-2")
+    page.focus("#slider-0")  # the curves run along another one, and depend on it
     page.keyboard.press("PageUp")
     # After curves that took a second, on a slow machine, the page waits to be asked.
     page.wait_for_function(
