@@ -159,7 +159,7 @@ def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scala
 
 #: Of a dead load at M's origin: K^load, its inverse, that of its symmetric part, and whether both
 #: hold.
-UNDER_LOAD = ("dead_stiffness", "dead_compliance", "dead_even", "dead_verdict")
+UNDER_LOAD = ("dead_stiffness", "dead_compliance", "dead_symmetric", "dead_verdict")
 _DEAD = np.moveaxis(DEAD_AT_ORIGIN.change(np.eye(6)), 0, -1)
 
 
@@ -171,7 +171,7 @@ def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Sc
     C, D = arrays["compliance_B"], _DEAD @ arrays["wrench"]
     arrays["dead_stiffness"] = arrays["stiffness_B"] + D
     arrays["dead_compliance"], doubt = changed_compliance(C, D, length)
-    arrays["dead_even"], other = changed_compliance(C, (D + D.T) * 0.5, length)
+    arrays["dead_symmetric"], other = changed_compliance(C, (D + D.T) * 0.5, length)
     arrays["dead_verdict"] = np.array([larger(doubt, other)], object)
 
 

@@ -172,11 +172,11 @@ class QuickPosture(PostureStiffness):
         return self._engine.tangent_compliance if inverse is None else inverse
 
     @cached_property
-    def inverse_of_even_tangent(self) -> Array | None:
+    def inverse_of_symmetric_tangent(self) -> Array | None:
         """Inverse of the symmetric part of `tangent`."""
         if self._holds_under_load:
-            return self._matrix(self._code.under_load["dead_even"])
-        return super().inverse_of_even_tangent
+            return self._matrix(self._code.under_load["dead_symmetric"])
+        return super().inverse_of_symmetric_tangent
 
     @property
     def _holds_under_load(self) -> bool:

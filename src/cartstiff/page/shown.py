@@ -281,10 +281,7 @@ def _deflection(result: PostureStiffness, state: ViewState, notes: Notes) -> Fou
 def _resists(result: PostureStiffness) -> bool:
     """Whether the load is resisted: a negative compliance would let it move the body on and on."""
     C = result.at().compliances["load"]
-    if C is None:
-        return True
-    values = numerics.symmetric_values(0.5 * (C + C.T)).tolist()
-    return bool(values[0] >= -numerics.ZERO * values[-1])
+    return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
 
 
 def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:

@@ -57,7 +57,7 @@ class StiffnessInFrame:
     load: LoadKind
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
-    _inverse_of_even_tangent: Callable[[], Array | None]
+    _of_symmetric_tangent: Callable[[], Array | None]
     _root: Callable[[str, str], Array | None]
 
     @cached_property
@@ -107,7 +107,7 @@ class StiffnessInFrame:
 
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
-        C = self._inverse_of_even_tangent()
+        C = self._of_symmetric_tangent()
         if C is None or self.is_body_frame:
             return C
         back = se3.adjoint(se3.inverse(self.T_M_N))
@@ -149,7 +149,7 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
         load,
         NamedArrays(matrices),
         NamedArrays(compliances),
-        partial(getattr, result, "inverse_of_even_tangent"),
+        partial(getattr, result, "inverse_of_symmetric_tangent"),
         result.root_of_compliance,
     )
 

@@ -252,7 +252,7 @@ class PostureStiffness(ShownInLines):
         return self.compliances["load"]
 
     @cached_property
-    def inverse_of_even_tangent(self) -> Array | None:
+    def inverse_of_symmetric_tangent(self) -> Array | None:
         """Inverse of the symmetric part of `tangent`; None if there is none."""
         C, change = self.compliances["B"], self.change_by_load
         return C if C is None else numerics.inverse_of_sum(C, 0.5 * (change + change.T))
