@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -134,27 +134,6 @@ def _choice(freedom: str, others: str) -> tuple[slice, bool]:
     if others not in ("free", "held"):
         raise UnknownNameError("condition of the other freedoms", others, ("free", "held"))
     return _BLOCKS[freedom], others == "held"
-
-
-def ellipsoid_of_pair(
-    K: Array | None, C: Array | None, root: Array | None, freedom: Freedom, quantity: str,
-    others: Others,
-) -> Ellipsoid:  # fmt: skip
-    """`stiffness_ellipsoid` or `compliance_ellipsoid` of a `StiffnessInFrame.pair` and its root.
-
-    What is meant, the "stiffness" or the "compliance", is not None; both are known to be symmetric.
-    """
-    is_stiffness = quantity == "stiffness"
-    matrix, inverse = (K, C) if is_stiffness else (C, K)
-    if root is None and matrix is not None and is_stiffness == (others == "held"):
-        # Nothing is eliminated, and nearly always the block has all the digits.
-        keep = _BLOCKS[freedom]
-        values, vectors = numerics.symmetric_vectors(matrix[keep, keep])
-        if inverse is not None and numerics.hold_all_digits(values):
-            return shape_of(values, vectors, definiteness(values))
-    if is_stiffness:
-        return stiffness_ellipsoid(cast(Array, K), freedom, others, None, C, root)
-    return compliance_ellipsoid(cast(Array, C), freedom, others, None, K, root)
 
 
 def stiffness_block(

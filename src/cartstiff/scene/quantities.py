@@ -9,7 +9,14 @@ from typing import Literal
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, Others, ellipsoid_of_pair, shape_of
+from cartstiff.analysis.ellipsoids import (
+    Ellipsoid,
+    Freedom,
+    Others,
+    compliance_ellipsoid,
+    shape_of,
+    stiffness_ellipsoid,
+)
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION, definiteness
 from cartstiff.analysis.metrics import NATURAL, CharacteristicLength, length_of_pair
 from cartstiff.arrays import Array
@@ -82,8 +89,7 @@ class HeldPair:
             if is_whole[at]:
                 shape = shape_of(values[at], vectors[at], definiteness(values[at]))
             else:
-                pair = self.K, self.C, self.root
-                shape = ellipsoid_of_pair(*pair, freedom, "stiffness", "held")
+                shape = stiffness_ellipsoid(self.K, freedom, "held", None, self.C, self.root)
             self._shapes[freedom] = shape
         return self._shapes[freedom]
 
@@ -122,9 +128,10 @@ def block_ellipsoid(
         return None if pair is None else pair.ellipsoid(freedom)
     how: Others = "free" if others == "block" else others
     K, C = here.pair(connection, how)
-    if (K if is_stiffness else C) is None:
-        return None
-    return ellipsoid_of_pair(K, C, here.root(connection, how), freedom, quantity, how)
+    root = here.root(connection, how)
+    if is_stiffness:
+        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C, root)
+    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K, root)
 
 
 @lru_cache(maxsize=16)
