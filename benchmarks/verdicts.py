@@ -49,20 +49,22 @@ def _finite(condition: np.ndarray) -> np.ndarray:
     return np.where(condition < 1e14, condition, 1.0)
 
 
-def compared(name: str, count: int, loaded: bool, seed: int) -> dict[str, float]:
-    """What was seen over `count` postures of a mechanism."""
-    elastic, rng = cartstiff.load(name), np.random.default_rng(seed)
+def compared(name: str, loaded: bool, given: argparse.Namespace) -> dict[str, float]:
+    """What was seen over ``given.count`` postures of a mechanism."""
+    elastic, rng, count = cartstiff.load(name), np.random.default_rng(given.seed), given.count
+    if given.preload:
+        elastic = elastic.with_springs(rest=given.preload * rng.uniform(-1, 1, elastic.q.size))
     load = {"wrench": LOAD * (0.3 if name in SMALL else 1.0)} if loaded else {}
     seen = {"engine": 0.0, "fast": 0.0, "differ": 0, "by engine": 0, "worst": 0.0, "irregular": 0}
     path = "compiled"
-    analyse_many(elastic, drawn(elastic, 8, rng), outputs=OUTPUTS, path=path, **load)
+    analyse_many(elastic, drawn(elastic, 8, rng), outputs=given.outputs, path=path, **load)
     done = 0
     while done < count:
         q = drawn(elastic, min(CHUNK, count - done), rng)
         start = time.perf_counter()
-        fast = analyse_many(elastic, q, outputs=OUTPUTS, path=path, **load)
+        fast = analyse_many(elastic, q, outputs=given.outputs, path=path, **load)
         middle = time.perf_counter()
-        engine = analyse_many(elastic, q, outputs=OUTPUTS, path="engine", **load)
+        engine = analyse_many(elastic, q, outputs=given.outputs, path="engine", **load)
         seen["fast"] += middle - start
         seen["engine"] += time.perf_counter() - middle
         states = [np.array(found.codes)[found.state] for found in (fast, engine)]
@@ -74,7 +76,7 @@ def compared(name: str, count: int, loaded: bool, seed: int) -> dict[str, float]
             J = np.nan_to_num(engine["jacobian"])
             values = np.linalg.svd(J, compute_uv=False)
             condition = _finite(values[:, 0] / values[:, -1])
-            for output in OUTPUTS:
+            for output in given.outputs:
                 a, b = fast[output], engine[output]
                 seen["differ"] += int((np.isnan(a) != np.isnan(b)).any(axis=(1, 2)).sum())
                 own = condition
@@ -94,8 +96,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=100_000, help="postures a row")
     parser.add_argument("--only", nargs="+", default=list(MECHANISMS), metavar="NAME")
+    parser.add_argument("--outputs", nargs="+", default=list(OUTPUTS), metavar="NAME")
+    parser.add_argument("--preload", type=float, default=0.0, metavar="ANGLE",
+                        help="turn the rest positions of joint springs away from zero, at most "
+                        "by this (rad)")  # fmt: skip
     parser.add_argument("--seed", type=int, default=5, help="of the postures")
     given = parser.parse_args()
+    if "jacobian" not in given.outputs:
+        given.outputs.append("jacobian")  # tells the condition
     heads = ("mechanism", "load", "postures", "not regular", "by the engine",
              "verdicts that differ", "error / condition", "engine, us", "fast, us")  # fmt: skip
     print("|", " | ".join(heads), "|")
@@ -104,7 +112,7 @@ def main() -> None:
         for loaded in (False, True):
             if loaded and name in ("stewart-gough", "cable-robot"):
                 continue  # they have rest lengths
-            seen = compared(name, given.count, loaded, given.seed)
+            seen = compared(name, loaded, given)
             each = 1e6 / given.count
             cells = (name, "given" if loaded else "none", given.count, seen["irregular"],
                      seen["by engine"], seen["differ"], f"{seen['worst']:.0e}",

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import numerics
+from cartstiff.many.arithmetic import PLAIN, holds_soft_directions
 from cartstiff.many.postures import analyse_many
+from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
 COUNT = 40
 
@@ -59,3 +62,43 @@ def test_springs_far_from_rest_leave_inverses_of_either_sign_to_the_tape(path):
         size = np.abs(engine[output]).max(axis=(1, 2))
         error = np.abs(fast[output] - engine[output]).max(axis=(1, 2)) / size
         assert np.all(error < 1e-12 * loss)
+
+
+def of_mixed_signs(seed: int, count: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffnesses of arms near singularities whose Hessians are of either sign; and compliances."""
+    rng = np.random.default_rng(seed)
+    U, values, V = np.linalg.svd(rng.normal(size=(count, 6, 6)))
+    values[:, 5] *= 10.0 ** rng.uniform(-7, -2, count)
+    values[:, 4] *= 10.0 ** rng.uniform(-3, 0, count)
+    sizes = 10.0 ** rng.uniform(-3, 3, (count, 6, 1))
+    J = U @ (values[:, :, None] * V)
+    A = V.swapaxes(1, 2) @ (U.swapaxes(1, 2) / values[:, :, None])
+    H = rng.normal(size=(count, 6, 6)) * 10.0 ** rng.uniform(-3, 1, (count, 1, 1))
+    H = H + H.swapaxes(1, 2) + np.eye(6)
+    K, C = A.swapaxes(1, 2) @ H @ A, J @ np.linalg.inv(H) @ J.swapaxes(1, 2)
+    outer = sizes * sizes.swapaxes(1, 2)
+    return (K + K.swapaxes(1, 2)) / 2 * outer, (C + C.swapaxes(1, 2)) / 2 / outer
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_verdict_is_on_the_safe_side_and_rarely_needless(seed):
+    matrices, inverses = of_mixed_signs(seed)
+    errors = np.array([*map(error_of_soft_directions, matrices, inverses)])
+    with np.errstate(all="ignore"):  # a pivot may vanish: that is one of the doubts
+        verdicts = np.array([holds_soft_directions(K, ["stiffness_B"]) for K in matrices])
+    assert not np.any((verdicts == PLAIN) & (errors > numerics.LOST))
+    clear = errors < numerics.LOST / 3
+    assert clear.sum() > len(clear) // 4
+    assert np.count_nonzero(verdicts[clear] != PLAIN) <= clear.sum() // 100
+
+
+def test_pivots_of_both_signs_do_not_leave_a_plain_posture_to_the_engine():
+    """Postures whose factors grow a thousandfold, as they come among 100,000 random ones."""
+    elastic = cartstiff.load("ur5").with_springs(rest=[0.1, -0.4, 0.3, 0.2, 0.5, -0.6])
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (10**5, 6))[[49096, 60933, 67039, 73673]]
+    outputs = ("stiffness_B",)
+    fast, engine = (analyse_many(elastic, q, outputs=outputs, path=p) for p in ("auto", "engine"))
+    assert engine.counts() == fast.counts() == {"regular": 4}
+    assert fast.by_engine == 0
+    size = np.abs(engine["B"]).max(axis=(1, 2), keepdims=True)
+    assert np.all(np.abs(fast["B"] - engine["B"]) < 1e-10 * size)
