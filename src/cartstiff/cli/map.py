@@ -7,7 +7,7 @@ import math
 import shlex
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -38,6 +38,9 @@ from cartstiff.cli.types import (
 )
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.matrix_names import OF_MANY
+
+if TYPE_CHECKING:
+    from cartstiff.maps.store import MapFile
 
 _EPILOG = """\b
 Examples:
@@ -267,6 +270,7 @@ def command(
     from cartstiff.maps.prepare import prepare_map
     from cartstiff.maps.reading import places_of, slice_map
     from cartstiff.maps.run import run_map
+    from cartstiff.maps.totals import summary, summary_of_file
 
     job, file = prepare_map(
         elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
@@ -295,16 +299,18 @@ def command(
             f"have been made anew: {one_line('; '.join(damaged), 300)}",
             error=True,
         )
-    whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
+    lists = {"best": best, "worst": worst}
+    whole: Any = None  # opened where the parts' facts do not say all
+    if cuts or single_branch or (best, worst, level, picture) != (None,) * 4:
+        whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
     dataset = whole
     if single_branch:
         from cartstiff.maps.across.configurations import single_branch as one_branch
 
         dataset = one_branch(whole, quantities[0], level, above is None)
-    known = None if cuts or single_branch else facts
-    answer = _answer(dataset, file, output, computed, seconds, known)
+    summed = summary(dataset) if cuts or single_branch else summary_of_file(file, facts)
+    answer = _answer(file, output, computed, seconds, summed)
     answer |= {"slice": places_of(whole, cuts)}
-    lists = {"best": best, "worst": worst}
     from cartstiff.mechanisms.weighed import weights_of
     from cartstiff.report.maps import describe_map, ranked
 
@@ -370,20 +376,18 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 
 
 def _answer(
-    dataset: Any, file: Any, output: Path, computed: int, seconds: float, known: Any
+    file: MapFile, output: Path, computed: int, seconds: float, summed: dict[str, Any]
 ) -> dict[str, Any]:
-    from cartstiff.maps.reading import branches_found, summary
-
-    branches, total = branches_found(dataset), math.prod(file.shape)
+    about, total = file.attributes, math.prod(file.shape)
     return {
-        "schema": dataset.attrs["schema"],
+        "schema": about["schema"],
         "file": str(output),
-        "mechanism": dataset.attrs["mechanism"],
-        "frame": dataset.attrs["frame"],
-        "connection": dataset.attrs["connection"],
-        "load": {key: dataset.attrs[f"load_{key}"] for key in ("kind", "at", "meaning")},
-        "characteristic_length": dataset.attrs["characteristic_length"],
-        "units": {k: dataset.attrs[f"{k}_unit"] for k in ("length", "force", "angle")},
+        "mechanism": about["mechanism"],
+        "frame": about["frame"],
+        "connection": about["connection"],
+        "load": {key: about[f"load_{key}"] for key in ("kind", "at", "meaning")},
+        "characteristic_length": about["characteristic_length"],
+        "units": {k: about[f"{k}_unit"] for k in ("length", "force", "angle")},
         "postures": total,
         "parts": {
             "total": len(file.boxes),
@@ -391,7 +395,6 @@ def _answer(
             "found": len(file.boxes) - computed,
         },
         "seconds": round(seconds, 3),
-        **({} if branches is None else {"branches": branches}),
-        **{key: dataset.attrs.get(key) for key in ("intervals", "told")},
-        **summary(dataset, known),
+        **{key: about.get(key) for key in ("intervals", "told")},
+        **summed,
     }

@@ -50,7 +50,7 @@ class _Lazy(ABC):
         return self.box(ends)[tuple(inner)]
 
 
-class _Stored(_Lazy):
+class StoredArray(_Lazy):
     """An array of a map's file. Parts that are not done read as the fill value."""
 
     def __init__(self, file: MapFile, name: str) -> None:
@@ -138,7 +138,7 @@ def open_map(path: str | Path) -> xarray.Dataset:
     own = ("state", "position", "q", "branches")
     for name in (*(part for part in parts if part not in own), *own):
         if name in parts:
-            stored = _Stored(file, name)
+            stored = StoredArray(file, name)
             about = file.arrays[name].metadata
             variables[name] = (
                 about.dimension_names, lazy(stored, stored.chunks), dict(about.attributes),

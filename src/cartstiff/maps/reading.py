@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -18,12 +17,16 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 #: Variables of a map that are no quantities.
-_OTHERS = ("state", "position", "q", "branches")
+OTHERS = ("state", "position", "q", "branches")
 
 
 def state_names(dataset: xarray.Dataset) -> dict[int, str]:
     """Names of the numbers in ``state``."""
-    attributes = dataset["state"].attrs
+    return named_states(dataset["state"].attrs)
+
+
+def named_states(attributes: Mapping[str, Any]) -> dict[int, str]:
+    """Names of the numbers in ``state``, by its attributes."""
     names = attributes["flag_meanings"].split()
     return dict(zip((int(v) for v in attributes["flag_values"]), names, strict=True))
 
@@ -32,13 +35,11 @@ def each_block(
     dataset: xarray.Dataset,
     names: Iterable[str],
     function: Callable[[Array], _T],
-    known: Mapping[int, Mapping[str, _T]] | None = None,
 ) -> list[list[_T]]:
     """What a function makes of the parts of some arrays, in the order of `blocks`.
 
     A few parts are read at a time, and one plan serves all: to plan each part for itself would take
-    longer than to read it. What is `known` of a part, by its number and the array's name, is not
-    read again.
+    longer than to read it.
     """
     arrays = {name: dataset[name] for name in names}
     if any(array.chunks is None for array in arrays.values()):
@@ -47,23 +48,11 @@ def each_block(
     from dask.delayed import delayed
     from dask.threaded import get
 
-    known = known or {}
-    parts = [[known[i][name] if i in known else delayed(function)(part)
-              for i, part in enumerate(array.data.to_delayed().ravel())]
-             for name, array in arrays.items()]  # fmt: skip
+    parts = [[delayed(function)(part) for part in array.data.to_delayed().ravel()]
+             for array in arrays.values()]  # fmt: skip
     # By name, or without one, a package for clusters would be imported to ask for its client.
     computed: list[list[_T]] = list(compute(*parts, scheduler=get))  # type: ignore[no-untyped-call]
     return computed
-
-
-def facts_of(arrays: Mapping[str, Array]) -> dict[str, Any]:
-    """Of the arrays of a part what its `summary` needs."""
-    facts = {name: finite_range(a) for name, a in arrays.items() if name not in _OTHERS}
-    return facts | {"state": _counts(arrays["state"])}
-
-
-def _counts(states: Array) -> Array:
-    return np.bincount(np.ravel(states), minlength=256)
 
 
 def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
@@ -93,78 +82,7 @@ def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
 
 def quantities_of(dataset: xarray.Dataset) -> list[str]:
     """Names of the quantities of a map."""
-    return [str(v) for v in dataset.data_vars if v not in _OTHERS]
-
-
-def summary(
-    dataset: xarray.Dataset, known: Mapping[int, Mapping[str, Any]] | None = None
-) -> dict[str, Any]:
-    """Number of postures in each state, and the range of every quantity.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        A whole map, or a part of one.
-    known : mapping, optional
-        For a whole map: `facts_of` the arrays of parts that need not be read, by their number.
-
-    Returns
-    -------
-    dict
-        "states": counts by name; "quantities": by name, "unit", "smallest", "mean", "largest" over
-        the finite values (None if there are none), and "undefined", the number of the others.
-    """
-    names = state_names(dataset)
-    counts: dict[str, int] = {}
-    (states,) = each_block(dataset, ["state"], _counts, known)
-    every = np.sum(states, axis=0)
-    for code in np.flatnonzero(every).tolist():
-        name = names.get(code, str(code))
-        counts[name] = counts.get(name, 0) + int(every[code])
-    ranges = {}
-    quantities = quantities_of(dataset)
-    ranges_found = each_block(dataset, quantities, finite_range, known)
-    for name, extremes in zip(quantities, ranges_found, strict=True):
-        array = dataset[name]
-        lows, highs, totals, numbers = zip(*extremes, strict=True)
-        low, high, total, number = min(lows), max(highs), sum(totals), sum(numbers)
-        ranges[name] = {
-            "unit": array.attrs.get("units", ""),
-            "smallest": low if number else None,
-            "mean": total / number if number else None,
-            "largest": high if number else None,
-            "undefined": int(array.size) - number,
-        }
-    return {"states": counts, "quantities": ranges}
-
-
-def finite_range(values: Array) -> tuple[float, float, float, int]:
-    """Smallest, largest, sum and number of the finite values."""
-    is_finite = np.isfinite(values)
-    values = np.asarray(values if is_finite.all() else values[is_finite], float)
-    if not values.size:
-        return np.inf, -np.inf, 0.0, 0
-    return float(values.min()), float(values.max()), float(values.sum()), values.size
-
-
-def branches_found(dataset: xarray.Dataset) -> dict[str, int] | None:
-    """How branches were searched for at the places of a Cartesian grid, and how many are there.
-
-    Returns
-    -------
-    dict or None
-        "starts" of each search, "legs" that were searched one by one (0: the whole at once), the
-        most branches "found" at a place, and how many are "kept"; None for other maps.
-    """
-    if "branches" not in dataset:
-        return None
-    sampling = json.loads(dataset.attrs["description"])["sampling"]
-    ((*most,),) = each_block(dataset, ["branches"], lambda a: int(np.max(a)))
-    count = max(most)
-    return {
-        "starts": 1 + sampling["starts"], "legs": sampling.get("legs", 0), "found": count,
-        "kept": sampling["branches"],
-    }  # fmt: skip
+    return [str(v) for v in dataset.data_vars if v not in OTHERS]
 
 
 def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:

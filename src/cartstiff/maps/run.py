@@ -20,9 +20,9 @@ from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import MapJob, Solved
 from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
-from cartstiff.maps.reading import facts_of
 from cartstiff.maps.sampling import Sampling
 from cartstiff.maps.store import MapFile
+from cartstiff.maps.totals import facts_of
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 if TYPE_CHECKING:
@@ -159,8 +159,8 @@ def run_map(
 ) -> Run:
     """Compute the chunks that are missing or damaged.
 
-    Arguments as in `compute_map`; into `facts` goes, for `cartstiff.maps.reading.summary`, what
-    this process knows of the chunks that it has written.
+    Arguments as in `compute_map`; into `facts` goes what this process knows of the chunks that it
+    has written, for `cartstiff.maps.totals.summary_of_file`.
     """
     if workers < 0 or (threads is not None and threads < 1):
         raise InputError("number of workers or threads cannot be used", got=(workers, threads))

@@ -12,7 +12,8 @@ from cartstiff.errors import InputError, joined, one_line
 from cartstiff.figures import figure_content
 from cartstiff.maps.opening import open_map
 from cartstiff.maps.pictures import draw_map
-from cartstiff.maps.reading import quantities_of, quantity_of, summary
+from cartstiff.maps.reading import quantities_of, quantity_of
+from cartstiff.maps.totals import summary
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.layout import number, table
 

@@ -17,8 +17,9 @@ from cartstiff.maps.drawing.parts import (
     title_of,
     wrapped,
 )
-from cartstiff.maps.reading import each_block, finite_range, quantity_of, unit_label
+from cartstiff.maps.reading import each_block, quantity_of, unit_label
 from cartstiff.maps.sampling import dimension_name
+from cartstiff.maps.totals import finite_range
 
 if TYPE_CHECKING:
     import xarray
