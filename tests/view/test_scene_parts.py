@@ -394,3 +394,9 @@ def test_names_of_the_package():
     assert set(scene.__all__) <= set(dir(scene))
     with pytest.raises(AttributeError, match="nonsense"):
         _ = scene.nonsense
+
+
+def test_one_shade_is_that_of_many():
+    values = np.concatenate([np.linspace(-1.2, 1.2, 997), [-1.0, -0.5, 0.0, 0.5, 1.0]])
+    expected = [theme.hex_of(colour) for colour in theme.diverging(values)]
+    assert [theme.shade(x) for x in values.tolist()] == expected

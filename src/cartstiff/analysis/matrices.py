@@ -98,13 +98,14 @@ def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO) -> Definit
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Asked for every posture of a page: on a few floats NumPy takes ten times as long.
     values = real_array(eigenvalues).tolist()
-    if min(values, default=0.0) > max(0.0, zero * max(values, default=0.0)):
+    low, high = min(values, default=0.0), max(values, default=0.0)
+    if low > max(0.0, zero * high):
         return "positive"
-    least = zero * max(map(abs, values), default=0.0)
-    below, above = any(v < -least for v in values), any(v > least for v in values)
-    null = any(abs(v) <= least for v in values)
+    least = zero * max(abs(low), abs(high))
+    below, above = low < -least, high > least
     if below and above:
         return "indefinite"
+    null = any(abs(v) <= least for v in values)
     if above:
         return "positive semidefinite" if null else "positive"
     if below:

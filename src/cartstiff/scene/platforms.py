@@ -94,7 +94,7 @@ class LinesPicture:
 
     def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
         """Slack cables grey and dashed."""
-        shades = theme.hexes_of(theme.diverging(scale.share(tensions)))
+        shades = [theme.shade(share) for share in scale.share(tensions).tolist()]
         for i, line in enumerate(self._rods):
             slack = self._cables and not taut[i]
             shade = theme.SLACK if slack else shades[i]

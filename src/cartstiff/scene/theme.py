@@ -91,6 +91,7 @@ THEMES = {"light": LIGHT, "dark": DARK}
 
 #: Colours of `diverging` at equal steps.
 DIVERGING = np.array([[0, 84, 147], [86, 160, 211], [214, 218, 220], [232, 140, 60], [190, 70, 0]])
+_DIVERGING: list[list[int]] = DIVERGING.tolist()
 # Dark blue over green to yellow with evenly rising lightness.
 _SEQUENTIAL = np.array(
     [[40, 26, 88], [53, 66, 124], [42, 107, 137], [38, 143, 136], [74, 179, 116],
@@ -104,10 +105,14 @@ def hex_of(colour: Sequence[float] | Array) -> int:
     return (r << 16) + (g << 8) + b
 
 
-def hexes_of(colours: NDArray[np.uint8]) -> list[int]:
-    """`hex_of` of each row (n, 3)."""
-    shades: list[int] = colours.dot([0x10000, 0x100, 1]).tolist()
-    return shades
+def shade(x: float) -> int:
+    """`hex_of` of `diverging` of one value; of a few this is several times as fast."""
+    place = min(max(0.5 + 0.5 * x, 0.0), 1.0) * (len(_DIVERGING) - 1)
+    knot = min(int(place), len(_DIVERGING) - 2)
+    colour = 0
+    for start, end in zip(_DIVERGING[knot], _DIVERGING[knot + 1], strict=True):
+        colour = (colour << 8) + round((end - start) * (place - knot) + start)
+    return colour
 
 
 def fractions(colour: int) -> list[float]:
