@@ -102,3 +102,21 @@ def test_pivots_of_both_signs_do_not_leave_a_plain_posture_to_the_engine():
     assert fast.by_engine == 0
     size = np.abs(engine["B"]).max(axis=(1, 2), keepdims=True)
     assert np.all(np.abs(fast["B"] - engine["B"]) < 1e-10 * size)
+
+
+@pytest.mark.parametrize("path", ["portable", "compiled"])
+def test_an_unsymmetric_compliance_is_answered_where_the_load_makes_it_large(path):
+    """K^A of springs far from rest is nearly singular in one of eight postures: C^A is known."""
+    elastic = cartstiff.load("fanuc-r2000ic")
+    away = np.array([0.02, -0.07, 0.04, 0.09, -0.03, 0.05])
+    elastic = elastic.with_springs(rest=elastic.q + away)
+    q = elastic.q + np.random.default_rng(4).uniform(-3.0, 3.0, (400, 6))
+    fast, engine = (analyse_many(elastic, q, outputs=["compliance_A"], path=p)
+                    for p in (path, "engine"))  # fmt: skip
+    assert fast.counts() == engine.counts() == {"regular": 400}
+    C = engine["compliance_A"]
+    condition = np.linalg.cond(C)
+    assert np.count_nonzero(condition > 1e8) > 40
+    assert fast.by_engine <= 30
+    error = np.abs(fast["compliance_A"] - C).max(axis=(1, 2)) / np.abs(C).max(axis=(1, 2))
+    assert np.all(error < 1e-12 * condition)

@@ -151,14 +151,16 @@ def noteworthy(
     return np.array([squared_condition * (1.01 * NEAR) ** 2, lost], object)
 
 
-def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scalar]:
+def changed_compliance(
+    C: Array, D: Array, length: Scalar, most: float = STIFFNESS_CONDITION
+) -> tuple[Array, Scalar]:
     """``C (1 + D C)^-1``: the inverse of K + D from C = K^-1, and the verdict on it."""
     factor = _in_length(D @ C, length, 1.0 / length)
     factor[range(6), range(6)] = factor.diagonal() + 1.0
     turned = inverse(factor)
     condition = norm_squared(factor) * norm_squared(turned)
     back = _in_length(turned, 1.0 / length, length)
-    return C @ back, limited(condition, STIFFNESS_CONDITION**2)
+    return C @ back, limited(condition, most**2)
 
 
 #: Of a dead load at M's origin: K^load, its inverse, that of its symmetric part, and whether both

@@ -57,6 +57,9 @@ BLANK: Final = 1e-12
 #: answers; beyond them the engine does, which names what is lost.
 PLAIN_JACOBIAN: Final = 1e8
 PLAIN_STIFFNESS: Final = 1e6
+#: That of ``1 + D C`` up to which the inverse of a compliance C under a change D is taken for known
+#: by it: two digits short of where a motion may cost nothing (`IDLE`).
+PLAIN_CHANGE: Final = 1e9
 #: Condition number of a stiffness, or of a block of one, up to which it alone has digits enough for
 #: all its eigenvalues.
 PLAIN_BLOCK: Final = 1e4

@@ -206,7 +206,9 @@ def _compliances(
             arrays[f"compliance_{name}"] = C
         else:
             D = connections(zeros(6, 6), W)[name]
-            arrays[f"compliance_{name}"], doubt = changed_compliance(C, D, chain.length)
+            arrays[f"compliance_{name}"], doubt = changed_compliance(
+                C, D, chain.length, numerics.PLAIN_CHANGE
+            )
             verdict = larger(verdict, doubt)
     return verdict
 
