@@ -77,6 +77,20 @@ def test_relaxed_leaves_a_balanced_posture_where_it_is(tmp_path):
     assert np.abs(relaxed(arm, q) - q).max() < 1e-9  # Newton stops on the residual, not on q
 
 
+@pytest.mark.parametrize("load", [(), ("--load", "0,0,0,0,0,-50")])
+def test_weight_along_a_self_motion_says_what_to_do(tmp_path, capsys, load):
+    """Weight between the legs of a delta: rest positions are found where a load is given."""
+    weighs = ["delta", "--gravity", "0,0,-9.81", *load]
+    code, analysed, _ = _run(capsys, "analyse", *weighs)
+    assert code == 0
+    where = ["--cartesian", "x=0:0.05:2", "--branches", "1", "--quantity", "condition"]
+    code, mapped, _ = _run(capsys, "map", *weighs, *where, "-o", str(tmp_path / "delta.zarr"))
+    assert code == 0
+    for text in (analysed, mapped):
+        assert ("unbalanced" in text) == (load == ())
+        assert ("--load 0,0,0,0,0,0" in text) == (load == ())
+
+
 def test_strict_tells_the_unbalanced_posture(tmp_path, capsys):
     path = tmp_path / "seven.urdf"
     path.write_text(_arm())

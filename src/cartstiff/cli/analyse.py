@@ -156,7 +156,7 @@ def command(
     if as_json:
         say(text)
     else:
-        from cartstiff.report.posture import describe
+        from cartstiff.report.posture import BALANCING, describe
 
         shown = ""
         if analysis.level != "none":
@@ -168,6 +168,8 @@ def command(
         say("\n".join([describe(result, shown), *by_parameters, *how]))
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             say("  --relax lets the self-motion settle, with the body held where it is")
+            if wrench is None:
+                say(f"  {BALANCING}")
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"

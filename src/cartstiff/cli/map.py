@@ -344,7 +344,9 @@ def command(
     if as_json:
         say(json.dumps(answer, allow_nan=False))
     else:
-        lines = [describe_map(answer, elastic.names_with_units, weights_of(elastic).text)]
+        loaded = request.balanced_wrench is not None
+        names, weighed = elastic.names_with_units, weights_of(elastic).text
+        lines = [describe_map(answer, names, weighed, loaded)]
         say("\n".join([*lines, *(describe(told) if told else [])]))
 
 
@@ -389,12 +391,9 @@ def _answer(
         "characteristic_length": about["characteristic_length"],
         "units": {k: about[f"{k}_unit"] for k in ("length", "force", "angle")},
         "postures": total,
-        "parts": {
-            "total": len(file.boxes),
-            "computed": computed,
-            "found": len(file.boxes) - computed,
-        },
+        "parts": {"total": len(file.boxes), "computed": computed,
+                  "found": len(file.boxes) - computed},
         "seconds": round(seconds, 3),
         **{key: about.get(key) for key in ("intervals", "told")},
         **summed,
-    }
+    }  # fmt: skip

@@ -16,10 +16,16 @@ from cartstiff.maps.reading import quantities_of, quantity_of
 from cartstiff.maps.totals import summary
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.layout import number, table
+from cartstiff.report.posture import BALANCING
 
 
-def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str = "") -> str:
-    """The answer of ``cartstiff map``, for reading, with coordinates and what was weighed."""
+def describe_map(
+    answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str = "", loaded: bool = True
+) -> str:
+    """The answer of ``cartstiff map``, for reading, with coordinates and what was weighed.
+
+    `loaded` says whether a load was given, so that rest positions were chosen.
+    """
     parts, units = answer["parts"], answer["units"]
     lines = [
         f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
@@ -36,6 +42,7 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str], weighed:
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
+        *([f"unbalanced: {BALANCING}"] if "unbalanced" in answer["states"] and not loaded else []),
         "",
         "Quantities",
         *table(

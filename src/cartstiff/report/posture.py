@@ -15,6 +15,9 @@ from cartstiff.stiffness.tensor import format_matrix
 
 _SAME = "they are the same here"
 
+#: What to do where springs push along a self-motion and no load has been given.
+BALANCING = "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the springs balance"
+
 
 def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False) -> str:
     """Everything about a result, for reading; the text of its analysis stands before the notes.
