@@ -5,9 +5,9 @@ Needs a Chromium (tools/provide_browser.sh) and playwright.
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -102,4 +102,7 @@ def main(target: Path = TARGET) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    parser = argparse.ArgumentParser(description="Write the page of a UR5 as a picture.")
+    parser.add_argument("target", nargs="?", type=Path, default=TARGET,
+                        help="PNG file; default docs/images/page.png")  # fmt: skip
+    main(parser.parse_args().target)
