@@ -183,5 +183,6 @@ def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Sc
 
 def shared_inputs(wrench: str) -> list[str]:
     """Inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
-    own = ["stiffness", "rest", "forces", "weight", "anchors", "points", "length"]
+    own = ["stiffness", "rest", "forces", "weight", "lines", "anchors", "points",
+           "length"]  # fmt: skip
     return own + (["wrench"] if wrench == "shared" else [])

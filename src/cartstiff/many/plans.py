@@ -20,6 +20,7 @@ from cartstiff.many.chains.chain_twists import ChainConstants, ForceField, numbe
 from cartstiff.many.chains.closed_case import closed_case
 from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
+from cartstiff.many.chains.lines import Line
 from cartstiff.many.chains.settling import settles, settling_arrays
 from cartstiff.many.chains.spring_laws import is_recorded
 from cartstiff.many.evaluated import Evaluated
@@ -219,6 +220,7 @@ def _with_fields(
 ) -> BoundCase:  # fmt: skip
     """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
     fields, forces, loose, beams = [], [], [], list[Beam]()
+    lines, known = list[Line](), list[Array]()
     joints = len(case.constants.screws) // 6
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
@@ -232,6 +234,9 @@ def _with_fields(
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
             fields.append(ForceField(numbers(weights), tuple(map(numbers, points))))
             forces.append(potential.force)
+        elif (own := _lines_of(chain, potential, joints)) is not None:
+            lines += own[0]
+            known.append(own[1])
         elif type(potential) is CoupledSprings:
             indices = tuple(int(i) for i in potential.indices)
             case = replace(case, coupled=(*case.coupled, (indices, numbers(potential.matrix))))
@@ -241,6 +246,9 @@ def _with_fields(
             loose.append(potential)
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
+    if lines:
+        shared["lines"] = np.concatenate(known).reshape(1, -1)
+        case = replace(case, stretched=tuple(lines))
     rest = shared["rest"][0]
     case = replace(case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law)))
     laws = {j: law for j, law in laws.items() if not is_recorded(law)}
@@ -250,6 +258,26 @@ def _with_fields(
                        segments=beside.segments)  # fmt: skip
     state = "deficient" if freedoms < 6 else "regular"
     return BoundCase(case, shared, state, beside, chain.home)
+
+
+def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Line], Array] | None:
+    """Line springs between F and bodies on the way, their stiffnesses and rest lengths (m, 2).
+
+    None for anything else, and where a rest length is not known.
+    """
+    if type(potential) is not LineSprings or not potential.is_complete:
+        return None
+    frames, given = (potential.frame_a, potential.frame_b), (potential.anchors, potential.points)
+    a, b = map(chain.placement, frames)
+    if max(a.joint, b.joint) > joints:
+        return None
+    starts, ends = (
+        map(numbers, points @ at.T_j_f[:3, :3].T + at.T_j_f[:3, 3])
+        for at, points in zip((a, b), given, strict=True)
+    )
+    between, slack = (a.joint, b.joint), potential.unilateral
+    lines = [Line(between, pair, slack) for pair in zip(starts, ends, strict=True)]
+    return lines, np.column_stack([potential.stiffness, potential.rest_length])
 
 
 def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> BoundCase | str:

@@ -1,9 +1,9 @@
 r"""Many postures at once: postures in, arrays out.
 
-Chains, open and closed, and platforms on line springs are computed by arithmetic written once
-(`chains`, `platform_arithmetic`), as machine code made for the mechanism (`compiled`) or over NumPy
-arrays (`portable`). Every other mechanism, and every posture that is not well inside the
-regular ones, is computed by `cartstiff.analyse` itself, which also names its state.
+Chains, open and closed, with lines between their bodies, and platforms on line springs are computed
+by arithmetic written once (`chains`, `platform_arithmetic`), as machine code made for the mechanism
+(`compiled`) or over NumPy arrays (`portable`). Every other mechanism, and every posture that is not
+well inside the regular ones, is computed by `cartstiff.analyse` itself, which also names its state.
 """
 
 from __future__ import annotations

@@ -74,6 +74,8 @@ def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
             return "its nonlinear springs have no stiffness that could be set here"
         if chosen.has_derivatives or chosen.settles:
             return "some of its potentials are evaluated posture by posture"
+        if getattr(chosen.case, "stretched", ()):
+            return "lines between its bodies are drawn posture by posture"
         if chosen.regular != "regular":
             return "it has fewer than six freedoms"
         source, places[name] = javascript(program_for(chosen.case, _NAMES))

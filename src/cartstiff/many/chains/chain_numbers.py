@@ -27,6 +27,7 @@ from cartstiff.many.arithmetic import (
     noteworthy,
 )
 from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, ForceField
+from cartstiff.many.chains.lines import Line, line_terms
 from cartstiff.many.chains.masses import Bodies, kinetic
 from cartstiff.many.chains.spring_laws import JointSpringNumbers
 from cartstiff.many.chains.tree_twists import TreeKinematics
@@ -49,6 +50,8 @@ class ChainCase:
     wrench : {"none", "shared", "each"}
         Whether a wrench is given: one for all postures, or one for each.
     fields : tuple of ForceField
+    stretched : tuple of Line
+        Line springs and cables whose rest lengths are known.
     coupled : tuple of (indices, flat matrix)
         Springs over several coordinates.
     derivatives : bool
@@ -73,6 +76,7 @@ class ChainCase:
     open: tuple[bool, ...] | None
     wrench: str = "none"
     fields: tuple[ForceField, ...] = ()
+    stretched: tuple[Line, ...] = ()
     coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
     derivatives: bool = False
     segments: tuple[tuple[int, ...], ...] = ()
@@ -130,8 +134,9 @@ class ChainNumbers:
     """One chain under one case, as numbers on a tape."""
 
     is_closed = False
-    #: The verdict on deflections of springs.
+    #: The verdicts on deflections of springs, and on lengths of lines.
     of_springs: Scalar = PLAIN
+    of_lines: Scalar = PLAIN
     # Of a closed chain they are other ones.
     case: Any
     kinematics: Any
@@ -186,6 +191,13 @@ class ChainNumbers:
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
             energy, gradient, hessian = energy + E, gradient + g, hessian + H
+        lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
+        for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
+            E, g, H, doubt = line_terms(line, stiffness, rest, self.kinematics)
+            if (M := self.mimic) is not None:
+                g, H = M.T @ g, congruence(M, H)
+            energy, gradient, hessian = energy + E, gradient + g, hessian + H
+            self.of_lines = larger(self.of_lines, doubt)
         for indices, flat in case.coupled:
             matrix = np.reshape(flat, (len(indices), -1))
             force = matrix @ self.q[list(indices)]
@@ -217,7 +229,7 @@ class ChainNumbers:
 
         From twists J (6, k) in M, and how much each of them turns.
         """
-        self.verdict: Scalar = self.of_springs
+        self.verdict: Scalar = larger(self.of_springs, self.of_lines)
         total = sum(turning[1:], turning[0])
         self.length: Scalar = 1.0
         self.area: Scalar = 1.0

@@ -129,7 +129,7 @@ class ClosedChainNumbers(ChainNumbers):
             is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, ENGINE)
             self.verdict = larger(self.verdict, is_still)
         self._evaluate(tape)
-        self.verdict = larger(self.verdict, self.of_springs)
+        self.verdict = larger(self.verdict, larger(self.of_springs, self.of_lines))
         self.mimic = self.N
 
     def _motions(self, case: ClosedCase) -> Scalar:
