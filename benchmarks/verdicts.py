@@ -98,8 +98,8 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=list(MECHANISMS), metavar="NAME")
     parser.add_argument("--outputs", nargs="+", default=list(OUTPUTS), metavar="NAME")
     parser.add_argument("--preload", type=float, default=0.0, metavar="ANGLE",
-                        help="turn the rest positions of joint springs away from zero, at most "
-                        "by this (rad)")  # fmt: skip
+                        help="give rest positions of joints (rad), or lengths of legs, at random "
+                        "within this on either side of zero")  # fmt: skip
     parser.add_argument("--seed", type=int, default=5, help="of the postures")
     given = parser.parse_args()
     if "jacobian" not in given.outputs:

@@ -344,9 +344,9 @@ def command(
     if as_json:
         say(json.dumps(answer, allow_nan=False))
     else:
-        loaded = request.balanced_wrench is not None
+        is_loaded = request.balanced_wrench is not None
         names, weighed = elastic.names_with_units, weights_of(elastic).text
-        lines = [describe_map(answer, names, weighed, loaded)]
+        lines = [describe_map(answer, names, weighed, is_loaded)]
         say("\n".join([*lines, *(describe(told) if told else [])]))
 
 

@@ -105,6 +105,11 @@ def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]
     return squares_over(matrix, sizes), squares_over(inverse, 1.0 / sizes)
 
 
+def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:
+    """That of a cable: none where it is slack."""
+    return stiffness * pick(stretch, 0.0, 0.0, 1.0)
+
+
 def unsymmetric_part(W: Array) -> Array:
     """``K^A - K^B``, which the wrench alone makes."""
     moment, force = skew(W[:3] * 0.5), skew(W[3:] * 0.5)

@@ -42,6 +42,7 @@ from cartstiff.many.arithmetic import (
     holds_soft_directions,
     limited,
     noteworthy,
+    taut_stiffness,
 )
 from cartstiff.many.leg_masses import LegMasses, dead_force
 from cartstiff.many.tape import Scalar, Tape, cosine, larger, pick, sine, square_root
@@ -215,9 +216,10 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         W = zeros(6)
     else:
         if case.unilateral:
-            pulls = np.array([pick(s, 0.0, 0.0, 1.0) for s in stretch], object)
-            taut = k * pulls
-            t = t * pulls
+            taut = np.array(
+                [taut_stiffness(*each) for each in zip(k, stretch, strict=True)], object
+            )
+            t = taut * stretch
         energy = energy + (t @ stretch) * 0.5
         W = t @ lines + gradient
 

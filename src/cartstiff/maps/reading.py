@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from cartstiff.geometry.se3 import Array
 if TYPE_CHECKING:
     import xarray
 
-_T = TypeVar("_T")
 #: Variables of a map that are no quantities.
 OTHERS = ("state", "position", "q", "branches")
 
@@ -32,27 +31,25 @@ def named_states(attributes: Mapping[str, Any]) -> dict[int, str]:
 
 
 def each_block(
-    dataset: xarray.Dataset,
-    names: Iterable[str],
-    function: Callable[[Array], _T],
-) -> list[list[_T]]:
-    """What a function makes of the parts of some arrays, in the order of `blocks`.
+    dataset: xarray.Dataset, functions: Mapping[str, Callable[[Array], Any]]
+) -> dict[str, list[Any]]:
+    """What a function makes of the parts of an array, in the order of `blocks`; arrays by name.
 
     A few parts are read at a time, and one plan serves all: to plan each part for itself would take
     longer than to read it.
     """
-    arrays = {name: dataset[name] for name in names}
+    arrays = {name: dataset[name] for name in functions}
     if any(array.chunks is None for array in arrays.values()):
-        return [[function(array.values)] for array in arrays.values()]
+        return {name: [functions[name](array.values)] for name, array in arrays.items()}
     from dask.base import compute
     from dask.delayed import delayed
     from dask.threaded import get
 
-    parts = [[delayed(function)(part) for part in array.data.to_delayed().ravel()]
-             for array in arrays.values()]  # fmt: skip
+    parts = [[delayed(functions[name])(part) for part in array.data.to_delayed().ravel()]
+             for name, array in arrays.items()]  # fmt: skip
     # By name, or without one, a package for clusters would be imported to ask for its client.
-    computed: list[list[_T]] = list(compute(*parts, scheduler=get))  # type: ignore[no-untyped-call]
-    return computed
+    computed = compute(*parts, scheduler=get)  # type: ignore[no-untyped-call]
+    return dict(zip(arrays, computed, strict=True))
 
 
 def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
@@ -132,7 +129,7 @@ def _ranked(
         return list(zip(flat[valid].tolist(), map(tuple, places), strict=True))
 
     best: list[tuple[float, tuple[int, ...]]] = []
-    (parts,) = each_block(dataset, [quantity], least)
+    parts = each_block(dataset, {quantity: least})[quantity]
     for part, own in zip(blocks(array), parts, strict=True):
         starts = [s.start for s in part.values()]
         best += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]

@@ -66,7 +66,7 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
         "kept".
     """
     names = ["state", *quantities_of(dataset), *({"branches"} & dataset.data_vars.keys())]
-    facts = {name: each_block(dataset, [name], partial(_fact, name))[0] for name in names}
+    facts = each_block(dataset, {name: partial(_fact, name) for name in names})
     about = {name: dataset[name].attrs for name in names}
     return _added_up(facts, about, {n: dataset[n].size for n in names}, dataset.attrs)
 

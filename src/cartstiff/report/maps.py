@@ -20,11 +20,11 @@ from cartstiff.report.posture import BALANCING
 
 
 def describe_map(
-    answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str = "", loaded: bool = True
+    answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str, is_loaded: bool
 ) -> str:
     """The answer of ``cartstiff map``, for reading, with coordinates and what was weighed.
 
-    `loaded` says whether a load was given, so that rest positions were chosen.
+    `is_loaded` says whether a load was given, so that rest positions were chosen.
     """
     parts, units = answer["parts"], answer["units"]
     lines = [
@@ -42,7 +42,7 @@ def describe_map(
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
-        *([f"unbalanced: {BALANCING}"] if "unbalanced" in answer["states"] and not loaded else []),
+        *([f"unbalanced: {BALANCING}"] * ("unbalanced" in answer["states"] and not is_loaded)),
         "",
         "Quantities",
         *table(

@@ -9,7 +9,7 @@ moment and S_b = omega_b x m c + m v_b,
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,9 +134,8 @@ class ChainNumbers:
     """One chain under one case, as numbers on a tape."""
 
     is_closed = False
-    #: The verdicts on deflections of springs, and on lengths of lines.
+    #: The verdict on deflections of springs and lengths of lines.
     of_springs: Scalar = PLAIN
-    of_lines: Scalar = PLAIN
     # Of a closed chain they are other ones.
     case: Any
     kinematics: Any
@@ -185,19 +184,10 @@ class ChainNumbers:
         for indices, g, H in zip(map(list, case.segments), own, each, strict=True):
             gradient[indices] = gradient[indices] + g
             hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + _lower(H)
-        forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
-        for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
-            E, g, H = _field_terms(force, self.kinematics, beyond)
+        for E, g, H in self._on_bodies(tape):
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
             energy, gradient, hessian = energy + E, gradient + g, hessian + H
-        lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
-        for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
-            E, g, H, doubt = line_terms(line, stiffness, rest, self.kinematics)
-            if (M := self.mimic) is not None:
-                g, H = M.T @ g, congruence(M, H)
-            energy, gradient, hessian = energy + E, gradient + g, hessian + H
-            self.of_lines = larger(self.of_lines, doubt)
         for indices, flat in case.coupled:
             matrix = np.reshape(flat, (len(indices), -1))
             force = matrix @ self.q[list(indices)]
@@ -205,6 +195,18 @@ class ChainNumbers:
             gradient[list(indices)] = gradient[list(indices)] + force
             hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + matrix
         return energy, gradient, hessian
+
+    def _on_bodies(self, tape: Tape) -> Iterator[tuple[Scalar, Array, Array]]:
+        """Energy, gradient, Hessian in the joint positions of each force and line on the bodies."""
+        case = self.case
+        forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
+        for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
+            yield _field_terms(force, self.kinematics, beyond)
+        lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
+        for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
+            E, g, H, doubt = line_terms(line, stiffness, rest, self.kinematics)
+            self.of_springs = larger(self.of_springs, doubt)
+            yield E, g, H
 
     def _evaluate(self, tape: Tape) -> None:
         """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
@@ -221,7 +223,7 @@ class ChainNumbers:
                     own, torque, stiffness = springs.at(a, self.q[a])
                     gradient[a] = gradient[a] + torque
                 energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
-            self.of_springs = springs.verdict
+            self.of_springs = larger(self.of_springs, springs.verdict)
         self.energy, self.gradient, self.hessian = energy, gradient, hessian
 
     def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
@@ -229,7 +231,7 @@ class ChainNumbers:
 
         From twists J (6, k) in M, and how much each of them turns.
         """
-        self.verdict: Scalar = larger(self.of_springs, self.of_lines)
+        self.verdict: Scalar = self.of_springs
         total = sum(turning[1:], turning[0])
         self.length: Scalar = 1.0
         self.area: Scalar = 1.0

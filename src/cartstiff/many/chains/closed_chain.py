@@ -129,7 +129,7 @@ class ClosedChainNumbers(ChainNumbers):
             is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, ENGINE)
             self.verdict = larger(self.verdict, is_still)
         self._evaluate(tape)
-        self.verdict = larger(self.verdict, larger(self.of_springs, self.of_lines))
+        self.verdict = larger(self.verdict, self.of_springs)
         self.mimic = self.N
 
     def _motions(self, case: ClosedCase) -> Scalar:
@@ -230,7 +230,7 @@ class ClosedChainNumbers(ChainNumbers):
                 own, stiffness = springs.under(a, torque - gradient[a])
                 energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
                 gradient[a] = torque
-        self.of_springs = springs.verdict
+        self.of_springs = larger(self.of_springs, springs.verdict)
         self.energy = energy
         self.gradient = self.N.T @ gradient
         self._of_joints = gradient, hessian

@@ -19,7 +19,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import cross, norm_squared, zeros
-from cartstiff.many.arithmetic import ENGINE, PLAIN
+from cartstiff.many.arithmetic import ENGINE, PLAIN, taut_stiffness
 from cartstiff.many.tape import Scalar, larger, pick, square_root
 
 
@@ -49,9 +49,7 @@ def line_terms(
     length = square_root(norm_squared(along))
     u = along * (1.0 / length)
     stretch = length - rest
-    taut: Scalar = stiffness
-    if line.unilateral:
-        taut = stiffness * pick(stretch, 0.0, 0.0, 1.0)
+    taut = taut_stiffness(stiffness, stretch) if line.unilateral else stiffness
     tension = taut * stretch
     per_length = tension / length
 

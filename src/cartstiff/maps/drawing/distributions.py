@@ -31,7 +31,9 @@ _MOST = 100_000
 def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
     """How often each value occurs; on a logarithmic axis where it spans decades."""
     array = quantity_of(dataset, quantity)
-    lows, highs, _, numbers = zip(*each_block(dataset, [quantity], finite_range)[0], strict=True)
+    lows, highs, _, numbers = zip(
+        *each_block(dataset, {quantity: finite_range})[quantity], strict=True
+    )
     low, high, missing = min(lows), max(highs), array.size - sum(numbers)
     figure = new_figure()
     axis = figure.subplots()
@@ -45,7 +47,7 @@ def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
         def counted(values: Array) -> Array:
             return np.histogram(values[np.isfinite(values)].astype(float), edges)[0]
 
-        counts = np.sum(each_block(dataset, [quantity], counted)[0], axis=0)
+        counts = np.sum(each_block(dataset, {quantity: counted})[quantity], axis=0)
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")
