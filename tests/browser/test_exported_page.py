@@ -29,6 +29,13 @@ def result(page: Any) -> dict[str, Any]:
     return page.evaluate("() => window.cartstiff.numbers.result")
 
 
+def curves_drawn(page: Any) -> None:
+    """Wait for the three curves of the sweep: they follow the last change by a third of a second."""
+    page.wait_for_function(
+        "() => document.querySelectorAll('#strip .plot .curve:not(.other)').length === 3"
+    )
+
+
 def test_the_same_numbers_offline(file, pages):
     page = pages.open(file, offline=True)
     assert page.title() == "cubic · cartstiff"
@@ -58,7 +65,7 @@ def test_the_same_numbers_offline(file, pages):
     settled(page)
     assert "Principal compliance" in page.inner_text("#right")
     # The plot of the sweep, its cursor, dark colours, the analysis.
-    assert page.locator("#strip .plot .curve").count() == 3
+    curves_drawn(page)
     page.keyboard.press("t")
     settled(page)
     assert page.get_attribute("html", "data-theme") == "dark"
@@ -104,7 +111,7 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
         }"""
     )
     assert np.allclose(np.array(place).reshape(4, 4).T, expected.pose, atol=1e-6)
-    assert page.locator("#strip .plot .curve:not(.other)").count() == 3
+    curves_drawn(page)
     # By numbers, as by hand: the joints follow.
     page.keyboard.press("h")
     settled(page)

@@ -237,8 +237,8 @@ def test_curves_are_zoomed_by_wheel_and_by_keys(serve, pages, tmp_path):
     said = page.inner_text(".reading").split(":")[0]
     for _ in range(8):
         page.mouse.wheel(0, -100)
-    page.wait_for_function("() => !document.querySelector('#strip button[title*=whole]')?.hidden")
-    page.wait_for_timeout(100)
+    turned = "() => { const [a, b] = window.cartstiff.plot.seen ?? [0, 9]; return b - a < 1.1; }"
+    page.wait_for_function(turned)  # all eight turns
     low, high = ends()
     assert high - low == pytest.approx(360 / 1.25**8, rel=0.02)
     at = float(said.strip("°").replace("\u2212", "-"))  # what was pointed at stays there

@@ -79,7 +79,8 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
     quantity = page.evaluate("() => window.cartstiff.state.quantity")
     for key in page.eval_on_selector_all(f"{QUANTITY} option", "(all) => all.map((o) => o.value)"):
         page.select_option(QUANTITY, key)
-        drawn = f"#strip .plot .{key}.curve-0, #strip .plot .nothing"
+        at_rest = "#strip .plot:not(.computing)"
+        drawn = f"{at_rest} .{key}.curve-0, {at_rest} .nothing"
         page.wait_for_selector(drawn, state="attached")
         _, _, table = saved(page, "csv", tmp_path / "plot.csv")
         near = int(np.argmin(np.abs(table[:, 0] - elastic.q[i])))
@@ -148,10 +149,10 @@ def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
     before = page.locator(".plot.heat g rect").count()
     for _ in range(5):
         page.mouse.wheel(0, -100)
-    page.wait_for_function("() => window.cartstiff.plot.seen?.length === 4")
+    few = "(most) => document.querySelectorAll('.plot.heat g rect').length < most"
+    page.wait_for_function(few, arg=0.3 * before)
     page.mouse.move(x + 0.5, y)
     assert page.inner_text(".reading").split(":")[0] == said.split(":")[0]  # stays where it was
-    assert page.locator(".plot.heat g rect").count() < 0.3 * before
     page.click("#strip button[title*=whole]")
     assert page.locator(".plot.heat g rect").count() == before
     page.context.close()
