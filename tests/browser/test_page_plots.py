@@ -98,6 +98,36 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
     page.context.close()
 
 
+def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
+    """Curves follow a change by a third of a second; a file that is asked for waits for them."""
+    elastic = cartstiff.load("ur5")
+    page = pages.open(serve("ur5").url)
+    page.wait_for_selector("#strip .plot .curve-2")
+    page.select_option(QUANTITY, "condition")
+    for i, load in ((1, (0, 0, 0, 0, 0, -100)), (3, LOAD)):
+        page.evaluate("(load) => window.cartstiff.change({ load })", load)
+        page.select_option(ALONG, f"sweep:{i}")
+        comments, names, table = saved(page, "csv", tmp_path / "plot.csv")
+        assert f"along {elastic.names[i]}" in comments[0]
+        assert f"load ({', '.join(f'{x:g}' for x in load)})" in comments[1]
+        assert names[0].split(" ")[0] == elastic.names[i]
+        for row in table[[7, 30, 51]]:
+            q = np.array(elastic.q)
+            q[i] = row[0]
+            expected = series_row(cartstiff.analyse(elastic, q, wrench=load), ViewState(load=load))
+            assert row[1:] == pytest.approx(expected["condition"], rel=1e-6)
+    page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -300] })")
+    page.select_option(AND, "0")
+    comments, names, table = saved(page, "csv", tmp_path / "map.csv")
+    assert f"along {elastic.names[3]} and {elastic.names[0]}" in comments[0]
+    q = np.array(elastic.q)
+    q[[3, 0]] = table[200, :2]
+    expected = series_row(cartstiff.analyse(elastic, q, wrench=(0, 0, 0, 0, 0, -300)),
+                          ViewState(load=(0, 0, 0, 0, 0, -300)))  # fmt: skip
+    assert table[200, 2] == pytest.approx(expected["condition"][0], rel=1e-6)
+    page.context.close()
+
+
 def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
     url = serve("ur5").url
     page = pages.open(url + "#load=0,0,0,0,0,-100")

@@ -25,7 +25,7 @@ const hue = (share) => {
   return `rgb(${STOPS[k].map((x, i) => Math.round(x + (at - k) * (STOPS[k + 1][i] - x))).join(" ")})`;
 };
 
-/** `what` says what is drawn: {svg, shown, along, key, busy}, and is told: {choose, zoom, toggle, read}. */
+/** `what` says what is drawn: {svg, shown, along, key, busy}, and is told: {choose, zoom, toggle, read, computed}. */
 export function heat(store, what) {
   const { svg } = what;
   const select = el("select", { "aria-label": "And along what", title: "A second coordinate: the values become colours", onchange: () => what.choose(select.value) });
@@ -51,11 +51,19 @@ export function heat(store, what) {
     what.toggle(on());
   }
 
-  function request() {
-    if (!on() || !store.numbers) return;
+  /** What the values depend on, besides the coordinates that run. */
+  function wanted() {
     const { mechanism } = store.hello;
     const rest = mechanism.sliders.filter((i) => i !== what.along() && i !== second()).map((i) => store.state.q[i]);
-    const key = JSON.stringify([what.key(), what.along(), second(), rest]);
+    return JSON.stringify([what.key(), what.along(), second(), rest]);
+  }
+
+  /** Whether all values are here, and of what is shown. */
+  const current = () => map !== null && map.rows.length === LINES && map.key === wanted();
+
+  function request() {
+    if (!on() || !store.numbers) return;
+    const key = wanted();
     if (key === map?.key || key === asked) return draw();
     clearTimeout(timer);
     timer = setTimeout(() => compute(key), map ? CALM : 0);
@@ -83,6 +91,7 @@ export function heat(store, what) {
       draw();
     }
     asked = null;
+    what.computed();
     request();
   }
 
@@ -208,11 +217,10 @@ export function heat(store, what) {
   });
 
   /** The map as a file. */
-  function keep(kind, name, along) {
-    if (!map) return;
+  function keep(kind, name) {
     const { coordinates } = store.hello.mechanism;
     const { title, unit } = what.shown();
-    const lines = provenance(store, `${title} [${unit}] along ${along} and ${coordinates[map.second].name}`);
+    const lines = provenance(store, `${title} [${unit}] along ${coordinates[map.first].name} and ${coordinates[map.second].name}`);
     if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines, ["colours as in the bar; grey: nothing exists, or the value is not above zero; ring: the posture"]));
     const head = [map.first, map.second].map((i) => `${coordinates[i].name} [${coordinates[i].unit}]`);
     const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => [x, y, map.rows[j] ? valueOf(map.rows[j][i]) : null]));
@@ -227,5 +235,5 @@ export function heat(store, what) {
     show();
   });
   store.on("numbers", () => { request(); });
-  return { select, plot, on, show, request, draw, keep, zoom };
+  return { select, plot, on, show, current, request, draw, keep, zoom };
 }

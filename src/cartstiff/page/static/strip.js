@@ -1,7 +1,7 @@
 // A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { CURVES, shown } from "./curves.js";
-import { LOST, SUPERSEDED, byId, clamp, download, el, short } from "./dom.js";
+import { LOST, SUPERSEDED, byId, clamp, download, el, short, toast } from "./dom.js";
 import { CLOSER, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
 import { grid, lettered, svg } from "./grid.js";
@@ -22,6 +22,7 @@ export function strip(store) {
   let asked = null;
   let timer = null;
   let slow = false;
+  let keeping = null; // the kind of a file that waits for its values
   // What is plotted, which an address holds: the quantity, along what, against what else, and the ends of what is seen.
   const usual = { of: "translation", along: "", and: "", seen: null };
   store.plot = { ...usual };
@@ -35,7 +36,7 @@ export function strip(store) {
     svg, shown: now, zoom: (seen) => plotted({ seen }), choose: (and) => plotted({ and, seen: null }),
     along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
     key: () => OF.map((name) => store.state[name]), busy: () => asked !== null,
-    toggle: (on) => { plot.style.display = on ? "none" : ""; },
+    toggle: (on) => { plot.style.display = on ? "none" : ""; }, computed: () => write(),
     read: (event, words) => tell(event, words),
   });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
@@ -43,7 +44,7 @@ export function strip(store) {
   const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => plotted({ seen: null }) }, "whole");
   const label = el("span", { class: "num small time-label" });
   const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
-  const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep(save.value) },
+  const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep() },
     ...[["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"], ["png2", "PNG × 2"], ["png3", "PNG × 3"], ["png4", "PNG × 4"]].map(([value, text]) => el("option", { value }, text)));
   const reading = el("div", { class: "tip reading", role: "status", hidden: true });
   const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
@@ -114,17 +115,32 @@ export function strip(store) {
     map.request();
   }
 
-  /** The plot as a file. */
-  function keep(kind) {
+  /** The plot as a file; one that is of something else than the page says is computed first. */
+  function keep() {
+    keeping = save.value || null;
     save.value = "";
-    if (!kind || !(series || map.on())) return;
-    const { title, lines: names, unit, values, legend } = now();
-    const along = what.selectedOptions[0].text;
+    if (!keeping || write()) return;
+    toast("The file follows when its values are computed");
+    request(true);
+    map.request();
+  }
+
+  /** Write the file that waits, if what it is to hold is here. */
+  function write() {
+    const kind = keeping;
+    if (!kind || !(map.on() ? map.current() : series && series.key === key())) return false;
+    keeping = null;
     const name = `${store.hello.mechanism.name}-${store.plot.of}`.replaceAll(/[^\w.-]+/g, "_");
-    if (map.on()) return map.keep(kind, name, along);
-    const lines = provenance(store, `${title} [${unit}] along ${along}`);
+    if (map.on()) map.keep(kind, name);
+    else keepCurves(kind, name);
+    return true;
+  }
+
+  function keepCurves(kind, name) {
+    const { title, lines: names, unit, values, legend } = now();
+    const lines = provenance(store, `${title} [${unit}] along ${along()}`);
     if (kind === "csv") {
-      const first = series.kind === "sweep" ? `${along} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
+      const first = series.kind === "sweep" ? `${along()} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
         : store.hello.trajectory.timed ? "time [s]" : "posture";
       const rows = series.at.map((x, k) => [x, ...(values(series.rows[k]) ?? names.map(() => null))]);
       return download(`${name}.csv`, table(lines, [first, ...names.map((word) => `${word} [${unit}]`)], rows), "text/csv");
@@ -229,13 +245,20 @@ export function strip(store) {
       if (series.others.length) draw();
     } catch (error) {
       if (error.message === LOST) return; // the next numbers ask again
-      if (asked === own && error.message !== SUPERSEDED) store.tell("error", error.message);
+      if (asked === own && error.message !== SUPERSEDED) {
+        keeping = null;
+        store.tell("error", error.message);
+      }
     } finally {
       if (asked === own) asked = null;
       plot.classList.remove("computing");
     }
-    request();
+    write();
+    request(keeping !== null);
   }
+
+  /** What the curves run along: not what is chosen, while others are computed. */
+  const along = () => (series.kind === "sweep" ? store.hello.mechanism.coordinates[series.coordinate].name : "the trajectory");
 
   function isAngle() {
     return series.kind === "sweep" && !store.hello.mechanism.coordinates[series.coordinate].is_length && store.angle === "deg";
@@ -336,14 +359,14 @@ export function strip(store) {
       for (const box of [...plot.querySelectorAll(".name")].map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) x = Math.min(x, box.x - 6);
       plot.append(lettered(x, end[1] - 4, title, "end", "unit name"));
     }
-    plot.setAttribute("aria-label", `${heading} [${unit}] along ${what.selectedOptions[0].text}`);
+    plot.setAttribute("aria-label", `${heading} [${unit}] along ${along()}`);
     plot.append(cursor);
     showCursor();
   }
 
   store.on("hello", (hello) => {
     stop();
-    series = asked = null;
+    series = asked = keeping = null;
     slow = false;
     const { coordinates, sliders } = hello.mechanism;
     what.replaceChildren();
