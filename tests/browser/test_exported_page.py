@@ -30,7 +30,7 @@ def result(page: Any) -> dict[str, Any]:
 
 
 def curves_drawn(page: Any) -> None:
-    """Wait for the three curves of the sweep: they follow the last change by a third of a second."""
+    """Wait for the three curves of the sweep, which follow a change by a third of a second."""
     page.wait_for_function(
         "() => document.querySelectorAll('#strip .plot .curve:not(.other)').length === 3"
     )
