@@ -228,16 +228,18 @@ class _Standing:
     def found(
         self, q: Array, inputs: Mapping[str, Array]
     ) -> tuple[Array, NDArray[np.bool_], Array | None]:
-        """Coordinates, whether they stand, and loads (N, 6) in M where links carry them."""
-        stands, loads = np.ones(len(q), bool), None
+        """Coordinates, whether they stand, and loads (N, 6) in M where links carry them.
+
+        What does not stand is as it was given: the engine begins there.
+        """
+        given, stands, loads = q, np.ones(len(q), bool), None
         if self._closing:
             q, stands = self._led(q)
         if self._settling is not None:
             moved, which = q.copy(), np.flatnonzero(stands)
             which, loads = settle(self._settling, self._evaluate, inputs, moved, which)
-            stands = np.isin(np.arange(len(q)), which)
-            q = np.where(stands[:, None], moved, q)
-        return q, stands, loads
+            stands, q = np.isin(np.arange(len(q)), which), moved
+        return np.where(stands[:, None], q, given), stands, loads
 
 
 def bent(

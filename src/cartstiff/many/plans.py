@@ -171,7 +171,9 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
     constants = chain_constants(chain)
     if isinstance(constants, str):
         return constants
-    n = len(constants.is_length)
+    n, rigid = len(constants.is_length), tuple(sorted(chain.rigid))
+    if rigid and (chain.virtual or len(rigid) == n):
+        return "joints that are rigid beside links that give, or all of them"
     springs = elastic.springs
     shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
     is_open: tuple[bool, ...] | None = None
@@ -181,7 +183,8 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
         laws = springs.laws
         if any(chosen[j] and not is_recorded(law) for j, law in laws.items()):
             return "the rest position of such a spring is found posture by posture"
-        if wrench != "none" and springs.is_passive.any() and not chain.virtual:
+        passive = {*np.flatnonzero(springs.is_passive).tolist()}.difference(rigid)
+        if wrench != "none" and passive and not chain.virtual:
             return "whether joints without a spring feel the wrench is seen posture by posture"
         shared, laws = _spring_values(springs)
         is_open = tuple(chosen.tolist())
@@ -189,8 +192,8 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
         return "line springs of a chain have no arithmetic of their own"
     if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
         return "bodies beside the way to the frame have weight"
-    case = ChainCase(constants, is_open, wrench, settled=settles(elastic, wrench))
-    return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n)
+    case = ChainCase(constants, is_open, wrench, settled=settles(elastic, wrench), rigid=rigid)
+    return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n - len(rigid))
 
 
 def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCase | str:

@@ -65,6 +65,7 @@ class _Asked:
             or chosen.settles is not (self.count >= _OFTEN_BENT)
             or chosen.regular != "regular"
             or chosen.beside.is_dense
+            or elastic.mechanism.rigid
             or ((chosen.beside or chosen.settles) and not chosen.is_closed)
             or not _is_plain(elastic, loaded, chosen)
         ):

@@ -42,7 +42,7 @@ def lost_ranks(
     case = taken.case
     if type(case) is not ChainCase or case.settled:
         return "", which[:0], which[:0]
-    n = len(case.constants.is_length)
+    n = case.freedoms
     state = "deficient" if n < 6 else "serial-singularity"
     other = replace(taken, case=replace(case, singular=True))
     names = tuple(name for name in arrays if not name.startswith("stiffness"))
@@ -62,7 +62,7 @@ def lost_ranks(
     ranks = (values > least).sum(axis=1)
     is_lost = is_known & (ranks < min(6, n))
     unbalanced = np.zeros(len(which), bool)
-    if loads is None and not (case.open and all(case.open)):
+    if loads is None and not (case.open and all(case.open[a] for a in case.moving)):
         # Springs exert what they do: whether the self-motions feel it.
         g, stiffest = looked_at[:, 6 * n : 7 * n], looked_at[:, 7 * n]
         free, motions = np.arange(n) >= ranks[:, None], np.linalg.svd(J)[2]

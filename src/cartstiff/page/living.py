@@ -92,6 +92,8 @@ def _reason(elastic: ElasticMechanism) -> str | None:
     springs, mechanism = elastic.springs, elastic.mechanism
     if isinstance(mechanism, Chain) and mechanism.closures:
         return "a closed chain is assembled posture by posture"
+    if mechanism.rigid:
+        return "a rigid joint has no stiffness that could be set here"
     if elastic.identified is not None:
         return "intervals of measured springs come from the library"
     if isinstance(springs, LineSprings) and springs.unilateral:

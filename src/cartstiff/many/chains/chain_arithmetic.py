@@ -42,6 +42,7 @@ from cartstiff.many.arithmetic import (
     ENGINE,
     JACOBIAN_CONDITION,
     PLAIN,
+    STIFFNESS_CONDITION,
     UNBALANCED,
     add_under_load,
     changed_compliance,
@@ -157,7 +158,7 @@ def _through_compliance(chain: ChainNumbers) -> tuple[Array, Array]:
         raise ValueError("the wrench of more than six motions is not known beforehand")
     C, verdict = _softness(chain, chain.lagrangian(W))
     K, condition = scaled_inverse(C, 1.0 / chain.length)
-    verdict = larger(verdict, limited(condition, numerics.PLAIN_BLOCK**2))
+    verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     chain.verdict = larger(chain.verdict, verdict)
     chain.squared_condition = condition
     return W, K
@@ -193,7 +194,7 @@ def _compliances(
         return verdict
     unloaded = all(is_zero(w) for w in W)
     # Six coordinates leave no self-motion whose balance hangs on a sign.
-    signed = chain.n == 6 and not chain.is_closed and chain.has_chart
+    signed = chain.n == 6 and not (chain.is_closed or chain.case.singular)
     H = chain.hessian if unloaded else chain.lagrangian(W)
     C, verdict = _softness(chain, H, signed)
     for name in names:
@@ -251,10 +252,11 @@ def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
 
 def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
     """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
-    joints, n = len(case.constants.screws) // 6, len(case.constants.is_length)
+    joints = len(case.constants.screws) // 6
     if case.singular:
         return _singular_arrays(ChainNumbers(tape, case, joints), wanted)
-    chain = ChainNumbers(tape, case, _middle(case.constants) if n == 6 else joints)
+    is_six = len(case.constants.is_length) == 6 and not case.rigid
+    chain = ChainNumbers(tape, case, _middle(case.constants) if is_six else joints)
     return arrays_of(chain, wanted)
 
 
@@ -262,7 +264,8 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     """What exists where rank is lost, and "looked_at": what tells that it is.
 
     That is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of the Hessian, in
-    natural sizes of the coordinates. The wrench and the compliances are those of a known load.
+    natural sizes of the coordinates that give. The wrench and the compliances are those of a known
+    load.
     """
     scaled = chain.J * chain.columns
     scaled[3:] = scaled[3:] * (1.0 / chain.length)
@@ -270,7 +273,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     looked_at = [*scaled.ravel(), *(chain.gradient * chain.columns), largest(chain.hessian * sizes)]
     arrays = {
         "pose": chain.pose(),
-        "jacobian": chain.J,
+        "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
         "looked_at": in_pairs(np.array(looked_at, object)),
     }
@@ -288,7 +291,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     """`chain_arrays` of a chain."""
     arrays: dict[str, Array] = {
         "pose": chain.pose(),
-        "jacobian": chain.J,
+        "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
     }
     stiffness: dict[str, Array] = {}

@@ -70,6 +70,8 @@ class ChainCase:
         Nonlinear springs among the coordinates' own.
     bodies : Bodies, optional
         All masses, where vibrations count.
+    rigid : tuple of int
+        Coordinates that stay where they are whatever acts.
     """
 
     constants: ChainConstants
@@ -85,6 +87,17 @@ class ChainCase:
     singular: bool = False
     laws: tuple[tuple[int, SpringLaw], ...] = ()
     bodies: Bodies | None = None
+    rigid: tuple[int, ...] = ()
+
+    @property
+    def moving(self) -> list[int]:
+        """Coordinates that give."""
+        return [a for a in range(len(self.constants.is_length)) if a not in self.rigid]
+
+    @property
+    def freedoms(self) -> int:
+        """How many motions there are."""
+        return len(self.moving)
 
 
 def _field_terms(
@@ -139,11 +152,13 @@ class ChainNumbers:
     # Of a closed chain they are other ones.
     case: Any
     kinematics: Any
+    columns: Array
+    gradient: Array
+    hessian: Array
 
     def __init__(self, tape: Tape, case: ChainCase, middle: int) -> None:
-        constants = case.constants
-        self.n = n = len(constants.is_length)
-        self.has_chart = n == 6
+        constants, n = case.constants, len(case.constants.is_length)
+        self.n, self.has_chart = case.freedoms, n == case.freedoms == 6
         self.case = case
         self.q = tape.vector("q", n)
         self.position, self.mimic = self.q, None
@@ -152,7 +167,7 @@ class ChainNumbers:
             offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
             self.position = self.mimic @ self.q + np.asarray(offset, object)
         self.kinematics = ChainKinematics(constants, self.position, case.fields, middle)
-        self.J = self._of_coordinates(self.kinematics.J_M)
+        self.J = self.J_q = self._of_coordinates(self.kinematics.J_M)
         self.W: Array | None = None
         if case.wrench != "none":
             self.W = tape.vector("wrench", 6)
@@ -164,6 +179,15 @@ class ChainNumbers:
         else:
             turning = [norm_squared(column) for column in self.J[:3].T]
         self._measure(self.J, turning, constants.is_length)
+        if case.rigid:
+            self._hold(case.moving)
+
+    def _hold(self, moving: list[int]) -> None:
+        """Leave the motions of some coordinates only: the others are rigid."""
+        own = np.eye(len(self.q)) if self.mimic is None else self.mimic
+        self.mimic, self.J = own[:, moving], self.J_q[:, moving]
+        self.columns = self.columns[moving]
+        self.gradient, self.hessian = self.gradient[moving], self.hessian[np.ix_(moving, moving)]
 
     def _of_coordinates(self, J: Array) -> Array:
         """A Jacobian of the coordinates from that of the joints."""
@@ -210,12 +234,12 @@ class ChainNumbers:
 
     def _evaluate(self, tape: Tape) -> None:
         """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
-        case, n = self.case, self.n
+        case, n = self.case, len(self.q)
         energy, gradient, hessian = self._others(tape)
         if case.open is not None:
             springs = JointSpringNumbers(tape, n, case.laws)
             wanted = zeros(n) if self.W is None else self.J.T @ self.W
-            for a in (a for a in range(n) if a not in case.settled):
+            for a in (a for a in case.moving if a not in case.settled):
                 if self.W is not None or case.open[a]:
                     own, stiffness = springs.under(a, wanted[a] - gradient[a])
                     gradient[a] = wanted[a]
@@ -254,7 +278,8 @@ class ChainNumbers:
 
     def load(self) -> Array | None:
         """The wrench where it is known beforehand."""
-        if self.W is None and self.case.open is not None and all(self.case.open):
+        is_open = self.case.open
+        if self.W is None and is_open is not None and all(is_open[a] for a in self.case.moving):
             return zeros(6)
         return self.W
 

@@ -75,7 +75,7 @@ def numbers(array: Array) -> tuple[float, ...]:
 def read_chain(chain: Chain) -> ChainConstants | str:
     """Geometry of a chain, or why it is not a plain one."""
     tree = chain.tree
-    if chain.closures or chain.rigid:
+    if chain.closures:
         return "a closed chain has arithmetic of its own"
     if chain.actuated is not None:
         return "a chain with chosen actuated joints has no arithmetic of its own"

@@ -102,20 +102,25 @@ def _rows(
                  for k in range(len(constants.ties))), every, acting  # fmt: skip
 
 
-def _independent(chain: Chain, closures: Sequence[Array], freedoms: int) -> tuple[int, ...]:
+def _independent(
+    chain: Chain, moving: Array, closures: Sequence[Array], freedoms: int
+) -> tuple[int, ...]:
     """Coordinates that tell all motions: those held, or else as many without a say in closing.
 
-    Of more actuators than motions none are left out: there are no such coordinates then.
+    Of more actuators than motions none are left out: there are no such coordinates then. The
+    closures' columns are the `moving` ones.
     """
-    if len(chain.held) in (0, freedoms) or len(chain.actuated or ()) > freedoms:
-        return tuple(chain.held) if len(chain.held) == freedoms else ()
+    held = [j for j in chain.held if j not in chain.rigid]
+    driven = [j for j in chain.actuated or () if j not in chain.rigid]
+    if len(held) in (0, freedoms) or len(driven) > freedoms:
+        return tuple(held) if len(held) == freedoms else ()
     # What closes the chain depends on the others as far as it goes.
-    weights = np.where(np.isin(np.arange(closures[0].shape[1]), chain.held), 1e-3, 1.0)
+    weights = np.where(np.isin(moving, held), 1e-3, 1.0)
     dependent = numerics.first_independent(closures[0] * weights)
-    free = np.setdiff1d(np.arange(len(weights)), dependent)
+    free = np.setdiff1d(np.arange(len(moving)), dependent)
     each = (C[:, dependent] for C in closures)
     is_regular = all(numerics.is_regular(numerics.singular_values(C)) for C in each)
-    return tuple(free.tolist()) if is_regular else ()
+    return tuple(moving[free].tolist()) if is_regular else ()
 
 
 def _reduced(rows: Array, rank: int) -> Array:
@@ -131,24 +136,32 @@ def closed_case(
     springs = elastic.springs
     if springs is not None and not isinstance(springs, JointSprings):
         return "line springs of a chain have no arithmetic of their own"
-    if chain.rigid or chain.tree.mimic is not None:
-        return "joints that are rigid, or follow others, in a closed chain"
+    if chain.tree.mimic is not None:
+        return "joints that follow others in a closed chain"
     constants = tree_constants(chain)
     way = constants.support(constants.carrier)
     if not any(np.any(np.reshape(constants.screws, (-1, 6))[j, :3]) for j in way):
         return "no joint on the way to the frame turns"
+    if not chain.rigid <= set(chain.held):
+        return "joints that are rigid and no motors move while a closed chain is assembled"
     samples = _samples(chain, elastic.q)
-    held = tuple(chain.held)
-    moving, shut = (_rows(constants, samples, some) if samples else None for some in ((), held))
-    if moving is None or shut is None:
+    rigid = tuple(sorted(chain.rigid))
+    held = tuple(j for j in chain.held if j not in rigid)
+    free, shut = (_rows(constants, samples, some) if samples else None
+                  for some in (rigid, (*held, *rigid)))  # fmt: skip
+    if free is None or shut is None:
         return "the closures have no rank that most postures share"
-    rows, closures, acting = moving
+    rows, closures, acting = free
     n, rank = len(constants.is_length), sum(map(len, rows))
-    is_freed = not held or len(held) > n - rank
+    moving = np.setdiff1d(np.arange(n), rigid)
+    freedoms = len(moving) - rank
+    if not freedoms:
+        return "nothing gives"
+    is_freed = not held or len(held) > freedoms
     if is_freed and acting > rank:
         return "redundant closures without actuated coordinates are closed posture by posture"
     actuated = chain.actuated
-    if actuated is not None and not set(actuated) <= set(held):
+    if actuated is not None and not set(actuated) <= {*held, *rigid}:
         return "the actuated coordinates are not those that are held"
 
     settled = settles(elastic, wrench)
@@ -174,9 +187,9 @@ def closed_case(
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
     # Torques and forces beside each other are shared by way of a length that is not the same there.
     kinds = {constants.is_length[a] for a in np.flatnonzero(is_open)}
-    independent = _independent(chain, closures, n - rank)
-    if not is_open.any():
-        balance = "given"
+    independent = _independent(chain, moving, closures, freedoms)
+    if not is_open.any():  # where links give, nothing but them carries a load
+        balance = "chosen" if settled else "given" if acts or wrench != "none" else "idle"
     elif settled:
         if not set(np.flatnonzero(is_open).tolist()) <= set(independent):
             return "what springs carry beside links that give is found posture by posture"
@@ -185,11 +198,11 @@ def closed_case(
         balance = "chosen"
     elif wrench == "none" and not acts:
         balance = "idle"
-    elif not independent and is_open.sum() >= n - rank and len(kinds) == 1:
+    elif not independent and is_open.sum() >= freedoms and len(kinds) == 1:
         balance = "chosen"
     else:
         return "what springs carry beside closures is found posture by posture"
-    if n - rank > 6 and balance == "given":
+    if freedoms > 6 and balance == "given":
         return "whether self-motions of a closed chain balance is seen posture by posture"
     return ClosedCase(
         constants,
@@ -204,6 +217,7 @@ def closed_case(
         springs=tuple(np.flatnonzero(own).tolist()),
         still=tuple(still),
         settled=settled,
-        has_chart=actuated is not None and len(actuated) == 6 == n - rank,
+        rigid=rigid,
+        has_chart=actuated is not None and len(actuated) == 6 == freedoms,
         is_driven=actuated is not None and set(actuated) == set(independent),
     ), tuple(others)

@@ -58,7 +58,7 @@ class ClosedCase(ChainCase):
         Whether springs exert what their rest positions say, those that are open carry all that
         acts, or nothing acts and nothing is stretched.
     springs : coordinates with a spring of their own.
-    held : coordinates that stay where they are while the chain is closed.
+    held : coordinates that stay where they are while the chain is closed, besides the rigid ones.
     independent : coordinates I, as many as closures leave, or none.
     rows : of each tie, rows of its relative twist that are independent of all others' (0 to 5).
     shut : of each tie, rows that are independent while `held` is held.
@@ -84,12 +84,12 @@ class ClosedCase(ChainCase):
     @property
     def dependent(self) -> list[int]:
         """Coordinates D."""
-        return [j for j in range(len(self.constants.is_length)) if j not in self.independent]
+        return [j for j in self.moving if j not in self.independent]
 
     @property
     def freedoms(self) -> int:
         """How many motions stay closed."""
-        return len(self.constants.is_length) - sum(map(len, self.rows))
+        return len(self.moving) - sum(map(len, self.rows))
 
     @property
     def ways(self) -> tuple[ClosedCase, ...]:
@@ -161,12 +161,14 @@ class ClosedChainNumbers(ChainNumbers):
             size = norm_squared(solved) / len(D) * norm_squared(scaled[:, D])
             limit = _CLOSED**2
         else:
-            Q = reflections(scaled.T)
+            moving = case.moving
+            Q = reflections(scaled[:, moving].T)
             inverse_R = upper_inverse(Q.R)
             self._solved = Q, inverse_R, scale, sizes
-            last = zeros(n, n - len(Q.R))
-            last[len(Q.R) :] = np.eye(n - len(Q.R))
-            self.N = Q.apply(last) * sizes[:, None]
+            last = zeros(len(moving), self.n)
+            last[len(Q.R) :] = np.eye(self.n)
+            self.N = zeros(n, self.n)
+            self.N[moving] = Q.apply(last) * sizes[moving][:, None]
             size, limit = norm_squared(Q.R) * norm_squared(inverse_R), JACOBIAN_CONDITION**2
         verdict = limited(size, limit)
         missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
@@ -179,11 +181,12 @@ class ClosedChainNumbers(ChainNumbers):
         """Closure forces that balance generalised forces (n,) on what depends on others."""
         if all(is_zero(x) for x in right.flat):
             return zeros(len(self.C))
-        D = self.case.dependent
         if self.case.independent:
+            D = self.case.dependent
             return solution(self.C[:, D].T, right[D, None])[:, 0]
         Q, inverse_R, scale, sizes = self._solved
-        return (inverse_R @ Q.apply_transposed(right * sizes)[: len(inverse_R)]) * scale
+        turned = Q.apply_transposed((right * sizes)[self.case.moving])
+        return (inverse_R @ turned[: len(inverse_R)]) * scale
 
     def _turning(self, multipliers: Array) -> Array:
         """``lam c''``."""
@@ -328,5 +331,4 @@ def length_of(tree: TreeKinematics) -> Scalar:
 
 def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
     """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
-    chain = ClosedChainNumbers(tape, case)
-    return {**arrays_of(chain, wanted), "jacobian": chain.J_q}
+    return arrays_of(ClosedChainNumbers(tape, case), wanted)

@@ -104,7 +104,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
         rates.append(J[list(rows)])
     missed, C = np.concatenate(residuals), np.concatenate(rates)
     step = zeros(n)
-    D = [j for j in range(n) if j not in case.held]
+    D = [j for j in case.moving if j not in case.held]
     sizes = columns[D]
     scaled = C[:, D] * sizes
     if len(D) == len(C):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from cartstiff.many.chains.chain_numbers import ChainCase
 from cartstiff.many.chains.chain_twists import numbers
-from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.masses import Bodies
 from cartstiff.many.leg_masses import LegMasses
 from cartstiff.many.platform_arithmetic import PlatformCase
@@ -40,9 +39,5 @@ def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
 
 def frequencies_of(case: _Case) -> int:
     """How many of the lowest frequencies are found: all, or the first of many motions."""
-    motions = 6
-    if isinstance(case, ClosedCase):
-        motions = case.freedoms
-    elif isinstance(case, ChainCase):
-        motions = len(case.constants.is_length)
+    motions = case.freedoms if isinstance(case, ChainCase) else 6
     return motions if motions <= LARGEST else 1

@@ -1,0 +1,130 @@
+"""Rigid joints on the tape: the motions are those of the others, as the engine has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.many.plans import plan
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps import RandomPostures, compute_map, open_map
+from cartstiff.page.living import tapes
+
+pytest.importorskip("llvmlite")
+
+MATRICES = [f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in ("A", "B", "K", "load")]
+OUTPUTS = ("pose", "jacobian", "wrench", "energy", *MATRICES, "stiffness_F", "compliance_F")
+LOAD = (1.0, 2.0, -3.0, 20.0, -10.0, 40.0)
+COUNT = 40
+
+
+def held(name: str, *joints: int, gravity: bool = False) -> cartstiff.ElasticMechanism:
+    """A mechanism some joints of which are rigid; springs of the others differ."""
+    elastic = cartstiff.load(name)
+    stiffness = np.array(elastic.springs.stiffness) * np.linspace(0.7, 1.3, elastic.q.size)
+    stiffness[list(joints)] = np.inf
+    elastic = elastic.with_springs(stiffness=stiffness)
+    return elastic.with_gravity().with_payload(2.0, (0.05, 0.0, 0.1)) if gravity else elastic
+
+
+def about(elastic: cartstiff.ElasticMechanism, away: float) -> np.ndarray:
+    """Random postures about the mechanism's own, its motors moved."""
+    rng, n = np.random.default_rng(4), elastic.q.size
+    moved = [j for j in getattr(elastic.mechanism, "held", ())
+             if j not in elastic.mechanism.virtual] or list(range(n))  # fmt: skip
+    q = np.tile(elastic.q, (COUNT, 1))
+    q[:, moved] += away * rng.uniform(-1.0, 1.0, (COUNT, len(moved)))
+    return q
+
+
+def assert_the_engines(elastic, q, path, **load):
+    """Numbers and states are the engine's, and none came from there."""
+    fast, engine = (analyse_many(elastic, q, outputs=OUTPUTS, path=p, **load)
+                    for p in (path, "engine"))  # fmt: skip
+    assert fast.by_engine == 0
+    assert [fast.codes[s] for s in fast.state] == [engine.codes[s] for s in engine.state]
+    for name, known in engine.arrays.items():
+        assert np.array_equal(np.isnan(fast[name]), np.isnan(known)), name
+        axes = tuple(range(1, known.ndim))
+        # Of what is balanced, and of energies of small deflections, only the rounding is left.
+        least = {"wrench": 100.0, "energy": 1.0}.get(name, 0.0)
+        error = np.abs(fast[name] - known).max(axis=axes, initial=0.0)
+        size = np.maximum(np.abs(known).max(axis=axes, initial=0.0), least)
+        known_there = np.isfinite(size)
+        assert (error <= 2e-10 * size)[known_there].all(), name
+
+
+@pytest.mark.parametrize("path", ["compiled", "portable"])
+@pytest.mark.parametrize("load", [{}, {"wrench": LOAD}, {"wrench": LOAD, "load_axes": "world"}])
+@pytest.mark.parametrize(
+    ("name", "joints", "state"),
+    [("ur5", (2,), "deficient"), ("ur5", (0, 4), "deficient"), ("panda", (2,), "regular"),
+     ("xarm7", (1, 5), "deficient")],
+)  # fmt: skip
+@pytest.mark.parametrize("gravity", [False, True])
+def test_arms_give_the_engines_answers(name, joints, state, gravity, load, path):
+    elastic = held(name, *joints, gravity=gravity)
+    assert plan(elastic, "shared" if load else "none").regular == state
+    assert_the_engines(elastic, about(elastic, 0.8), path, **load)
+
+
+@pytest.mark.parametrize("path", ["compiled", "portable"])
+@pytest.mark.parametrize("load", [{}, {"wrench": LOAD}])
+@pytest.mark.parametrize(
+    ("name", "joints"),
+    [("6-ups", (2,)), ("6-ups", (2, 11, 17)), ("3-rps", (1,)), ("five-bar", (0,)),
+     ("delta", (0, 11)), ("delta", (0, 11, 22))],
+)  # fmt: skip
+def test_motors_of_closed_chains_give_the_engines_answers(name, joints, load, path):
+    elastic = held(name, *joints)
+    assert set(joints) <= set(elastic.mechanism.held)
+    if load and name == "delta":  # its forearms carry little
+        load = {"wrench": 0.02 * np.array(LOAD)}
+    assert_the_engines(elastic, about(elastic, 0.05), path, **load)
+
+
+def test_rest_positions_of_the_others_are_kept():
+    elastic = held("panda", 2)
+    names = [n for n in elastic.spring_names if n != elastic.names[2]]
+    rest = {name: elastic.q[elastic.names.index(name)] + 0.05 for name in names}
+    elastic = elastic.with_springs(rest=rest)
+    assert_the_engines(elastic, about(elastic, 0.1), "compiled")
+
+
+def test_where_rank_is_lost_they_are_not_counted():
+    """An elbow that is stretched and rigid leaves five motions, four where a wrist is, too."""
+    elastic = held("ur5", 2)
+    q = about(elastic, 0.8)
+    q[:20, 4] = 0.0
+    assert_the_engines(elastic, q, "compiled", wrench=LOAD)
+
+
+def test_a_passive_joint_of_a_closed_chain_is_left_to_the_engine():
+    elastic = held("6-ups", 0)
+    with pytest.raises(InputError, match="no motors move while a closed chain is assembled"):
+        analyse_many(elastic, [elastic.q], path="compiled")
+    assert analyse_many(elastic, [elastic.q]).by_engine == 1
+
+
+def test_nothing_is_left_where_all_joints_are_rigid():
+    elastic = held("ur5", *range(6))
+    assert "all of them" in plan(elastic, "none")
+
+
+def test_frequencies_of_a_map_are_those_of_one_posture(tmp_path):
+    elastic = held("xarm7", 3, gravity=True)
+    sampling = RandomPostures.within_limits(elastic, 300, seed=2)
+    quantities = ["frequency_1", "translation_held_min", "deflection"]
+    compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", wrench=LOAD)
+    data = open_map(tmp_path / "m.zarr")
+    q = data["q"].values
+    for i in (3, 77, 200):
+        wanted = cartstiff.modes(elastic, q[i], wrench=LOAD).frequencies[0]
+        assert float(data["frequency_1"][i]) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_page_without_a_server_says_why_it_does_not_compute():
+    elastic = held("panda", 2)
+    assert "a rigid joint" in tapes(elastic, cartstiff.analyse(elastic))
