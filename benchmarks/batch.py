@@ -35,12 +35,18 @@ FLEXIBLE_ARM = "ur5, two links that give"
 
 @dataclass(frozen=True)
 class Row:
-    """A mechanism, the size of its load, and what is required, in microseconds."""
+    """A mechanism, the size of its load, what is required (us), how far from home, rigid joints."""
 
     name: str
     load: float = 0.0
     required: float | None = None
     away: float = 0.05
+    rigid: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """The name, and what of it is rigid."""
+        return ", ".join([self.name, *(f"{joint} rigid" for joint in self.rigid)])
 
 
 ROWS = (
@@ -51,14 +57,16 @@ ROWS = (
     Row("3-rps", required=5.0), Row("3-rps", 1.0, 5.0),
     Row("delta", required=5.0), Row("delta", 1.0), Row("6-pus", 1.0), Row("tricept", 1.0),
     Row("five-bar", 1.0), Row("3-rrr"), Row("3-rrr", 1.0), Row(FLEXIBLE_ARM, 1.0),
+    Row("ur5", 1.0, rigid=("elbow_joint",)), Row("delta", rigid=("leg1/motor", "leg2/motor")),
     Row("flexure-hexapod", required=20.0, away=0.001),
     Row("flexure-hexapod", 0.3, 20.0, away=0.001),
 )  # fmt: skip
 
 
-def loaded(name: str) -> cartstiff.ElasticMechanism:
+def loaded(row: Row) -> cartstiff.ElasticMechanism:
     """A bundled mechanism, or the arm whose links give."""
-    return cartstiff.load(ARM if name == FLEXIBLE_ARM else name)
+    elastic = cartstiff.load(ARM if row.name == FLEXIBLE_ARM else row.name)
+    return elastic.with_springs(dict.fromkeys(row.rigid, np.inf)) if row.rigid else elastic
 
 
 def drawn(elastic: Any, row: Row, count: int) -> np.ndarray:
@@ -73,7 +81,7 @@ def drawn(elastic: Any, row: Row, count: int) -> np.ndarray:
 
 def measured(row: Row, count: int, rounds: int) -> str:
     """A line of the table."""
-    elastic = loaded(row.name)
+    elastic = loaded(row)
     q = drawn(elastic, row, count)
     load: dict[str, Any] = {"wrench": row.load * LOAD} if row.load else {}
     kept = np.isfinite(analyse_many(elastic, q[:1], outputs=("B",), **load)["B"]).all()
@@ -90,7 +98,7 @@ def measured(row: Row, count: int, rounds: int) -> str:
         size = np.abs(engine[name][known]).max(initial=0.0)
         apart = np.abs(found[name][:ENGINE][known] - engine[name][known]).max(initial=0.0)
         if apart > AGREEMENT * size:
-            raise SystemExit(f"{row.name}: {name} is not the engine's")
+            raise SystemExit(f"{row.title}: {name} is not the engine's")
     times: dict[int, list[float]] = {0: [], 1: [], 2: []}
     for _ in range(rounds):
         for threads, taken in times.items():
@@ -104,7 +112,7 @@ def measured(row: Row, count: int, rounds: int) -> str:
     asked = "" if row.required is None else f"{row.required:g}: {_met(min(one, two), row)}"
     under = f"{row.load:g}" if row.load else "none"
     made = first - one * count / 1e6
-    return (f"| {row.name} | {under} | {one:.3g} | {two:.3g} | {found.by_engine} | {slow:.0f} | "
+    return (f"| {row.title} | {under} | {one:.3g} | {two:.3g} | {found.by_engine} | {slow:.0f} | "
             f"{slow / min(one, two):.0f} | {made:.1f} | {asked} |")  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -41,19 +42,8 @@ def about(elastic: cartstiff.ElasticMechanism, away: float) -> np.ndarray:
 
 def assert_the_engines(elastic, q, path, **load):
     """Numbers and states are the engine's, and none came from there."""
-    fast, engine = (analyse_many(elastic, q, outputs=OUTPUTS, path=p, **load)
-                    for p in (path, "engine"))  # fmt: skip
-    assert fast.by_engine == 0
-    assert [fast.codes[s] for s in fast.state] == [engine.codes[s] for s in engine.state]
-    for name, known in engine.arrays.items():
-        assert np.array_equal(np.isnan(fast[name]), np.isnan(known)), name
-        axes = tuple(range(1, known.ndim))
-        # Of what is balanced, and of energies of small deflections, only the rounding is left.
-        least = {"wrench": 100.0, "energy": 1.0}.get(name, 0.0)
-        error = np.abs(fast[name] - known).max(axis=axes, initial=0.0)
-        size = np.maximum(np.abs(known).max(axis=axes, initial=0.0), least)
-        known_there = np.isfinite(size)
-        assert (error <= 2e-10 * size)[known_there].all(), name
+    assert analyse_many(elastic, q, outputs=OUTPUTS, path=path, **load).by_engine == 0
+    assert_same(elastic, q, path, outputs=OUTPUTS, **load)
 
 
 @pytest.mark.parametrize("path", ["compiled", "portable"])
