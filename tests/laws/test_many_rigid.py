@@ -93,14 +93,14 @@ def test_where_rank_is_lost_they_are_not_counted():
 
 def test_a_passive_joint_of_a_closed_chain_is_left_to_the_engine():
     elastic = held("6-ups", 0)
-    with pytest.raises(InputError, match="no motors move while a closed chain is assembled"):
+    with pytest.raises(InputError, match="no motor moves while a closed chain is assembled"):
         analyse_many(elastic, [elastic.q], path="compiled")
     assert analyse_many(elastic, [elastic.q]).by_engine == 1
 
 
 def test_nothing_is_left_where_all_joints_are_rigid():
     elastic = held("ur5", *range(6))
-    assert "all of them" in plan(elastic, "none")
+    assert plan(elastic, "none") == "no joint gives"
 
 
 def test_frequencies_of_a_map_are_those_of_one_posture(tmp_path):

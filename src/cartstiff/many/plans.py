@@ -172,8 +172,10 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
     if isinstance(constants, str):
         return constants
     n, rigid = len(constants.is_length), tuple(sorted(chain.rigid))
-    if rigid and (chain.virtual or len(rigid) == n):
-        return "joints that are rigid beside links that give, or all of them"
+    if len(rigid) == n:
+        return "no joint gives"
+    if rigid and chain.virtual:
+        return "links that give beside rigid joints are looked at posture by posture"
     springs = elastic.springs
     shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
     is_open: tuple[bool, ...] | None = None

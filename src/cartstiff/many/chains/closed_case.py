@@ -143,7 +143,7 @@ def closed_case(
     if not any(np.any(np.reshape(constants.screws, (-1, 6))[j, :3]) for j in way):
         return "no joint on the way to the frame turns"
     if not chain.rigid <= set(chain.held):
-        return "joints that are rigid and no motors move while a closed chain is assembled"
+        return "a rigid joint that is no motor moves while a closed chain is assembled"
     samples = _samples(chain, elastic.q)
     rigid = tuple(sorted(chain.rigid))
     held = tuple(j for j in chain.held if j not in rigid)
@@ -156,7 +156,7 @@ def closed_case(
     moving = np.setdiff1d(np.arange(n), rigid)
     freedoms = len(moving) - rank
     if not freedoms:
-        return "nothing gives"
+        return "no joint gives"
     is_freed = not held or len(held) > freedoms
     if is_freed and acting > rank:
         return "redundant closures without actuated coordinates are closed posture by posture"
