@@ -7,6 +7,7 @@ handed to the graphics driver, the picture before being finished.
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import json
 import sys
@@ -156,4 +157,7 @@ def main(browser: bool = True) -> None:
 
 
 if __name__ == "__main__":
-    main(browser="--no-browser" not in sys.argv[1:])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--no-browser", dest="browser", action="store_false",
+                        help="leave the times in a browser out")  # fmt: skip
+    main(browser=parser.parse_args().browser)
