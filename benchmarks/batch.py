@@ -50,17 +50,29 @@ class Row:
 
 
 ROWS = (
-    Row("ur5", 1.0), Row("panda", 1.0),
-    Row("stewart-gough", required=0.5), Row("stewart-gough", 1.0, 0.5),
-    Row("cable-robot", required=1.0), Row("cable-robot", 0.2, 1.0),
-    Row("6-ups", required=5.0), Row("6-ups", 1.0, 5.0),
-    Row("3-rps", required=5.0), Row("3-rps", 1.0, 5.0),
-    Row("delta", required=5.0), Row("delta", 1.0), Row("6-pus", 1.0), Row("tricept", 1.0),
-    Row("five-bar", 1.0), Row("3-rrr"), Row("3-rrr", 1.0), Row(FLEXIBLE_ARM, 1.0),
-    Row("ur5", 1.0, rigid=("elbow_joint",)), Row("delta", rigid=("leg1/motor", "leg2/motor")),
+    Row("ur5", 1.0),
+    Row("panda", 1.0),
+    Row("stewart-gough", required=0.5),
+    Row("stewart-gough", 1.0, 0.5),
+    Row("cable-robot", required=1.0),
+    Row("cable-robot", 0.2, 1.0),
+    Row("6-ups", required=5.0),
+    Row("6-ups", 1.0, 5.0),
+    Row("3-rps", required=5.0),
+    Row("3-rps", 1.0, 5.0),
+    Row("delta", required=5.0),
+    Row("delta", 1.0),
+    Row("6-pus", 1.0),
+    Row("tricept", 1.0),
+    Row("five-bar", 1.0),
+    Row("3-rrr"),
+    Row("3-rrr", 1.0),
+    Row(FLEXIBLE_ARM, 1.0),
+    Row("ur5", 1.0, rigid=("elbow_joint",)),
+    Row("delta", rigid=("leg1/motor", "leg2/motor")),
     Row("flexure-hexapod", required=20.0, away=0.001),
     Row("flexure-hexapod", 0.3, 20.0, away=0.001),
-)  # fmt: skip
+)
 
 
 def loaded(row: Row) -> cartstiff.ElasticMechanism:
@@ -72,8 +84,11 @@ def loaded(row: Row) -> cartstiff.ElasticMechanism:
 def drawn(elastic: Any, row: Row, count: int) -> np.ndarray:
     """Postures about home (count, n)."""
     chain, q = elastic.mechanism, np.tile(elastic.q, (count, 1))
-    moved = [j for j in getattr(chain, "held", ()) or range(q.shape[1])
-             if j not in getattr(chain, "virtual", ())]  # fmt: skip
+    moved = [
+        j
+        for j in getattr(chain, "held", ()) or range(q.shape[1])
+        if j not in getattr(chain, "virtual", ())
+    ]
     steps = np.random.default_rng(1).uniform(-row.away, row.away, (count, len(moved)))
     q[:, moved] += steps * chain.at(elastic.q).coordinate_lengths[moved]
     return q
@@ -112,8 +127,10 @@ def measured(row: Row, count: int, rounds: int) -> str:
     asked = "" if row.required is None else f"{row.required:g}: {_met(min(one, two), row)}"
     under = f"{row.load:g}" if row.load else "none"
     made = first - one * count / 1e6
-    return (f"| {row.title} | {under} | {one:.3g} | {two:.3g} | {found.by_engine} | {slow:.0f} | "
-            f"{slow / min(one, two):.0f} | {made:.1f} | {asked} |")  # fmt: skip
+    return (
+        f"| {row.title} | {under} | {one:.3g} | {two:.3g} | {found.by_engine} | {slow:.0f} | "
+        f"{slow / min(one, two):.0f} | {made:.1f} | {asked} |"
+    )
 
 
 def _met(taken: float, row: Row) -> str:
@@ -128,8 +145,10 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=[row.name for row in ROWS], metavar="NAME")
     given = parser.parse_args()
     describe()
-    print("| mechanism | load | us, 1 thread | 2 threads | by the engine | engine, us | ratio | "
-          "recorded and compiled, s | required, us |")  # fmt: skip
+    print(
+        "| mechanism | load | us, 1 thread | 2 threads | by the engine | engine, us | ratio | "
+        "recorded and compiled, s | required, us |"
+    )
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for row in ROWS:
         if row.name in given.only:
@@ -141,8 +160,10 @@ def main() -> None:
         start = time.perf_counter()
         lean(q)
         taken.append((time.perf_counter() - start) / len(q) * 1e6)
-    print(f"\nThe lean loop takes {median(taken):.1f} us a posture of a UR5. Medians of "
-          f"{given.rounds} interleaved rounds.")  # fmt: skip
+    print(
+        f"\nThe lean loop takes {median(taken):.1f} us a posture of a UR5. Medians of "
+        f"{given.rounds} interleaved rounds."
+    )
 
 
 if __name__ == "__main__":

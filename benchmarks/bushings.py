@@ -248,10 +248,11 @@ ELEMENTS = (
     Element("Exudyn, useIntrinsicFormulation", lambda: exudyn(True), None),
     Element("OpenSees, zeroLength", opensees, None),
     Element(
-        "MuJoCo, three slides and a ball (60, 60, 60)", lambda: mujoco(True),
+        "MuJoCo, three slides and a ball (60, 60, 60)",
+        lambda: mujoco(True),
         energy(rotation_vector, np.full(3, SAME)),
     ),
-)  # fmt: skip
+)
 
 
 def tangent(law: Law, T: Array = POSE) -> tuple[Array, Array]:

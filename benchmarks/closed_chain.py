@@ -73,9 +73,15 @@ def tied(elastic: cartstiff.ElasticMechanism) -> Tied:
         ties.append((a.T_j_f[:3, 3], b.joint - 1, b.T_j_f[:3, 3]))
     springs: Any = elastic.springs
     placements = np.array([model.jointPlacements[j + 1].homogeneous for j in range(count)])
-    return Tied([int(p) - 1 for p in model.parents[1:]], placements, np.array(axes), slides,
-                float(springs.stiffness[slides[0]]), (chain.body.joint - 1, chain.body.T_j_f),
-                ties)  # fmt: skip
+    return Tied(
+        [int(p) - 1 for p in model.parents[1:]],
+        placements,
+        np.array(axes),
+        slides,
+        float(springs.stiffness[slides[0]]),
+        (chain.body.joint - 1, chain.body.T_j_f),
+        ties,
+    )
 
 
 # -- NumPy on stacks, and the same functions by JAX -------------------------------------------
@@ -112,8 +118,10 @@ def _frames(t: Tied, q: Any, xp: Any) -> list[Any]:
 
 def _moved(t: Tied, frames: list[Any], joints: list[int], p: Any, xp: Any) -> dict[int, Any]:
     """Velocity (N, 3) of a point per rate of each of some joints."""
-    return {j: frames[j][2] if j in t.slides else xp.cross(frames[j][2], p - frames[j][1])
-            for j in joints}  # fmt: skip
+    return {
+        j: frames[j][2] if j in t.slides else xp.cross(frames[j][2], p - frames[j][1])
+        for j in joints
+    }
 
 
 def _ties(t: Tied, frames: list[Any], xp: Any) -> tuple[list[Any], list[Any]]:
@@ -123,8 +131,9 @@ def _ties(t: Tied, frames: list[Any], xp: Any) -> tuple[list[Any], list[Any]]:
     for a, joint, b in t.ties:
         p_a, p_b = R @ a + o, frames[joint][0] @ b + frames[joint][1]
         left.append(p_b - p_a)
-        moves.append((_moved(t, frames, t.way(t.body[0]), p_a, xp),
-                      _moved(t, frames, t.way(joint), p_b, xp)))  # fmt: skip
+        moves.append(
+            (_moved(t, frames, t.way(t.body[0]), p_a, xp), _moved(t, frames, t.way(joint), p_b, xp))
+        )
     return left, moves
 
 
@@ -164,9 +173,7 @@ def stack_of(t: Tied, q: Any, xp: Any, steps: int = STEPS) -> Answer:
     columns = {}
     for j, v in _moved(t, frames, way, p, xp).items():
         turn = nothing if j in t.slides else frames[j][2]
-        columns[j] = xp.concatenate(
-            [(back @ x[..., None])[..., 0] for x in (turn, v)], 1
-        )  # fmt: skip
+        columns[j] = xp.concatenate([(back @ x[..., None])[..., 0] for x in (turn, v)], 1)
     J = xp.stack([columns.get(j, xp.zeros((N, 6))) for j in range(n)], -1)
 
     # Motions that stay closed, led by the motors, and their rates per motion of the body.
@@ -258,8 +265,9 @@ def numba_loop(t: Tied, threads: int) -> Callable[[Array], Answer]:
 
     @jit
     def cross(a, b):  # type: ignore[no-untyped-def]
-        return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-                         a[0] * b[1] - a[1] * b[0]])  # fmt: skip
+        return np.array(
+            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        )
 
     @jit
     def place(q, R, p, z):  # type: ignore[no-untyped-def]
@@ -383,8 +391,9 @@ def path_of(t: Tied, q: Array, count: int) -> Array:
     phase = 0.02 * np.arange(count + 1)[:, None] + np.arange(6.0)
     moved = np.tile(q, (count + 1, 1))
     moved[:, t.slides] += 0.03 * np.sin(phase)
-    closed = np.concatenate([closed_stack(t, moved[i : i + CHUNK], 25, np)
-                             for i in range(0, count + 1, CHUNK)])  # fmt: skip
+    closed = np.concatenate(
+        [closed_stack(t, moved[i : i + CHUNK], 25, np) for i in range(0, count + 1, CHUNK)]
+    )
     starts = closed[:-1].copy()
     starts[:, t.slides] = moved[1:, t.slides]
     return starts
@@ -402,8 +411,9 @@ def main() -> None:
 
     def ours(path: Any, threads: int, count: int | None = None) -> Callable[[Array], Answer]:
         def run(q: Array) -> Answer:
-            result = analyse_many(elastic, q[:count], wrench=LOAD, outputs=OUTPUTS, path=path,
-                                  threads=threads)  # fmt: skip
+            result = analyse_many(
+                elastic, q[:count], wrench=LOAD, outputs=OUTPUTS, path=path, threads=threads
+            )
             return tuple(result[name] for name in OUTPUTS)
 
         return run

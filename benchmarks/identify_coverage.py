@@ -40,14 +40,20 @@ _MIX = (("elbow", 0.3), ("scara", 0.2), ("seven", 0.2), ("cubic", 0.2), ("five-b
 # Further unknowns of the elbow arm, in a tenth of as many campaigns besides: the second joint's
 # bearing across its axis, and a counterbalance.
 _MORE = {
-    "bearing": (("joints", "l2:rx,rz"), """flexible:
+    "bearing": (
+        ("joints", "l2:rx,rz"),
+        """flexible:
   l2: {stiffness: [[3.0e4, 0, 0, 0, 0, 0], [0, 9.0e9, 0, 0, 0, 0], [0, 0, 2.0e4, 0, 0, 0],
                    [0, 0, 0, 9.0e9, 0, 0], [0, 0, 0, 0, 9.0e9, 0], [0, 0, 0, 0, 0, 9.0e9]]}
-"""),
-    "counterbalance": (("joints", "lines"), """lines:
+""",
+    ),
+    "counterbalance": (
+        ("joints", "lines"),
+        """lines:
   - {frames: [world, l2], points: [[-0.2, 0.0, 0.5], [0.0, 0.05, 0.3]], stiffness: 2.0e5}
-"""),
-}  # fmt: skip
+""",
+    ),
+}
 
 
 def _mechanism(name: str, folder: Path) -> cartstiff.ElasticMechanism:
@@ -87,8 +93,9 @@ def _campaign(
         model = LinearModel(unknowns_of(elastic), still)
         moved = model.at(model.unknowns.nominal)[0]
     sd = float(np.sqrt(np.mean(moved**2))) * 0.03
-    measured = simulated(elastic, offered, dict.fromkeys(columns, sd), seed=seed,
-                         tell_deviations=bool(seed % 2))  # fmt: skip
+    measured = simulated(
+        elastic, offered, dict.fromkeys(columns, sd), seed=seed, tell_deviations=bool(seed % 2)
+    )
     result = identify(elastic, measured, sought=sought)
     found: Counter[str] = Counter()
     for e, c in zip(result.estimates, result.unknowns.nominal, strict=True):
@@ -102,13 +109,23 @@ def _campaign(
             found["far off"] += abs(e.compliance - c) > 6.0 * e.deviation
     if kind != 3:
         bad = rng.choice(rows, max(1, round(0.05 * rows)), replace=False).tolist()
-        spoilt = simulated(elastic, offered, dict.fromkeys(columns, sd), seed=seed, outliers=bad,
-                           tell_deviations=bool(seed % 2))  # fmt: skip
+        spoilt = simulated(
+            elastic,
+            offered,
+            dict.fromkeys(columns, sd),
+            seed=seed,
+            outliers=bad,
+            tell_deviations=bool(seed % 2),
+        )
         robust = identify(elastic, spoilt, fit="robust", sought=sought)
         named, wrong = set(robust.suspects), {n + 1 for n in bad}
         told = identify(elastic, spoilt.chosen(~np.isin(np.arange(rows), bad)), sought=sought)
-        unchecked = {row for note in robust.notes if note.code == "rows-unchecked"
-                     for row in note.values["rows"]}  # fmt: skip
+        unchecked = {
+            row
+            for note in robust.notes
+            if note.code == "rows-unchecked"
+            for row in note.values["rows"]
+        }
         found["gross"] += len(wrong)
         found["unchecked"] += len((wrong - named) & unchecked)
         found["unchecked rows"] += len(unchecked)
@@ -143,8 +160,10 @@ def main(campaigns: int = 1000, *machines: str) -> None:
             start += count
             total += found
             spent = (time.perf_counter() - begin) / count
-            print(f"{name:>14}: {count} campaigns, {_line(found)}, {1e3 * spent:.0f} ms each",
-                  flush=True)  # fmt: skip
+            print(
+                f"{name:>14}: {count} campaigns, {_line(found)}, {1e3 * spent:.0f} ms each",
+                flush=True,
+            )
             for spring in sorted(k[7:] for k in found if k.startswith("all of ")):
                 held, n = found[f"held of {spring}"], found[f"all of {spring}"]
                 share, error = 100 * held / n, 100 * np.sqrt(0.95 * 0.05 / n)
@@ -163,12 +182,14 @@ def _line(found: Counter[str]) -> str:
     if found["refused"]:
         parts.append(f"without an answer {found['refused']}")
     if found["gross"]:
-        parts.append(f"gross errors named {found['named']}/{found['gross']} (besides: "
-                     f"{found['named besides']}), {found['unchecked']} more in rows told as hardly "
-                     f"checked ({found['unchecked rows']} of {found['rows']} rows), "
-                     f"robust estimates inside "
-                     f"{found['robust inside']}/{found['robust']}, those that are told the wrong "
-                     f"rows {found['told inside']}")  # fmt: skip
+        parts.append(
+            f"gross errors named {found['named']}/{found['gross']} (besides: "
+            f"{found['named besides']}), {found['unchecked']} more in rows told as hardly "
+            f"checked ({found['unchecked rows']} of {found['rows']} rows), "
+            f"robust estimates inside "
+            f"{found['robust inside']}/{found['robust']}, those that are told the wrong "
+            f"rows {found['told inside']}"
+        )
     return ", ".join(parts)
 
 

@@ -42,8 +42,10 @@ def main(rows: int = 100) -> None:
     for e, c in zip(result.estimates, truth, strict=True):
         kinds[e.verdict] = kinds.get(e.verdict, 0) + 1
         held += e.interval is not None and e.interval[0] <= c <= e.interval[1]
-    print(f"{len(truth)} unknowns, {rows} rows, {len(result.model.observations)} numbers: "
-          f"{spent:.1f} s, {cpu:.1f} s of processor time")  # fmt: skip
+    print(
+        f"{len(truth)} unknowns, {rows} rows, {len(result.model.observations)} numbers: "
+        f"{spent:.1f} s, {cpu:.1f} s of processor time"
+    )
     print(
         f"{kinds}; intervals that hold the truth: {held}; "
         f"residual {result.checks.chi_squared:.5g} at {result.checks.freedom:.4g} degrees"

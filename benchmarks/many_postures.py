@@ -154,10 +154,12 @@ def measure(found: list[Contender], q: Array, rounds: int, machine: Machine) -> 
             start = time.perf_counter()
             contender.run(rows)
             contender.times.append((time.perf_counter() - start) / len(rows))
-        limits.append([
-            [machine.flops(n), machine.bytes_written(n), machine.bytes_written(n, zeros=True)]
-            for n in (1, 2)
-        ])  # fmt: skip
+        limits.append(
+            [
+                [machine.flops(n), machine.bytes_written(n), machine.bytes_written(n, zeros=True)]
+                for n in (1, 2)
+            ]
+        )
     return np.median(limits, axis=0)
 
 
@@ -196,8 +198,11 @@ def requirements(found: list[Contender], limits: Array, flops: int) -> None:
         f"{flops / arithmetic[1] * 1e9:.0f} ns and {BYTES / max(written) * 1e9:.0f} ns on two; the "
         f"compiled path takes {both * 1e9:.0f} ns.\n"
     )
-    print(judged("portable to the plain loop", by_name["plain Pinocchio loop"] / slow,
-                 PORTABLE_TO_PLAIN))  # fmt: skip
+    print(
+        judged(
+            "portable to the plain loop", by_name["plain Pinocchio loop"] / slow, PORTABLE_TO_PLAIN
+        )
+    )
     print(judged("compiled to portable", slow / fast, FAST_TO_PORTABLE))
     print(judged("compiled to the lean loop", by_name["lean Pinocchio loop"] / fast, FAST_TO_LEAN))
     share = BYTES / both / max(written)
@@ -222,9 +227,13 @@ def arm_of(joints: int) -> ElasticMechanism:
 
 
 def timed(
-    elastic: ElasticMechanism, wrench: Array, outputs: list[str], path: str, rows: Array,
+    elastic: ElasticMechanism,
+    wrench: Array,
+    outputs: list[str],
+    path: str,
+    rows: Array,
     out: Any = None,
-) -> tuple[float, Any]:  # fmt: skip
+) -> tuple[float, Any]:
     start = time.perf_counter()
     found = analyse_many(
         elastic, rows, wrench=wrench, outputs=outputs, path=path, threads=1, out=out
@@ -254,8 +263,10 @@ def grow_with_joints(quick: bool, rounds: int) -> None:
             times[path] = statistics.median(spent) * 1e6
         order = tuple(o for o in ("jacobian", "wrench", *OUTPUTS[2:]) if o in outputs)
         size = program_for(plan(elastic, "shared").case, order).size
-        print(f"| {joints} | {size} | {making:.2f} | {times['compiled']:.3g} "
-              f"| {times['portable']:.3g} | {times['engine']:.3g} |")  # fmt: skip
+        print(
+            f"| {joints} | {size} | {making:.2f} | {times['compiled']:.3g} "
+            f"| {times['portable']:.3g} | {times['engine']:.3g} |"
+        )
     print()
 
 
@@ -299,8 +310,10 @@ def to_a_file(elastic: ElasticMechanism, quick: bool) -> None:
                 out["stiffness_B"].tofile(file)
         size = target.stat().st_size
     spent = time.perf_counter() - start
-    print(f"{count:.0e} postures, K^B to a file of {size / 1e9:.2f} GB: {spent:.1f} s, of which "
-          f"{computing:.1f} s computing.")  # fmt: skip
+    print(
+        f"{count:.0e} postures, K^B to a file of {size / 1e9:.2f} GB: {spent:.1f} s, of which "
+        f"{computing:.1f} s computing."
+    )
 
 
 def peak_memory() -> int:
@@ -329,9 +342,11 @@ def describe() -> None:
         except PackageNotFoundError:
             found.append(f"{package} {cartstiff.__version__ if package == 'cartstiff' else '-'}")
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
-    print(f"Machine: {os.cpu_count()} processors, {cache_size()}, {platform.system()}, Python "
-          f"{platform.python_version()}, {', '.join(found)}; "
-          f"load average before {load}\n")  # fmt: skip
+    print(
+        f"Machine: {os.cpu_count()} processors, {cache_size()}, {platform.system()}, Python "
+        f"{platform.python_version()}, {', '.join(found)}; "
+        f"load average before {load}\n"
+    )
 
 
 def main() -> None:

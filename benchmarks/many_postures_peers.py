@@ -37,10 +37,12 @@ class Arm:
         )
         data = model.createData()
         pin.computeJointJacobians(model, data, np.zeros(model.nq))
-        axes = np.array([
-            pin.getJointJacobian(model, data, i, pin.LOCAL)[3:, i - 1]
-            for i in range(1, model.njoints)
-        ])  # fmt: skip
+        axes = np.array(
+            [
+                pin.getJointJacobian(model, data, i, pin.LOCAL)[3:, i - 1]
+                for i in range(1, model.njoints)
+            ]
+        )
         return placements, axes, model.frames[self.frame].placement.homogeneous
 
 
@@ -208,8 +210,11 @@ def numba_kernel(arm: Arm, threads: int) -> Any:
                         P[r] += R[r, c] * placements[j, c, 3]
                 for r in range(3):
                     for c in range(3):
-                        T[r, c] = (R[r, 0] * placements[j, 0, c] + R[r, 1] * placements[j, 1, c]
-                                   + R[r, 2] * placements[j, 2, c])  # fmt: skip
+                        T[r, c] = (
+                            R[r, 0] * placements[j, 0, c]
+                            + R[r, 1] * placements[j, 1, c]
+                            + R[r, 2] * placements[j, 2, c]
+                        )
                 s, co = np.sin(q[i, j]), np.cos(q[i, j])
                 x, y, w = axes[j, 0], axes[j, 1], axes[j, 2]
                 for r in range(3):
@@ -226,12 +231,14 @@ def numba_kernel(arm: Arm, threads: int) -> Any:
                     P[r] += R[r, c] * T_last[c, 3]
             for r in range(3):
                 for c in range(3):
-                    T[r, c] = (R[r, 0] * T_last[0, c] + R[r, 1] * T_last[1, c]
-                               + R[r, 2] * T_last[2, c])  # fmt: skip
+                    T[r, c] = (
+                        R[r, 0] * T_last[0, c] + R[r, 1] * T_last[1, c] + R[r, 2] * T_last[2, c]
+                    )
             J = np.empty((6, 6))
             for j in range(6):
-                v0, v1, v2 = cross(z[j, 0], z[j, 1], z[j, 2],
-                                   P[0] - o[j, 0], P[1] - o[j, 1], P[2] - o[j, 2])  # fmt: skip
+                v0, v1, v2 = cross(
+                    z[j, 0], z[j, 1], z[j, 2], P[0] - o[j, 0], P[1] - o[j, 1], P[2] - o[j, 2]
+                )
                 for r in range(3):
                     J[r, j] = T[0, r] * z[j, 0] + T[1, r] * z[j, 1] + T[2, r] * z[j, 2]
                     J[3 + r, j] = T[0, r] * v0 + T[1, r] * v1 + T[2, r] * v2
@@ -266,8 +273,14 @@ def numba_kernel(arm: Arm, threads: int) -> Any:
                 n0, n1, n2 = cross(J[3, b], J[4, b], J[5, b], W[3], W[4], W[5])
                 f0, f1, f2 = cross(J[0, b], J[1, b], J[2, b], W[3], W[4], W[5])
                 for a in range(b):
-                    X[a, b] = (J[0, a] * (m0 + n0) + J[1, a] * (m1 + n1) + J[2, a] * (m2 + n2)
-                               + J[3, a] * f0 + J[4, a] * f1 + J[5, a] * f2)  # fmt: skip
+                    X[a, b] = (
+                        J[0, a] * (m0 + n0)
+                        + J[1, a] * (m1 + n1)
+                        + J[2, a] * (m2 + n2)
+                        + J[3, a] * f0
+                        + J[4, a] * f1
+                        + J[5, a] * f2
+                    )
             XA = np.zeros((6, 6))
             for a in range(6):
                 for b in range(a + 1, 6):

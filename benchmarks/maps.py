@@ -28,8 +28,10 @@ from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")
 DEFLECT = (0.0, 0.0, 0.0, 0.0, 0.0, -50.0)
-GRID = ("shoulder_lift_joint=-3.1:0.1:{0},elbow_joint=-2.7:2.7:{0},wrist_1_joint=-3:3:{1},"
-        "wrist_2_joint=-3:3:20")  # fmt: skip
+GRID = (
+    "shoulder_lift_joint=-3.1:0.1:{0},elbow_joint=-2.7:2.7:{0},wrist_1_joint=-3:3:{1},"
+    "wrist_2_joint=-3:3:20"
+)
 #: Quantities that share their work stand together.
 GROUPS: tuple[tuple[str, ...], ...] = (
     ("deflection", "along_free"),
@@ -55,8 +57,9 @@ def one_map(count: int, options: list[str], folder: Path) -> str:
     start, before = time.perf_counter(), os.times()
     process = subprocess.Popen(
         [sys.executable, "-m", "cartstiff", *command, "--world", "-o", str(target)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     _, status, usage = os.wait4(process.pid, 0)
     wall, after = time.perf_counter() - start, os.times()
     if status:
@@ -64,8 +67,10 @@ def one_map(count: int, options: list[str], folder: Path) -> str:
     spent = after.children_user + after.children_system
     spent -= before.children_user + before.children_system
     shown = " ".join(options).replace(options[1], options[1] if len(options[1]) < 20 else "...")
-    return (f"| `{shown}` | {count:.0e} | {spent / count * 1e6:.1f} us | {wall:.0f} s | "
-            f"{usage.ru_maxrss / 1024:.0f} MB | {tree_size(target) / count:.1f} B |")  # fmt: skip
+    return (
+        f"| `{shown}` | {count:.0e} | {spent / count * 1e6:.1f} us | {wall:.0f} s | "
+        f"{usage.ru_maxrss / 1024:.0f} MB | {tree_size(target) / count:.1f} B |"
+    )
 
 
 def maps(quick: bool) -> None:
@@ -89,8 +94,10 @@ def single_quantities(quick: bool) -> None:
     count = 5000 if quick else 50_000
     q = np.random.default_rng(0).uniform(-2, 2, (count, 6))
     settings = Settings(length=0.18, direction=(0.0, 0.0, 1.0), deflect=DEFLECT, world=True)
-    print("| quantities | matrices, us per posture | the quantities, us per posture | "
-          "both by machine code, us per posture |")  # fmt: skip
+    print(
+        "| quantities | matrices, us per posture | the quantities, us per posture | "
+        "both by machine code, us per posture |"
+    )
     print("|---|---:|---:|---:|")
     for names in GROUPS:
         chosen = choose_quantities(names, settings, elastic)
@@ -101,8 +108,13 @@ def single_quantities(quick: bool) -> None:
         making, reading, at_once = [], [], []
         reader = None
         if set(names) <= set(READINGS):
-            asked = Readings(names, length=settings.length, direction=settings.direction,
-                             deflect=settings.deflect, world=settings.world)  # fmt: skip
+            asked = Readings(
+                names,
+                length=settings.length,
+                direction=settings.direction,
+                deflect=settings.deflect,
+                world=settings.world,
+            )
             reader = Reader(elastic, asked, outputs)
             reader.read(rows)
         for _ in range(ROUNDS):
@@ -118,8 +130,11 @@ def single_quantities(quick: bool) -> None:
                 at_once.append((time.perf_counter() - start) / len(rows) * 1e6)
         shown = ", ".join(f"`{name}`" for name in names)
         both = f"{statistics.median(at_once):.2f}" if at_once else ""
-        print(f"| {shown} | {statistics.median(making):.2f} | "
-              f"{statistics.median(reading):.1f} | {both} |", flush=True)  # fmt: skip
+        print(
+            f"| {shown} | {statistics.median(making):.2f} | "
+            f"{statistics.median(reading):.1f} | {both} |",
+            flush=True,
+        )
 
 
 def main() -> None:

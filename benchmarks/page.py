@@ -28,8 +28,14 @@ from cartstiff.page.source import Source
 from cartstiff.page.state import read_message
 
 #: Updates a second that are required, without a browser, where the lean loop takes 30 us.
-MECHANISMS = {"ur5": 1500.0, "panda": None, "stewart-gough": 1000.0, "6-ups": 500.0,
-              "3-rrr": 100.0, "five-bar": None}  # fmt: skip
+MECHANISMS = {
+    "ur5": 1500.0,
+    "panda": None,
+    "stewart-gough": 1000.0,
+    "6-ups": 500.0,
+    "3-rrr": 100.0,
+    "five-bar": None,
+}
 #: Required of a UR5, in ms.
 TABLE, RENDER = 15.0, 30.0
 
@@ -158,6 +164,10 @@ def main(browser: bool = True) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--no-browser", dest="browser", action="store_false",
-                        help="leave the times in a browser out")  # fmt: skip
+    parser.add_argument(
+        "--no-browser",
+        dest="browser",
+        action="store_false",
+        help="leave the times in a browser out",
+    )
     main(browser=parser.parse_args().browser)

@@ -123,8 +123,12 @@ def opened(browser: Any, url: str, load: str = LOAD, slowly: bool = False) -> tu
     page.set_default_timeout(600_000)
     page.add_init_script(_FIRST)
     if slowly:
-        line = {"offline": False, "latency": 100, "downloadThroughput": SLOW,
-                "uploadThroughput": SLOW}  # fmt: skip
+        line = {
+            "offline": False,
+            "latency": 100,
+            "downloadThroughput": SLOW,
+            "uploadThroughput": SLOW,
+        }
         session = page.context.new_cdp_session(page)
         session.send("Network.enable")
         session.send("Network.emulateNetworkConditions", line)
@@ -208,8 +212,11 @@ def main() -> None:
                 page, here = opened(browser, url)
                 if what == "file":
                     mine, every = script(page)
-                    print(f"{name}, file: script a picture {verdict(mine, SCRIPT)} ms of processor"
-                          f" time, all work of its thread {every:.1f} ms", flush=True)  # fmt: skip
+                    print(
+                        f"{name}, file: script a picture {verdict(mine, SCRIPT)} ms of processor"
+                        f" time, all work of its thread {every:.1f} ms",
+                        flush=True,
+                    )
                 at_rest(page)
                 x, y = page.evaluate(_TOOL)
                 pulls = page.evaluate(_PULL, [x, y, 25])[5:]
@@ -218,13 +225,19 @@ def main() -> None:
                 )
                 if options.drag:
                     grows, nodes = grown(page, options.drag)
-                    print(f"{name}, {what}: {options.drag:.0f} s of dragging: {grows:+.2f} MB/min,"
-                          f" {nodes:+.0f} nodes", flush=True)  # fmt: skip
+                    print(
+                        f"{name}, {what}: {options.drag:.0f} s of dragging: {grows:+.2f} MB/min,"
+                        f" {nodes:+.0f} nodes",
+                        flush=True,
+                    )
                 page.close()
                 slow, there = opened(browser, line, slowly=True)
                 slow.close()
-                print(f"{name}, {what}: first picture after {verdict(here, OPEN)} ms here, "
-                      f"{verdict(there, OPEN_SLOWLY)} ms at 1.6 Mbit/s", flush=True)  # fmt: skip
+                print(
+                    f"{name}, {what}: first picture after {verdict(here, OPEN)} ms here, "
+                    f"{verdict(there, OPEN_SLOWLY)} ms at 1.6 Mbit/s",
+                    flush=True,
+                )
             server.close()
         for load in ("", LOAD):
             rate = tables(browser, "3-rrr", load)

@@ -69,8 +69,10 @@ def main() -> int:
         if found > ALIKE:
             failed += 1
         print(f"{path.name:40} {found:.1e}  {milliseconds:6.2f} ms", flush=True)
-    print(f"{count} models alike to {worst:.1e}; loading takes {statistics.median(times):.2f} ms "
-          f"in the median, {max(times):.2f} ms at the most")  # fmt: skip
+    print(
+        f"{count} models alike to {worst:.1e}; loading takes {statistics.median(times):.2f} ms "
+        f"in the median, {max(times):.2f} ms at the most"
+    )
     return int(failed > 0)
 
 

@@ -149,8 +149,9 @@ class Closed:
         chain: Any = elastic.mechanism
         self.model = chain.tree.model
         self.data, n = self.model.createData(), self.model.nv
-        own = np.array([[a in self.model.supports[j] for a in range(1, n + 1)]
-                        for j in range(n + 1)], float)  # fmt: skip
+        own = np.array(
+            [[a in self.model.supports[j] for a in range(1, n + 1)] for j in range(n + 1)], float
+        )
         places = [[chain.placement(f) for f in (c.frame_a, c.frame_b)] for c in chain.closures]
         self.ties = [
             (b.joint, b.T_j_f[:3, 3], own[b.joint] - own[a.joint], closure.type == "weld")

@@ -15,8 +15,17 @@ import cartstiff
 from cartstiff.many.postures import analyse_many
 from cartstiff.potentials.flexure_struts import FlexureStruts
 
-MECHANISMS = ("ur5", "panda", "stewart-gough", "cable-robot", "6-ups", "3-rps", "delta", "five-bar",
-              "flexure-hexapod")  # fmt: skip
+MECHANISMS = (
+    "ur5",
+    "panda",
+    "stewart-gough",
+    "cable-robot",
+    "6-ups",
+    "3-rps",
+    "delta",
+    "five-bar",
+    "flexure-hexapod",
+)
 OUTPUTS = ("jacobian", "stiffness_A", "stiffness_B", "compliance_A", "compliance_B")
 LOAD = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 SMALL = ("flexure-hexapod",)  # a third of the load, for a machine as large as a hand
@@ -97,15 +106,29 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100_000, help="postures a row")
     parser.add_argument("--only", nargs="+", default=list(MECHANISMS), metavar="NAME")
     parser.add_argument("--outputs", nargs="+", default=list(OUTPUTS), metavar="NAME")
-    parser.add_argument("--preload", type=float, default=0.0, metavar="ANGLE",
-                        help="give rest positions of joints (rad), or lengths of legs, at random "
-                        "within this on either side of zero")  # fmt: skip
+    parser.add_argument(
+        "--preload",
+        type=float,
+        default=0.0,
+        metavar="ANGLE",
+        help="give rest positions of joints (rad), or lengths of legs, at random "
+        "within this on either side of zero",
+    )
     parser.add_argument("--seed", type=int, default=5, help="of the postures")
     given = parser.parse_args()
     if "jacobian" not in given.outputs:
         given.outputs.append("jacobian")  # tells the condition
-    heads = ("mechanism", "load", "postures", "not regular", "by the engine",
-             "verdicts that differ", "error / condition", "engine, us", "fast, us")  # fmt: skip
+    heads = (
+        "mechanism",
+        "load",
+        "postures",
+        "not regular",
+        "by the engine",
+        "verdicts that differ",
+        "error / condition",
+        "engine, us",
+        "fast, us",
+    )
     print("|", " | ".join(heads), "|")
     print("|---|---" + "|---:" * (len(heads) - 2) + "|")
     for name in given.only:
@@ -114,9 +137,17 @@ def main() -> None:
                 continue  # they have rest lengths
             seen = compared(name, loaded, given)
             each = 1e6 / given.count
-            cells = (name, "given" if loaded else "none", given.count, seen["irregular"],
-                     seen["by engine"], seen["differ"], f"{seen['worst']:.0e}",
-                     f"{seen['engine'] * each:.0f}", f"{seen['fast'] * each:.1f}")  # fmt: skip
+            cells = (
+                name,
+                "given" if loaded else "none",
+                given.count,
+                seen["irregular"],
+                seen["by engine"],
+                seen["differ"],
+                f"{seen['worst']:.0e}",
+                f"{seen['engine'] * each:.0f}",
+                f"{seen['fast'] * each:.1f}",
+            )
             print("|", " | ".join(map(str, cells)), "|", flush=True)
 
 

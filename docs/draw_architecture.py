@@ -58,9 +58,20 @@ WORDS = {
 }
 # Read by everything, and read at most errors.
 SMALL = {
-    "arrays", "child_process", "choices", "expressions", "figures", "graded", "lazily",
-    "matrix_names", "notebook", "notes", "numerics", "parsing", "version",
-}  # fmt: skip
+    "arrays",
+    "child_process",
+    "choices",
+    "expressions",
+    "figures",
+    "graded",
+    "lazily",
+    "matrix_names",
+    "notebook",
+    "notes",
+    "numerics",
+    "parsing",
+    "version",
+}
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20
 SIDE = 110  # room for the arrows that pass by a row
 

@@ -28,16 +28,20 @@ def main(picture: Path | None = None, visualizer: Any = None) -> dict[str, float
     place = visualizer["stiffness"]
     arm = cartstiff.load("ur5")
     results = [cartstiff.analyse(arm, {"elbow_joint": e}, wrench=PUSH) for e in STRETCHING]
-    values = np.array([
-        stiffness_ellipsoid(r.K.matrix, "translation", "held").eigenvalues for r in results
-    ])  # fmt: skip
+    values = np.array(
+        [stiffness_ellipsoid(r.K.matrix, "translation", "held").eigenvalues for r in results]
+    )
     # One scale for all of them, so that they can be compared by eye.
     scale = Logarithmic.from_values(values, 0.2)
     for i, result in enumerate(results):
         add_ellipsoid(
-            place[f"posture {i + 1}"], result.K.matrix, result.pose, scale=scale, unit="N/m",
+            place[f"posture {i + 1}"],
+            result.K.matrix,
+            result.pose,
+            scale=scale,
+            unit="N/m",
             labels=i == 0,
-        )  # fmt: skip
+        )
     add_path(place["path"], [r.pose[:3, 3] for r in results])
     add_wrench(place["load"], results[-1].wrench, results[-1].pose)
     if picture is not None:

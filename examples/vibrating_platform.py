@@ -47,9 +47,12 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 
 def draw(
-    responses: list[FrequencyResponse], curve: Lobes, speeds: np.ndarray, fine: np.ndarray,
+    responses: list[FrequencyResponse],
+    curve: Lobes,
+    speeds: np.ndarray,
+    fine: np.ndarray,
     picture: Path,
-) -> None:  # fmt: skip
+) -> None:
     """Receptance over frequency; depth of cut over speed."""
     import matplotlib.pyplot as plt
 

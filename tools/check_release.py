@@ -29,9 +29,13 @@ def run(*command: str | Path) -> str:
     """Standard output; ends with what the command said if it fails."""
     kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
     done = subprocess.run(
-        [str(part) for part in command], cwd=tempfile.gettempdir(), env=kept, text=True,
-        capture_output=True, check=False,
-    )  # fmt: skip
+        [str(part) for part in command],
+        cwd=tempfile.gettempdir(),
+        env=kept,
+        text=True,
+        capture_output=True,
+        check=False,
+    )
     if done.returncode:
         sys.exit(f"failed: {' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
     return done.stdout
@@ -50,8 +54,11 @@ def build(target: Path) -> list[Path]:
 def bounds() -> list[str]:
     """The lowest release of every direct dependency, as a requirement of just that."""
     data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    groups = [data["project"]["dependencies"], *data["project"]["optional-dependencies"].values(),
-              *data["dependency-groups"].values()]  # fmt: skip
+    groups = [
+        data["project"]["dependencies"],
+        *data["project"]["optional-dependencies"].values(),
+        *data["dependency-groups"].values(),
+    ]
     texts = [text for group in groups for text in group if isinstance(text, str)]
     lowest = [re.fullmatch(r"([\w.-]+)>=([\w.]+)(,<[\w.]+)?", text) for text in texts]
     return sorted({f"{found[1]}=={found[2]}" for found in lowest if found})
@@ -71,17 +78,29 @@ def audit() -> Iterator[str]:
         except SystemExit:
             yield "pip-audit: skipped, it cannot be installed here"
             return
-        asked = {"locked versions": [ROOT / "requirements.lock", ROOT / "requirements-dev.lock"],
-                 "lower bounds": [Path(folder) / "lowest.txt"]}  # fmt: skip
+        asked = {
+            "locked versions": [ROOT / "requirements.lock", ROOT / "requirements-dev.lock"],
+            "lower bounds": [Path(folder) / "lowest.txt"],
+        }
         asked["lower bounds"][0].write_text("\n".join(bounds()), encoding="utf-8")
         for what, files in asked.items():
             names = [part for file in files for part in ("-r", str(file))]
             # OSV compares versions; PyPI's own service wants the exact name of a release.
             done = subprocess.run(
-                [str(scripts / "pip-audit"), "--no-deps", "--disable-pip", "--format", "json",
-                 "--vulnerability-service", "osv", *names],
-                text=True, capture_output=True, check=False,
-            )  # fmt: skip
+                [
+                    str(scripts / "pip-audit"),
+                    "--no-deps",
+                    "--disable-pip",
+                    "--format",
+                    "json",
+                    "--vulnerability-service",
+                    "osv",
+                    *names,
+                ],
+                text=True,
+                capture_output=True,
+                check=False,
+            )
             yield f"pip-audit: {what}: {judged(done.stdout, done.stderr)}"
 
 
@@ -92,8 +111,11 @@ def judged(answer: str, errors: str) -> str:
     except (ValueError, KeyError):
         last = (errors.strip().splitlines() or ["no reason given"])[-1]
         return f"skipped, it cannot be asked here ({last[:200]})"
-    found = [f"{p['name']} {p['version']}: {v['id']}, fixed in {', '.join(v['fix_versions'])}"
-             for p in packages for v in p.get("vulns", ())]  # fmt: skip
+    found = [
+        f"{p['name']} {p['version']}: {v['id']}, fixed in {', '.join(v['fix_versions'])}"
+        for p in packages
+        for v in p.get("vulns", ())
+    ]
     if found:
         sys.exit("pip-audit: " + "; ".join(found))
     unknown = sum("skip_reason" in p for p in packages)

@@ -93,8 +93,10 @@ async def crowd(url: str, clients: int, tabs: int) -> tuple[list[float], int]:
     quiet = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
     inside = f"GET {place.path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
     await _tab(url)  # the first draws for the first time
-    held = [asyncio.create_task(_hold(host, port, inside if k % 4 < 2 else quiet, k % 2 == 1))
-            for k in range(clients)]  # fmt: skip
+    held = [
+        asyncio.create_task(_hold(host, port, inside if k % 4 < 2 else quiet, k % 2 == 1))
+        for k in range(clients)
+    ]
     await asyncio.sleep(2.0)
     times, refused = [], 0
     token = place.path.strip("/")
@@ -123,14 +125,17 @@ def main() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         try:
-            url = next(found[0] for line in server.stdout
-                       if (found := re.search(r"http://\S+/", line)))  # fmt: skip
+            url = next(
+                found[0] for line in server.stdout if (found := re.search(r"http://\S+/", line))
+            )
             times, refused = asyncio.run(crowd(url, options.clients, options.tabs))
         finally:
             server.terminate()
-    print(f"{options.clients} clients: {len(times)} tabs had their picture after "
-          f"{statistics.median(times):.2f} s (median), {max(times):.2f} s (longest); "
-          f"{refused} requests without the token got a 403 and nothing else")  # fmt: skip
+    print(
+        f"{options.clients} clients: {len(times)} tabs had their picture after "
+        f"{statistics.median(times):.2f} s (median), {max(times):.2f} s (longest); "
+        f"{refused} requests without the token got a 403 and nothing else"
+    )
     sys.exit(0 if max(times) < SOON else 1)
 
 

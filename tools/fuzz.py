@@ -57,8 +57,18 @@ def run(
         index, end = first, min(first + _PER_CHILD, count)
         with tempfile.TemporaryDirectory() as folder:
             while index < end:
-                index = _watch(index, end, seed, families or [], Path(folder), seconds, mib,
-                               patience, faults, tally)  # fmt: skip
+                index = _watch(
+                    index,
+                    end,
+                    seed,
+                    families or [],
+                    Path(folder),
+                    seconds,
+                    mib,
+                    patience,
+                    faults,
+                    tally,
+                )
         return faults, tally
 
     faults: list[dict[str, Any]] = []
@@ -88,17 +98,33 @@ def _watch(
     tally: Counter[str],
 ) -> int:
     """Run inputs in one child; returns the number of the next one."""
-    command = [sys.executable, __file__, "--child", str(first), "--end", str(end), "--seed",
-               str(seed), "--families", ",".join(families), "--mib", str(mib),
-               "--seconds", str(seconds)]  # fmt: skip
+    command = [
+        sys.executable,
+        __file__,
+        "--child",
+        str(first),
+        "--end",
+        str(end),
+        "--seed",
+        str(seed),
+        "--families",
+        ",".join(families),
+        "--mib",
+        str(mib),
+        "--seconds",
+        str(seconds),
+    ]
     # Into a file: a pipe that nobody empties would stop the child.
     with (
         (folder / "errors").open("w+b") as errors,
         subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=errors, cwd=folder,
+            command,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            cwd=folder,
             env={**os.environ, "OMP_NUM_THREADS": "1", "CARTSTIFF_TRACEBACK": ""},
         ) as child,
-    ):  # fmt: skip
+    ):
         return _followed(child, errors, first, end, patience, faults, tally)
 
 
@@ -156,8 +182,10 @@ def _taken() -> float:
 
 def _most() -> int:
     """The most memory in KiB that this process, or one that it has waited for, has held."""
-    return max(resource.getrusage(who).ru_maxrss
-               for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))  # fmt: skip
+    return max(
+        resource.getrusage(who).ru_maxrss
+        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
 
 
 def _child(first: int, end: int, seed: int, families: list[str], seconds: float, mib: int) -> None:
@@ -192,8 +220,11 @@ def _child(first: int, end: int, seed: int, families: list[str], seconds: float,
                 tell(index=index, family=name, fault=f"{name}: {fault}")
             except BaseException as error:
                 outcome = "fault"
-                tell(index=index, family=name,
-                     fault=f"{name}: {type(error).__name__}: {str(error)[:300]}")  # fmt: skip
+                tell(
+                    index=index,
+                    family=name,
+                    fault=f"{name}: {type(error).__name__}: {str(error)[:300]}",
+                )
             finally:
                 os.chdir(here)
         most, taken = _most(), _taken() - begun
@@ -214,11 +245,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--families", default="", help="some of the kinds, by comma")
     parser.add_argument("--only", type=int, help="one input again, in this process")
-    parser.add_argument("--seconds", type=float, default=SECONDS,
-                        help="of processor time that an input may take")  # fmt: skip
+    parser.add_argument(
+        "--seconds", type=float, default=SECONDS, help="of processor time that an input may take"
+    )
     parser.add_argument("--mib", type=int, default=MIB, help="of memory that a process may take")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1,
-                        help="processes at once (all cores)")  # fmt: skip
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="processes at once (all cores)"
+    )
     parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--end", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -233,12 +266,21 @@ def main() -> None:
         folder = tempfile.mkdtemp(prefix="cartstiff-fuzz-")
         os.chdir(folder)
         print(folder)
-        print(FAMILIES[names[options.only % len(names)]](
-            random.Random(f"{options.seed} {options.only}")))  # fmt: skip
+        print(
+            FAMILIES[names[options.only % len(names)]](
+                random.Random(f"{options.seed} {options.only}")
+            )
+        )
         return
     begin = time.monotonic()
-    faults = run(options.count, options.seed, families, seconds=options.seconds, mib=options.mib,
-                 jobs=options.jobs)  # fmt: skip
+    faults = run(
+        options.count,
+        options.seed,
+        families,
+        seconds=options.seconds,
+        mib=options.mib,
+        jobs=options.jobs,
+    )
     print(f"{options.count} inputs, {len(faults)} faults, {time.monotonic() - begin:.0f} s")
     sys.exit(1 if faults else 0)
 

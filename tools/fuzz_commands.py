@@ -24,11 +24,31 @@ from tools.fuzz_maps import whole_map
 
 _NEVER = {"view", "gui"}
 #: Commands by how often they are tried: what makes pages and pictures takes long.
-_WEIGHTS = {"analyse": 8, "equilibrium": 5, "map": 5, "path": 4, "identify": 5, "modes": 5,
-            "poses": 3, "frames": 2, "export": 1, "report": 1, "models": 1}  # fmt: skip
+_WEIGHTS = {
+    "analyse": 8,
+    "equilibrium": 5,
+    "map": 5,
+    "path": 4,
+    "identify": 5,
+    "modes": 5,
+    "poses": 3,
+    "frames": 2,
+    "export": 1,
+    "report": 1,
+    "models": 1,
+}
 #: Name: numbers in --q.
-_MECHANISMS = {"cubic": 6, "stewart-gough": 6, "five-bar": 4, "ur5": 6, "grasp": 6,
-               "cable-robot": 6, "stewart-simscape": 6, "panda": 7, "m.yaml": 6}  # fmt: skip
+_MECHANISMS = {
+    "cubic": 6,
+    "stewart-gough": 6,
+    "five-bar": 4,
+    "ur5": 6,
+    "grasp": 6,
+    "cable-robot": 6,
+    "stewart-simscape": 6,
+    "panda": 7,
+    "m.yaml": 6,
+}
 #: A mechanism of our own, with masses, whose words may be damaged.
 _OWN = (
     "kind: serial\nmodel: ur5\nsprings: {shoulder_pan_joint: {stiffness: 20000}, "
@@ -87,8 +107,15 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--starts": ["1", "2"],
         "--orientation": ["keep", "0,0,0", "0,1.57,0"],
         "--redundancy": ["nearest", "best"],
-        "--quantity": ["condition", "translation_free_min", "translation_held_min", "deflection",
-                       "along_free", "determinant", "frequency_1"],
+        "--quantity": [
+            "condition",
+            "translation_free_min",
+            "translation_held_min",
+            "deflection",
+            "along_free",
+            "determinant",
+            "frequency_1",
+        ],
         "--chunk": ["1", "4"],
         "--below": ["2mm", "1e-3", "1"],
         "--above": ["1e3", "5N/mm"],
@@ -132,23 +159,36 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--plot-places": ["places.svg"],
         "--picture": ["map.svg"],
         "-o": [],
-    }  # fmt: skip
+    }
     fitting = values.get(option)
     return rng.choice(fitting) if fitting else None
 
 
-_ENDINGS = {"map": "out.zarr", "export": "out.html", "report": "out.html", "identify": "o.yaml",
-            "poses": "o.csv", "modes": "o.yaml", "analyse": "o.json"}  # fmt: skip
+_ENDINGS = {
+    "map": "out.zarr",
+    "export": "out.html",
+    "report": "out.html",
+    "identify": "o.yaml",
+    "poses": "o.csv",
+    "modes": "o.yaml",
+    "analyse": "o.json",
+}
 #: What the options of a command come on top of: alone many of them are refused.
 _BASES: dict[str, list[list[str]]] = {
-    "map": [["--random", "3"], ["--grid", "elbow_joint=-1:1:3"], ["--grid", "z=0:0.1:3"],
-            ["--cartesian", "x=0.4:0.5:2"], ["--trajectory", "p.csv"], []],
+    "map": [
+        ["--random", "3"],
+        ["--grid", "elbow_joint=-1:1:3"],
+        ["--grid", "z=0:0.1:3"],
+        ["--cartesian", "x=0.4:0.5:2"],
+        ["--trajectory", "p.csv"],
+        [],
+    ],
     "path": [["--free-axis", "x"], []],
     "modes": [["--response", "5:50:5"], []],
     "equilibrium": [["--load", "0,0,0,0,0,-20"], ["--payload", "2"], []],
     "analyse": [["--load", "0,0,0,0,0,-20"], [], []],
     "workspace": [["--directions", "20"], ["--scan", "6"]],
-}  # fmt: skip
+}
 
 
 def option(rng: random.Random) -> str:
@@ -185,9 +225,13 @@ def option(rng: random.Random) -> str:
         words += ["--for", rng.choice(["kuka", "fanuc", "abb", "ur"])]
     if name == "identify" and words[-1] != "d.csv":
         words += ["--plan", "3", "--force", "50", "--sd", "d=0.005mm", "--candidates", "20"]
-    options = [p for p in chosen.params if isinstance(p, click.Option)
-               and p.name not in ("workers", "scheduler", "cluster")
-               and (p.multiple or not set(p.opts) & set(words) or rng.random() < 0.02)]  # fmt: skip
+    options = [
+        p
+        for p in chosen.params
+        if isinstance(p, click.Option)
+        and p.name not in ("workers", "scheduler", "cluster")
+        and (p.multiple or not set(p.opts) & set(words) or rng.random() < 0.02)
+    ]
     for parameter in rng.sample(options, min(len(options), rng.randint(0, 3))):
         longest = max(parameter.opts, key=len)
         words.append(longest)
@@ -214,10 +258,14 @@ def _nearly(rng: random.Random, text: str) -> str:
     """A value with one of its words odd, doubled or lost."""
     parts = re.split(r"([,:=])", text)
     at = 2 * rng.randrange((len(parts) + 1) // 2)
-    parts[at] = rng.choice([
-        "", str(rng.choice(ODD_NUMBERS)), rng.choice(ODD_TEXTS).replace("\ud800", "\udcff"),
-        ",".join([parts[at]] * 2),
-    ])  # fmt: skip
+    parts[at] = rng.choice(
+        [
+            "",
+            str(rng.choice(ODD_NUMBERS)),
+            rng.choice(ODD_TEXTS).replace("\ud800", "\udcff"),
+            ",".join([parts[at]] * 2),
+        ]
+    )
     return "".join(parts) or "x"
 
 
@@ -236,8 +284,20 @@ def _odd_value(rng: random.Random, parameter: Any) -> str:
         ]
         return ",".join(numbers)
     if chance < 0.75:
-        return rng.choice(["z=0:0:1", "z=1:0:3", "x=0:1:1000000000", "elbow_joint=1", "K", "A",
-                           "d.csv", "target", ".", "/dev/null"])  # fmt: skip
+        return rng.choice(
+            [
+                "z=0:0:1",
+                "z=1:0:3",
+                "x=0:1:1000000000",
+                "elbow_joint=1",
+                "K",
+                "A",
+                "d.csv",
+                "target",
+                ".",
+                "/dev/null",
+            ]
+        )
     return rng.choice(ODD_TEXTS).replace("\ud800", "\udcff") or "x"  # bytes that are no text
 
 
@@ -245,15 +305,26 @@ def table(rng: random.Random) -> str:
     """A CSV file where postures, points or loads are read, whole or damaged."""
     mechanism = rng.choice(["ur5", "cubic", "five-bar"])
     n = _MECHANISMS[mechanism]
-    words = rng.choice([
-        ["map", mechanism, "--trajectory", "t.csv", "--quantity", "condition", "-o", "t.zarr",
-         "--json"],
-        ["path", "ur5", "t.csv", "--json"],
-        ["path", "ur5", "t.csv", "--free-axis", "x", "--load", "0,0,0,0,0,-20", "--json"],
-        ["equilibrium", mechanism, "--path", "t.csv", "--load", "0,0,0,0,0,-2", "--json"],
-        ["equilibrium", mechanism, "--path", "t.csv", "--json"],
-        ["poses", "ur5", "t.csv", "--for", rng.choice(["kuka", "fanuc", "abb", "ur"])],
-    ])  # fmt: skip
+    words = rng.choice(
+        [
+            [
+                "map",
+                mechanism,
+                "--trajectory",
+                "t.csv",
+                "--quantity",
+                "condition",
+                "-o",
+                "t.zarr",
+                "--json",
+            ],
+            ["path", "ur5", "t.csv", "--json"],
+            ["path", "ur5", "t.csv", "--free-axis", "x", "--load", "0,0,0,0,0,-20", "--json"],
+            ["equilibrium", mechanism, "--path", "t.csv", "--load", "0,0,0,0,0,-2", "--json"],
+            ["equilibrium", mechanism, "--path", "t.csv", "--json"],
+            ["poses", "ur5", "t.csv", "--for", rng.choice(["kuka", "fanuc", "abb", "ur"])],
+        ]
+    )
     if words[0] == "path":
         data = _seam(rng)
     elif rng.random() < 0.7:
@@ -324,10 +395,23 @@ def _measured() -> bytes:
     """A plan of measurements on a UR5, with deflections made for it."""
     with tempfile.TemporaryDirectory() as folder:
         plan, data = str(Path(folder) / "plan.csv"), Path(folder) / "data.csv"
-        for words in (["identify", "ur5", "--plan", "6", "--force", "80", "--sd", "d=0.005mm",
-                       "--candidates", "40", "--csv", plan],
-                      ["identify", "ur5", plan, "--simulate", "1", "--sd", "d=0.005mm",
-                       "--csv", str(data)]):  # fmt: skip
+        for words in (
+            [
+                "identify",
+                "ur5",
+                "--plan",
+                "6",
+                "--force",
+                "80",
+                "--sd",
+                "d=0.005mm",
+                "--candidates",
+                "40",
+                "--csv",
+                plan,
+            ],
+            ["identify", "ur5", plan, "--simulate", "1", "--sd", "d=0.005mm", "--csv", str(data)],
+        ):
             code, _, line = command(words)
             if code:
                 raise FaultError(f"{words}: {line}")
@@ -341,10 +425,20 @@ def measured(rng: random.Random) -> str:
         data = mutated_bytes(rng, data)
     Path("d.csv").write_bytes(data)
     words = ["identify", "ur5", "d.csv", "--json"]
-    for more in rng.sample([["--sd", "d=0.005mm"], ["--reject", "suspects"], ["--fit", "robust"],
-                            ["--units", "mm,deg"], ["--tie", "wrist_1_joint=wrist_2_joint"],
-                            ["--known", "wrist_3_joint=8000"], ["--loaded"], ["-o", "k.yaml"],
-                            ["--prior", "elbow_joint=1e4,1e3"]], rng.randint(0, 3)):  # fmt: skip
+    for more in rng.sample(
+        [
+            ["--sd", "d=0.005mm"],
+            ["--reject", "suspects"],
+            ["--fit", "robust"],
+            ["--units", "mm,deg"],
+            ["--tie", "wrist_1_joint=wrist_2_joint"],
+            ["--known", "wrist_3_joint=8000"],
+            ["--loaded"],
+            ["-o", "k.yaml"],
+            ["--prior", "elbow_joint=1e4,1e3"],
+        ],
+        rng.randint(0, 3),
+    ):
         words += more
     return outcome(command(words)[0])
 
@@ -361,9 +455,22 @@ def matrix_file(rng: random.Random) -> tuple[str, bytes]:
     kind = rng.choice(["csv", "txt", "json", "yaml", "npy", "npz", "npy"])
     if kind in ("npy", "npz"):
         stream = io.BytesIO()
-        M: Any = rng.choice([K, K, K.astype(np.float32), K.astype(complex), K.astype(object),
-                             K.ravel(), K[:5], np.asfortranarray(K), K.astype(">f8"),
-                             K.astype("U9"), np.zeros((6, 6, 1)), np.array(1.0)])  # fmt: skip
+        M: Any = rng.choice(
+            [
+                K,
+                K,
+                K.astype(np.float32),
+                K.astype(complex),
+                K.astype(object),
+                K.ravel(),
+                K[:5],
+                np.asfortranarray(K),
+                K.astype(">f8"),
+                K.astype("U9"),
+                np.zeros((6, 6, 1)),
+                np.array(1.0),
+            ]
+        )
         if kind == "npz":
             np.savez(stream, **{rng.choice(["K", "a", "stiffness"]): M})
         else:

@@ -141,10 +141,21 @@ def mutated_data(rng: random.Random, data: Any) -> Any:
 
 def nudged(rng: random.Random, number: float) -> float:
     """A number that may stand where another one does: the file stays one of its kind."""
-    return rng.choice([
-        0.0, 1.0, -number, 2.0 * number, 1e-6 * number, 1e4 * number, math.pi / 2, number + 1e-9,
-        number * rng.uniform(0.5, 2.0), rng.uniform(-1, 1), round(number),
-    ])  # fmt: skip
+    return rng.choice(
+        [
+            0.0,
+            1.0,
+            -number,
+            2.0 * number,
+            1e-6 * number,
+            1e4 * number,
+            math.pi / 2,
+            number + 1e-9,
+            number * rng.uniform(0.5, 2.0),
+            rng.uniform(-1, 1),
+            round(number),
+        ]
+    )
 
 
 def nudged_data(rng: random.Random, data: Any) -> Any:

@@ -49,10 +49,15 @@ def copy_models() -> None:
 
 
 _ASKED = [
-    ["analyse"], ["analyse", "--load", "0,0,0,0,0,-20"], ["modes"], ["frames"],
-    ["equilibrium", "--load", "0,0,0,0,0,-20", "--world"], ["equilibrium"],
-    ["map", "--random", "3"], ["analyse", "--tolerance", "0.05", "--samples", "3"],
-]  # fmt: skip
+    ["analyse"],
+    ["analyse", "--load", "0,0,0,0,0,-20"],
+    ["modes"],
+    ["frames"],
+    ["equilibrium", "--load", "0,0,0,0,0,-20", "--world"],
+    ["equilibrium"],
+    ["map", "--random", "3"],
+    ["analyse", "--tolerance", "0.05", "--samples", "3"],
+]
 
 
 def mechanism_file(rng: random.Random) -> str:

@@ -52,20 +52,24 @@ def postures(rng: random.Random) -> str:
     elastic = _mechanism(rng)
     if elastic is None:
         return "refused"
-    q = np.asarray(elastic.q) + np.array([[rng.uniform(-0.2, 0.2) for _ in elastic.names]
-                                          for _ in range(2)])  # fmt: skip
+    q = np.asarray(elastic.q) + np.array(
+        [[rng.uniform(-0.2, 0.2) for _ in elastic.names] for _ in range(2)]
+    )
     wrench, path = _load(rng), rng.choices(["auto", "portable", "engine"], [1, 8, 1])[0]
     try:
-        found = cartstiff.analyse_many(elastic, q, wrench=wrench, path=path,
-                                       outputs=["B", "A", "pose"])  # fmt: skip
+        found = cartstiff.analyse_many(
+            elastic, q, wrench=wrench, path=path, outputs=["B", "A", "pose"]
+        )
     except CartstiffError:
         return "refused"
     for row in range(2):
         try:
             alone = analyse(elastic, q[row], wrench=wrench)
             K = alone.B.matrix
-            said = max((n.values["relative_error"] for n in alone.notes
-                        if n.code == "lost-digits"), default=0.0)  # fmt: skip
+            said = max(
+                (n.values["relative_error"] for n in alone.notes if n.code == "lost-digits"),
+                default=0.0,
+            )
         except CartstiffError:
             K, said = None, 0.0
         both = found["stiffness_B"][row]
@@ -87,9 +91,11 @@ def _inertial(rng: random.Random, text: str) -> str:
 
     def solid(_: Any) -> str:
         a, b, c = (rng.uniform(0.01, 0.1) for _ in range(3))
-        return (f'<mass value="{rng.uniform(0.5, 5):.4g}"/><inertia ixx="{b + c:.6g}" '
-                f'iyy="{a + c:.6g}" izz="{a + b:.6g}" ixy="0" ixz="0" iyz="0"/>'
-                "</inertial>")  # fmt: skip
+        return (
+            f'<mass value="{rng.uniform(0.5, 5):.4g}"/><inertia ixx="{b + c:.6g}" '
+            f'iyy="{a + c:.6g}" izz="{a + b:.6g}" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial>"
+        )
 
     return re.sub(r'<mass value="[^"]*"/></inertial>', solid, text)
 
@@ -174,8 +180,10 @@ def _off_at_rest(state: Any, force: Any, step: Any, C: Any) -> float | None:
     from cartstiff.potentials.loads import DeadForce
 
     # The rest positions that were chosen stay; without them new ones would carry gravity.
-    ends = [cartstiff.equilibrium(state.elastic, DeadForce(force + sign * step), q0=state.q)
-            for sign in (1, -1)]  # fmt: skip
+    ends = [
+        cartstiff.equilibrium(state.elastic, DeadForce(force + sign * step), q0=state.q)
+        for sign in (1, -1)
+    ]
     slack = any(note.code == "slack" for end in (state, *ends) for note in end.notes)
     if slack or any(end.reactions.limits for end in ends):
         return None

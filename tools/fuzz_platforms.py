@@ -25,11 +25,15 @@ def _named(rng: random.Random) -> dict[str, Any]:
     circle = {} if chain in ("RPS", "PRS") else {"half_angle": rng.uniform(0.1, 0.9)}
     return {
         "kind": "parallel",
-        "legs": {"chain": chain, "base": {"radius": rng.uniform(0.2, 0.5), **circle},
-                 "platform": {"radius": rng.uniform(0.1, 0.3), **circle},
-                 "stiffness": 10 ** rng.uniform(3, 9), **_BY_NAME[chain]},
+        "legs": {
+            "chain": chain,
+            "base": {"radius": rng.uniform(0.2, 0.5), **circle},
+            "platform": {"radius": rng.uniform(0.1, 0.3), **circle},
+            "stiffness": 10 ** rng.uniform(3, 9),
+            **_BY_NAME[chain],
+        },
         "pose": {"xyz": [0, 0, rng.uniform(0.3, 0.6)]},
-    }  # fmt: skip
+    }
 
 
 def _laid_out(rng: random.Random) -> dict[str, Any]:
@@ -47,15 +51,32 @@ def _laid_out(rng: random.Random) -> dict[str, Any]:
         legs = {"strut": {"axial": 2e7, "lower": joint, "upper": joint | {"offset": 0.01}}}
     elif rng.random() < 0.5:
         legs |= {"limits": [0.1, 1.5], "diameter": 0.02}
-    return {"kind": "stewart-gough", "parameters": {"r": rng.uniform(0.2, 0.5)},
-            "layout": layout, "legs": legs}  # fmt: skip
+    return {
+        "kind": "stewart-gough",
+        "parameters": {"r": rng.uniform(0.2, 0.5)},
+        "layout": layout,
+        "legs": legs,
+    }
 
 
 def _bundled(rng: random.Random) -> dict[str, Any]:
     from ruamel.yaml import YAML
 
-    name = rng.choice(["3-prs", "3-rps", "4-rrr", "6-pus", "6-rus", "hexaglide", "hexapod",
-                       "inclined-hexapod", "orthoglide", "tricept", "cable-robot"])  # fmt: skip
+    name = rng.choice(
+        [
+            "3-prs",
+            "3-rps",
+            "4-rrr",
+            "6-pus",
+            "6-rus",
+            "hexaglide",
+            "hexapod",
+            "inclined-hexapod",
+            "orthoglide",
+            "tricept",
+            "cable-robot",
+        ]
+    )
     text = (ROOT / "robots" / f"{name}.yaml").read_text(encoding="utf-8")
     data: dict[str, Any] = YAML(typ="safe", pure=True).load(text)
     return data
@@ -63,8 +84,14 @@ def _bundled(rng: random.Random) -> dict[str, Any]:
 
 def _study(rng: random.Random) -> dict[str, Any]:
     """A small study of designs."""
-    method = rng.choice([{"kind": "grid"}, {"kind": "sobol", "designs": 4}, None,
-                         {"kind": "latin-hypercube", "designs": 3}])  # fmt: skip
+    method = rng.choice(
+        [
+            {"kind": "grid"},
+            {"kind": "sobol", "designs": 4},
+            None,
+            {"kind": "latin-hypercube", "designs": 3},
+        ]
+    )
     data: dict[str, Any] = {
         "mechanism": "m.yaml",
         "variables": {"r": rng.choice([[0.2, 0.4], {"low": 0.2, "high": 0.4, "count": 2}])},

@@ -29,11 +29,19 @@ def urdf_text(rng: random.Random, *, plain: bool = False) -> str:
     parts = ['<link name="l0"/>']
     axial: list[str] = []
     for i in range(1, count + 1):
-        kind = rng.choices(["revolute", "continuous", "prismatic", "fixed", "planar", "floating"],
-                           [8, 3, 4, 2, 0, 0] if plain else [8, 3, 4, 2, 1, 1])[0]  # fmt: skip
+        kind = rng.choices(
+            ["revolute", "continuous", "prismatic", "fixed", "planar", "floating"],
+            [8, 3, 4, 2, 0, 0] if plain else [8, 3, 4, 2, 1, 1],
+        )[0]
         parent = i - 1 if plain or rng.random() < 0.8 else rng.randrange(i)
-        mass = (f'<inertial><origin xyz="{_vector(rng)}"/><mass value="{rng.uniform(0, 5):.4g}"/>'
-                "</inertial>") if plain or rng.random() < 0.6 else ""  # fmt: skip
+        mass = (
+            (
+                f'<inertial><origin xyz="{_vector(rng)}"/><mass value="{rng.uniform(0, 5):.4g}"/>'
+                "</inertial>"
+            )
+            if plain or rng.random() < 0.6
+            else ""
+        )
         limits = '<limit lower="-2" upper="2" effort="9" velocity="9"/>'
         mimic = ""
         if axial and not plain and kind in ("revolute", "prismatic") and rng.random() < 0.15:
@@ -56,8 +64,13 @@ def urdf(rng: random.Random) -> str:
         Path("r.urdf").write_text(text, encoding="utf-8")
         return _compared(rng, Path("r.urdf"))
     damage = rng.random()
-    data = nudged_xml(rng, text) if damage < 0.6 else mutated_xml(rng, text) if damage < 0.85 \
-        else mutated_bytes(rng, text.encode())  # fmt: skip
+    data = (
+        nudged_xml(rng, text)
+        if damage < 0.6
+        else mutated_xml(rng, text)
+        if damage < 0.85
+        else mutated_bytes(rng, text.encode())
+    )
     Path("r.urdf").write_bytes(data)
     words = ["analyse", "r.urdf", "--json"]
     if rng.random() < 0.3:
@@ -83,11 +96,16 @@ def _compared(rng: random.Random, path: Path) -> str:
     mechanism = elastic.mechanism
     q = np.array([rng.uniform(-1, 1) for _ in elastic.names])
     posture = mechanism.at(q)
-    J = np.array([
-        se3.log(se3.inverse(posture.pose) @ mechanism.at(q + 1e-6 * e).pose)
-        - se3.log(se3.inverse(posture.pose) @ mechanism.at(q - 1e-6 * e).pose)
-        for e in np.eye(len(q))
-    ]).T / 2e-6  # fmt: skip
+    J = (
+        np.array(
+            [
+                se3.log(se3.inverse(posture.pose) @ mechanism.at(q + 1e-6 * e).pose)
+                - se3.log(se3.inverse(posture.pose) @ mechanism.at(q - 1e-6 * e).pose)
+                for e in np.eye(len(q))
+            ]
+        ).T
+        / 2e-6
+    )
     jacobian = posture.motion.jacobian
     if not np.allclose(jacobian, J, atol=1e-7 * max(1.0, np.abs(J).max())):
         raise FaultError(f"Jacobian differs from differences by {np.abs(jacobian - J).max():.3g}")
@@ -138,9 +156,9 @@ def _stiffness_compared(rng: random.Random, elastic: Any, q: Any) -> None:
 
     h = 1e-4
     e = h * np.eye(n)
-    H = np.diag(k) - np.array([
-        [x(a, b) - x(a, -b) - x(-a, b) + x(-a, -b) for b in e] for a in e
-    ]).reshape(n, n) / (4 * h * h)  # fmt: skip
+    H = np.diag(k) - np.array(
+        [[x(a, b) - x(a, -b) - x(-a, b) + x(-a, -b) for b in e] for a in e]
+    ).reshape(n, n) / (4 * h * h)
     J = start.motion.jacobian
     expected = J @ np.linalg.solve(H, J.T)
     result = cartstiff.analyse(elastic, q, wrench=np.concatenate([np.zeros(3), force]))
@@ -165,9 +183,11 @@ def mjcf_text(rng: random.Random) -> str:
         kind = rng.choices(_KINDS, [6, 3, 1])[0]
         axis = f'axis="{_vector(rng)}" ' if kind != "ball" else ""
         stiff = f'stiffness="{rng.uniform(0, 1e4):.4g}" ' if rng.random() < 0.7 else ""
-        text = (f'<body name="b{i}" pos="{_vector(rng)}" euler="{_vector(rng, 90)}">'
-                f'<joint name="j{i}" type="{kind}" {axis}{stiff}pos="{_vector(rng, 0.1)}"/>'
-                f'<geom size="0.1"/>{text}</body>')  # fmt: skip
+        text = (
+            f'<body name="b{i}" pos="{_vector(rng)}" euler="{_vector(rng, 90)}">'
+            f'<joint name="j{i}" type="{kind}" {axis}{stiff}pos="{_vector(rng, 0.1)}"/>'
+            f'<geom size="0.1"/>{text}</body>'
+        )
     tie = ""
     if count > 3 and rng.random() < 0.3:
         tie = f'<connect body1="b0" body2="b{count - 1}" anchor="{_vector(rng)}"/>'
@@ -204,7 +224,12 @@ def mjcf(rng: random.Random) -> str:
         return _against_mujoco(rng)
     text = mjcf_text(rng)
     damage = rng.random()
-    data = text.encode() if damage < 0.3 else mutated_xml(rng, text) if damage < 0.8 else \
-        mutated_bytes(rng, text.encode())  # fmt: skip
+    data = (
+        text.encode()
+        if damage < 0.3
+        else mutated_xml(rng, text)
+        if damage < 0.8
+        else mutated_bytes(rng, text.encode())
+    )
     Path("r.xml").write_bytes(data)
     return outcome(command(["analyse", "r.xml", "--json"])[0])

@@ -59,8 +59,9 @@ def position(model: Any, names: list[str], q: dict[str, float]) -> Any:
         if kind == mujoco.mjtJoint.mjJNT_FREE:
             own, rest = [q[n] for n in rest[:6]], rest[6:]
             qpos[at : at + 3] = own[:3]
-            mujoco.mju_mulQuat(qpos[at + 3 : at + 7], model.qpos0[at + 3 : at + 7].copy(),
-                               rotation(own[3:]))  # fmt: skip
+            mujoco.mju_mulQuat(
+                qpos[at + 3 : at + 7], model.qpos0[at + 3 : at + 7].copy(), rotation(own[3:])
+            )
         elif kind == mujoco.mjtJoint.mjJNT_BALL:
             own, rest = [q[n] for n in rest[:3]], rest[3:]
             qpos[at : at + 4] = rotation(own)
@@ -147,10 +148,12 @@ def differences(path: Path, seed: int = 0) -> list[str]:
     limits = {
         n: (lower, upper)
         for n, lower, upper in zip(
-            names, description.model.lowerPositionLimit, description.model.upperPositionLimit,
+            names,
+            description.model.lowerPositionLimit,
+            description.model.upperPositionLimit,
             strict=True,
         )
-    }  # fmt: skip
+    }
     folded = {_leader(f, facts.followers) for f in facts.followers}
     for j in range(model.njnt):
         count = {0: 6, 1: 3}.get(int(model.jnt_type[j]), 1)
@@ -169,14 +172,18 @@ def differences(path: Path, seed: int = 0) -> list[str]:
             compare(f"rest of {own[0]}", spring.rest, model.qpos_spring[model.jnt_qposadr[j]])
     g = model.opt.gravity
     weighs = bool(g.any()) and not off & mujoco.mjtDisableBit.mjDSBL_GRAVITY
-    compare("gravity", np.zeros(3) if facts.gravity is None else facts.gravity,
-            g if weighs else np.zeros(3))  # fmt: skip
+    compare(
+        "gravity",
+        np.zeros(3) if facts.gravity is None else facts.gravity,
+        g if weighs else np.zeros(3),
+    )
     active = 0
     if not off & (mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT):
         active = sum(
-            int(model.eq_active0[e]) for e in range(model.neq)
+            int(model.eq_active0[e])
+            for e in range(model.neq)
             if int(model.eq_type[e]) in (0, 1) and not to_mocap(model, e)  # connect, weld
-        )  # fmt: skip
+        )
     compare("closures", len(facts.closures), active)
     found += closure_differences(model, data, tree, facts, position)
     return found
@@ -310,25 +317,49 @@ axis="0 1 0"/><geom size=".02"/></body></frame></body></body>
 <joint joint1="t1" joint2="t2" polycoef="0 2 0 0 0"/></equality></mujoco>""",
 ]
 NUMBERS = {
-    1: ["0", "1", "-1", ".5", "1e-3", "100", "3"], 2: ["-2 2", "0 1", "1 0"],
-    3: ["0.1 0.2 0.3", "1 0 0", "0 0 0"], 4: ["1 2 3 4", "1 0 0 0"],
-    6: ["1 2 0 -1 1 3", "0 0 0 .1 .2 .3", "1 1 1 0 0 .1"], 7: ["0 0 1 1 0 0 0", ".1 .2 .3 1 2 3 4"],
-}  # fmt: skip
+    1: ["0", "1", "-1", ".5", "1e-3", "100", "3"],
+    2: ["-2 2", "0 1", "1 0"],
+    3: ["0.1 0.2 0.3", "1 0 0", "0 0 0"],
+    4: ["1 2 3 4", "1 0 0 0"],
+    6: ["1 2 0 -1 1 3", "0 0 0 .1 .2 .3", "1 1 1 0 0 .1"],
+    7: ["0 0 1 1 0 0 0", ".1 .2 .3 1 2 3 4"],
+}
 COUNTS = {
-    "pos": 3, "axis": 3, "range": 2, "quat": 4, "euler": 3, "axisangle": 4, "xyaxes": 6, "zaxis": 3,
-    "fromto": 6, "size": 3, "diaginertia": 3, "fullinertia": 6, "anchor": 3, "relpose": 7,
-    "gravity": 3, "qpos": 7, "springdamper": 2, "inertiagrouprange": 2,
-}  # fmt: skip
+    "pos": 3,
+    "axis": 3,
+    "range": 2,
+    "quat": 4,
+    "euler": 3,
+    "axisangle": 4,
+    "xyaxes": 6,
+    "zaxis": 3,
+    "fromto": 6,
+    "size": 3,
+    "diaginertia": 3,
+    "fullinertia": 6,
+    "anchor": 3,
+    "relpose": 7,
+    "gravity": 3,
+    "qpos": 7,
+    "springdamper": 2,
+    "inertiagrouprange": 2,
+}
 WORDS = {
     "type": ["hinge", "slide", "ball", "free", "sphere", "box", "capsule", "cylinder", "ellipsoid"],
-    "limited": ["true", "false", "auto"], "active": ["true", "false"],
+    "limited": ["true", "false", "auto"],
+    "active": ["true", "false"],
     "angle": ["degree", "radian"],
-    "inertiafromgeom": ["true", "false", "auto"], "autolimits": ["true", "false"],
-    "eulerseq": ["xyz", "XYZ", "zyx", "zXy"], "gravity": ["0 0 -9.81", "0 0 0", "1 2 3"],
-    "class": ["soft", "leg", "main"], "childclass": ["soft", "leg", "main"],
-    **{key: ["true", "false"] for key in
-       ("mocap", "shellinertia", "fusestatic", "balanceinertia", "alignfree")},
-}  # fmt: skip
+    "inertiafromgeom": ["true", "false", "auto"],
+    "autolimits": ["true", "false"],
+    "eulerseq": ["xyz", "XYZ", "zyx", "zXy"],
+    "gravity": ["0 0 -9.81", "0 0 0", "1 2 3"],
+    "class": ["soft", "leg", "main"],
+    "childclass": ["soft", "leg", "main"],
+    **{
+        key: ["true", "false"]
+        for key in ("mocap", "shellinertia", "fusestatic", "balanceinertia", "alignfree")
+    },
+}
 NEW = {
     "joint": "type pos axis range limited ref stiffness springref class springdamper",
     "body": "pos quat euler axisangle xyaxes zaxis childclass gravcomp mocap",
@@ -337,9 +368,12 @@ NEW = {
     "inertial": "pos quat mass diaginertia fullinertia",
     "compiler": "angle eulerseq autolimits inertiafromgeom settotalmass boundmass balanceinertia "
     "inertiagrouprange fusestatic alignfree",
-    "option": "gravity", "flag": "gravity spring constraint equality limit",
-    "connect": "anchor active", "weld": "relpose anchor active torquescale", "key": "qpos name",
-}  # fmt: skip
+    "option": "gravity",
+    "flag": "gravity spring constraint equality limit",
+    "connect": "anchor active",
+    "weld": "relpose anchor active torquescale",
+    "key": "qpos name",
+}
 
 
 def value(tag: str, key: str, rng: random.Random) -> str:

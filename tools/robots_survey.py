@@ -58,9 +58,10 @@ def files_below(folders: list[str]) -> list[Path]:
     found = [path for folder in folders for path in folder_of(folder).rglob("*")]
     found = [path for path in found if path.suffix in (".urdf", ".xacro", ".xml", ".sdf")]
     return sorted(
-        path for path in found
+        path
+        for path in found
         if path.suffix != ".xml" or "<mujoco" in path.read_text(encoding="utf-8", errors="replace")
-    )  # fmt: skip
+    )
 
 
 def is_part(path: Path) -> bool:

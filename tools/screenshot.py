@@ -24,10 +24,17 @@ SIZE = {"width": 1280, "height": 720}
 
 #: Software rendering, no calls home; as root a sandbox is not to be had.
 FLAGS = [
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--hide-scrollbars",
-]  # fmt: skip
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+]
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 _SETTLED = """() => new Promise((resolve, reject) => {
@@ -103,6 +110,11 @@ def main(target: Path = TARGET) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Write the page of a UR5 as a picture.")
-    parser.add_argument("target", nargs="?", type=Path, default=TARGET,
-                        help="PNG file; default docs/images/page.png")  # fmt: skip
+    parser.add_argument(
+        "target",
+        nargs="?",
+        type=Path,
+        default=TARGET,
+        help="PNG file; default docs/images/page.png",
+    )
     main(parser.parse_args().target)

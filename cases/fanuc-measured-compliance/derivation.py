@@ -9,9 +9,11 @@ def _regressor(inputs, q, force):
         ct, st = np.cos(angle + theta), np.sin(angle + theta)
         ca, sa = np.cos(alpha), np.sin(alpha)
         T = T @ [
-            [ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d],
+            [ct, -st, 0, a],
+            [st * ca, ct * ca, -sa, -sa * d],
+            [st * sa, ct * sa, ca, ca * d],
             [0, 0, 0, 1],
-        ]  # fmt: skip
+        ]
         frames.append(T)
     tip = T[:3, 3] + T[:3, :3] @ inputs["tool"]
     J = np.array([np.cross(F[:3, 2], tip - F[:3, 3]) for F in frames]).T

@@ -54,5 +54,7 @@ def _at_rest(inputs, folder):
         ]
         rest = cartstiff.equilibrium(frame, *loads, q0=q)
         q = rest.q
-    return [rest.posture.relative("world", f"node{n}")[0][:3, 3] - inputs["nodes"][n - 1]
-            for n in inputs["shown"]]  # fmt: skip
+    return [
+        rest.posture.relative("world", f"node{n}")[0][:3, 3] - inputs["nodes"][n - 1]
+        for n in inputs["shown"]
+    ]

@@ -59,8 +59,11 @@ def codes(package: str = "") -> list[Code]:
             if not isinstance(node, ast.Call):
                 continue
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-            places = [(k.value, node.args[0] if node.args else None)
-                      for k in node.keywords if k.arg == "code"]  # fmt: skip
+            places = [
+                (k.value, node.args[0] if node.args else None)
+                for k in node.keywords
+                if k.arg == "code"
+            ]
             if name in _BY_POSITION and len(node.args) > 1:
                 places.append((node.args[0], node.args[1]))
             for place, message in places:

@@ -411,9 +411,15 @@ class Key(SphinxRole):
         """The nodes."""
         label = nodes.inline(self.text, f"[{self.text}]")
         reference = addnodes.pending_xref(
-            self.rawtext, label, refdomain="citation", reftype="ref", reftarget=self.text,
-            refwarn=True, support_smartquotes=False, classes=["citation"],
-        )  # fmt: skip
+            self.rawtext,
+            label,
+            refdomain="citation",
+            reftype="ref",
+            reftarget=self.text,
+            refwarn=True,
+            support_smartquotes=False,
+            classes=["citation"],
+        )
         reference["refdoc"] = self.env.docname
         return [reference], []
 

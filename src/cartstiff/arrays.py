@@ -40,9 +40,15 @@ def _is_number(value: Any) -> bool:
 
 
 _NAMES = {
-    "b": "true or false", "c": "complex numbers", "m": "durations", "M": "dates", "S": "text",
-    "U": "text", "T": "text", "V": "records",
-}  # fmt: skip
+    "b": "true or false",
+    "c": "complex numbers",
+    "m": "durations",
+    "M": "dates",
+    "S": "text",
+    "U": "text",
+    "T": "text",
+    "V": "records",
+}
 
 
 def read_only(values: ArrayLike) -> Array:
@@ -252,15 +258,17 @@ def checked_array(
     if shapes and array.shape != shapes[0] and not any(_fits(array.shape, s) for s in shapes):
         count = len(shapes) == 1 and len(shapes[0]) == 1
         raise InputError(
-            f"{what} has the wrong {'count' if count else 'shape'}", where=where,
+            f"{what} has the wrong {'count' if count else 'shape'}",
+            where=where,
             expected=_words(shapes),
             got=array.size if count and array.ndim == 1 else f"shape {array.shape}",
-        )  # fmt: skip
+        )
     if finite and not _is_finite(array):
         if array.ndim > 1 and array.shape not in shapes:
             row = int(np.flatnonzero(~np.isfinite(array).all(axis=tuple(range(1, array.ndim))))[0])
-            raise InputError(f"{what} must be finite in row {row}", where=where,
-                             got=array[row].tolist())  # fmt: skip
+            raise InputError(
+                f"{what} must be finite in row {row}", where=where, got=array[row].tolist()
+            )
         raise InputError(f"{what} must be finite", where=where, got=array.tolist())
     return array
 
@@ -338,9 +346,12 @@ def checked_pose(
     array = checked_array(T, ("N", 4, 4) if stack else (4, 4), what, where=where)
     if not is_pose(array, tolerance):
         wrong = next(t for t in array.reshape(-1, 4, 4) if not is_pose(t, tolerance))
-        raise InputError(f"{what} is not a rigid motion", where=where,
-                         expected="a rotation matrix, a position, and 0, 0, 0, 1 below",
-                         got=wrong.tolist())  # fmt: skip
+        raise InputError(
+            f"{what} is not a rigid motion",
+            where=where,
+            expected="a rotation matrix, a position, and 0, 0, 0, 1 below",
+            got=wrong.tolist(),
+        )
     return array
 
 

@@ -50,8 +50,15 @@ def answer_of(
     command = [sys.executable, "-P", worker, *arguments]
     try:
         # In the root folder nobody finds a place for log files.
-        done = subprocess.run(command, env=environment, cwd="/", stdin=subprocess.DEVNULL,
-                              capture_output=True, timeout=_LONGEST, check=False)  # fmt: skip
+        done = subprocess.run(
+            command,
+            env=environment,
+            cwd="/",
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_LONGEST,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         raise InputError(f"{who} does not come to an end with it", where=where) from None
     except (OSError, ValueError) as error:

@@ -14,14 +14,21 @@ from cartstiff.errors import InputError, UnknownNameError, one_line
 LONGEST = 400
 _CONSTANTS = {"pi": math.pi}
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
-    "sin": (1, math.sin), "cos": (1, math.cos), "tan": (1, math.tan), "asin": (1, math.asin),
-    "acos": (1, math.acos), "atan2": (2, math.atan2), "sqrt": (1, math.sqrt),
-}  # fmt: skip
+    "sin": (1, math.sin),
+    "cos": (1, math.cos),
+    "tan": (1, math.tan),
+    "asin": (1, math.asin),
+    "acos": (1, math.acos),
+    "atan2": (2, math.atan2),
+    "sqrt": (1, math.sqrt),
+}
 _TWO: dict[type[ast.operator], Callable[[float, float], float]] = {
-    ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b,
     ast.Pow: math.pow,  # not **, which has complex numbers for roots of negative ones
-}  # fmt: skip
+}
 _WHAT = f"numbers, parameters, pi, + - * / ** ( ), {', '.join(_FUNCTIONS)}"
 
 
@@ -56,8 +63,12 @@ class Expression:
     def __init__(self, text: str, where: str) -> None:
         self.text, self.where = text, where
         if len(text) > LONGEST:
-            raise InputError("arithmetic is too long", where=where,
-                             expected=f"at most {LONGEST} characters", got=len(text))  # fmt: skip
+            raise InputError(
+                "arithmetic is too long",
+                where=where,
+                expected=f"at most {LONGEST} characters",
+                got=len(text),
+            )
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # Python's own words on "2if": refused below
@@ -69,8 +80,12 @@ class Expression:
             raise self._refused(text) from None
 
     def _refused(self, part: str) -> InputError:
-        return InputError("arithmetic cannot be read", where=self.where, expected=_WHAT,
-                          got=repr(one_line(part, 60)))  # fmt: skip
+        return InputError(
+            "arithmetic cannot be read",
+            where=self.where,
+            expected=_WHAT,
+            got=repr(one_line(part, 60)),
+        )
 
     def _checked(self, node: ast.expr) -> set[str]:
         """Names below a node, all of which is arithmetic."""

@@ -106,9 +106,13 @@ def _singular(root: Array, vectors: bool) -> tuple[Array, Array]:
     from scipy.linalg.lapack import dgejsv
 
     values, _, v, work, _, _ = dgejsv(
-        _sorted(root.T), joba=_GRADED, jobu=_NO_VECTORS,
-        jobv=_VECTORS if vectors else _NO_VECTORS, jobr=_WHOLE_RANGE, jobp=_NOTHING_SMALL,
-    )  # fmt: skip
+        _sorted(root.T),
+        joba=_GRADED,
+        jobu=_NO_VECTORS,
+        jobv=_VECTORS if vectors else _NO_VECTORS,
+        jobr=_WHOLE_RANGE,
+        jobp=_NOTHING_SMALL,
+    )
     with np.errstate(divide="ignore"):
         return values * (work[0] / work[1]), v
 

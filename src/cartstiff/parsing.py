@@ -43,10 +43,12 @@ def parse_numbers(
             number = math.nan
         if not math.isfinite(number) or "_" in part:
             expected = (
-                "numbers separated by commas" if count is None
-                else "a number" if count == 1
+                "numbers separated by commas"
+                if count is None
+                else "a number"
+                if count == 1
                 else f"{count} numbers separated by commas"
-            )  # fmt: skip
+            )
             raise InputError("not a finite number", where=where, expected=expected, got=repr(part))
         if abs(number) > LARGEST:
             raise InputError(

@@ -68,10 +68,11 @@ class Watch:
     def outside(self) -> list[str]:
         """Requests that leave this machine."""
         return [
-            url for url in self.requests
+            url
+            for url in self.requests
             if urlsplit(url).scheme not in ("data", "blob", "file", "about")
             and urlsplit(url).hostname != "127.0.0.1"
-        ]  # fmt: skip
+        ]
 
 
 class Pages:
@@ -82,16 +83,23 @@ class Pages:
         self._shared: dict[str, Any] = {}
         self._watches: list[Watch] = []
 
-    def open(self, url: str, *, theme: str = "light", viewport: dict[str, int] = VIEWPORT,
-             offline: bool = False) -> Any:  # fmt: skip
+    def open(
+        self,
+        url: str,
+        *,
+        theme: str = "light",
+        viewport: dict[str, int] = VIEWPORT,
+        offline: bool = False,
+    ) -> Any:
         """A page in a context of its own, when its first numbers are shown."""
         page = self.blank(theme=theme, viewport=viewport, offline=offline)
         page.goto(url)
         ready(page)
         return page
 
-    def blank(self, *, theme: str = "light", viewport: dict[str, int] = VIEWPORT,
-              offline: bool = False) -> Any:  # fmt: skip
+    def blank(
+        self, *, theme: str = "light", viewport: dict[str, int] = VIEWPORT, offline: bool = False
+    ) -> Any:
         """An empty page in a context of its own."""
         context = self._browser.new_context(
             viewport=viewport, color_scheme=theme, offline=offline, accept_downloads=True

@@ -82,8 +82,13 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     path.write_text(export_page(Source(arm)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     assert "answered here, without a server" in page.inner_text("#left")
-    wishes = {"load": [1, 2, 3, 40, -50, 60], "load_axes": "inertial", "point": [0, 0, 0.1],
-              "stiffness": [2e4, 3e4, 2e4, 5e3, 5e3, 4e3], "connection": "K"}  # fmt: skip
+    wishes = {
+        "load": [1, 2, 3, 40, -50, 60],
+        "load_axes": "inertial",
+        "point": [0, 0, 0.1],
+        "stiffness": [2e4, 3e4, 2e4, 5e3, 5e3, 4e3],
+        "connection": "K",
+    }
     page.evaluate("(wishes) => window.cartstiff.change(wishes)", wishes)
     for index, key in ((1, "PageUp"), (4, "PageDown")):
         page.focus(f"#slider-{index}")
@@ -95,9 +100,12 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     pinned = page.evaluate("() => window.cartstiff.pinned.q")
     assert pinned[1] == pytest.approx(arm.q[1] + 0.1745, abs=1e-3)
     expected = cartstiff.analyse(
-        arm.with_springs(wishes["stiffness"]), found["q"], wrench=wishes["load"],
-        load_at=wishes["point"], load_axes="world",
-    )  # fmt: skip
+        arm.with_springs(wishes["stiffness"]),
+        found["q"],
+        wrench=wishes["load"],
+        load_at=wishes["point"],
+        load_axes="world",
+    )
     shown = np.array(page.evaluate("() => window.cartstiff.matrix('K')"))
     there = expected.at(se3.pose(translation=wishes["point"])).matrices["K"]
     assert np.abs(shown - there).max() < 1e-11 * np.abs(there).max()

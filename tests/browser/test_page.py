@@ -100,7 +100,8 @@ def test_the_first_picture_takes_four_files_and_one_answer(serve, pages, theme, 
     # The picture that comes with the greeting is the one that is wanted, in the light theme.
     assert page.evaluate("() => seen") == {"sent": questions, "rendered": 1}
     assert page.evaluate("() => cartstiff.numbers.verdict") == page.evaluate(
-        """async () => (await cartstiff.ask({do: "numbers"})).numbers.verdict""")  # fmt: skip
+        """async () => (await cartstiff.ask({do: "numbers"})).numbers.verdict"""
+    )
     page.close()
 
 
@@ -415,12 +416,16 @@ def test_curves_asked_for_again_after_others_are_those_of_the_last_question(serv
         if force:
             page.evaluate("(z) => window.cartstiff.change({load: [0, 0, 0, 0, 0, z]})", force)
         # Where a sweep takes more than a second the page asks first.
-        page.wait_for_function("""(number) => {
+        page.wait_for_function(
+            """(number) => {
             const again = [...document.querySelectorAll("#strip button")]
                 .find((one) => one.textContent.includes("compute") && one.checkVisibility());
             again?.click();
             return window.swept.length === number;
-        }""", arg=number, timeout=10_000)  # fmt: skip
+        }""",
+            arg=number,
+            timeout=10_000,
+        )
     page.evaluate("""() => window.swept[1].refuse(
         new Error("a newer question took the place of this one"))""")
     page.wait_for_timeout(600)

@@ -19,9 +19,11 @@ _AXE = os.environ.get("CARTSTIFF_AXE")
 @pytest.mark.parametrize("name", ["ur5", "hexapod", "five-bar"])
 def test_axe_finds_nothing(serve, chromium, name, theme):
     context = chromium.new_context(
-        viewport={"width": 1280, "height": 900}, color_scheme=theme, bypass_csp=True,
+        viewport={"width": 1280, "height": 900},
+        color_scheme=theme,
+        bypass_csp=True,
         reduced_motion="reduce",
-    )  # fmt: skip
+    )
     page = context.new_page()
     page.goto(serve(name).url + "#load=0,0,0,0,0,-100&load_axes=inertial")
     ready(page)

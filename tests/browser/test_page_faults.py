@@ -66,8 +66,11 @@ def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
     page = pages.open(serve("hexapod", cloud=cloud).url)
     lines = page.locator("#colour-bar").inner_text().split("\n")
     assert [line.strip("● ") for line in lines] == [
-        "limit that cuts", "leg1, most 1.2 m", "leg2, most 1.2 m", "singularity",
-    ]  # fmt: skip
+        "limit that cuts",
+        "leg1, most 1.2 m",
+        "leg2, most 1.2 m",
+        "singularity",
+    ]
     drawn = page.evaluate(
         """() => {
             const found = [];
@@ -95,8 +98,9 @@ LINK = """<link name="l{k}"><visual><geometry><mesh filename="gone{k}.stl"/></ge
 @pytest.fixture
 def long_arm(tmp_path):
     """A file of eleven joints whose meshes are missing."""
-    links = [LINK.format(k=k, parent=f"l{k - 1}" if k else "base", roll=1.2 * (k % 2))
-             for k in range(11)]  # fmt: skip
+    links = [
+        LINK.format(k=k, parent=f"l{k - 1}" if k else "base", roll=1.2 * (k % 2)) for k in range(11)
+    ]
     text = f'<robot name="r"><link name="base"/>{"".join(links)}</robot>'
     (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
     return str(tmp_path / "r.urdf")

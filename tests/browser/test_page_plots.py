@@ -122,8 +122,10 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
     assert f"along {elastic.names[3]} and {elastic.names[0]}" in comments[0]
     q = np.array(elastic.q)
     q[[3, 0]] = table[200, :2]
-    expected = series_row(cartstiff.analyse(elastic, q, wrench=(0, 0, 0, 0, 0, -300)),
-                          ViewState(load=(0, 0, 0, 0, 0, -300)))  # fmt: skip
+    expected = series_row(
+        cartstiff.analyse(elastic, q, wrench=(0, 0, 0, 0, 0, -300)),
+        ViewState(load=(0, 0, 0, 0, 0, -300)),
+    )
     assert table[200, 2] == pytest.approx(expected["condition"][0], rel=1e-6)
     page.context.close()
 

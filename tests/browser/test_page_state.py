@@ -66,8 +66,14 @@ def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
     assert_seen(page, 1280)
     q = [0.3, -1.0, 1.2, -0.4, 0.9, 0.1]
     springs = [2e4, 3e4, 2e4, 5e3, 5e3, 4e3]
-    changed(page, q=q, moved=None, stiffness=springs, load=[1, 2, 3, 40, -50, 60],
-            point=[0.0, 0.02, 0.1])  # fmt: skip
+    changed(
+        page,
+        q=q,
+        moved=None,
+        stiffness=springs,
+        load=[1, 2, 3, 40, -50, 60],
+        point=[0.0, 0.02, 0.1],
+    )
     page.keyboard.press("a")
     settled(page)
     page.click("summary:has-text('Reference point')")
@@ -80,13 +86,17 @@ def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
     assert page.evaluate("() => window.cartstiff.pinned.q") == q
     # The load is the same one: what it does to the joints has not changed.
     before = cartstiff.analyse(
-        cartstiff.load("ur5").with_springs(springs), q,
-        wrench=[1, 2, 3, 40, -50, 60], load_at=[0, 0.02, 0.1],
-    )  # fmt: skip
+        cartstiff.load("ur5").with_springs(springs),
+        q,
+        wrench=[1, 2, 3, 40, -50, 60],
+        load_at=[0, 0.02, 0.1],
+    )
     after = cartstiff.analyse(
-        cartstiff.load("ur5", frame="wrist_3_link").with_springs(springs), q,
-        wrench=state["load"], load_at=state["load_at"],
-    )  # fmt: skip
+        cartstiff.load("ur5", frame="wrist_3_link").with_springs(springs),
+        q,
+        wrench=state["load"],
+        load_at=state["load_at"],
+    )
     apart = se3.inverse(after.pose) @ before.pose
     point = apart[:3, :3] @ [0, 0.02, 0.1] + apart[:3, 3]
     assert np.allclose(state["load_at"], point, atol=1e-12)
@@ -253,8 +263,9 @@ def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path)
 
     arm = cartstiff.load("ur5")
     other = [0.1, -1.2, 1.3, -0.2, 0.8, 0.0]
-    state = ViewState(q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="inertial", labels=False,
-                  ghost=other)  # fmt: skip
+    state = ViewState(
+        q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="inertial", labels=False, ghost=other
+    )
     file = tmp_path / "ur5.html"
     file.write_text(export_page(Source(arm), frames=3, state=state), encoding="utf-8")
     page = pages.open(file.as_uri(), offline=True)
@@ -485,8 +496,9 @@ def test_load_and_weight_are_typed_into_their_fields(serve, pages):
     typed(mx=3, fx=40, fy=-50, fz=60, load_at_x=0.02, load_at_z=0.1)
     typed(gravity_gz=-9.81, payload_mass=3, payload_at_z=0.05)
     arm = cartstiff.load("ur5", gravity=[0, 0, -9.81], payload=[3, 0, 0, 0.05])
-    wanted = cartstiff.analyse(arm, wrench=[3, 0, 0, 40, -50, 60], load_at=[0.02, 0, 0.1],
-                               load_axes="world")  # fmt: skip
+    wanted = cartstiff.analyse(
+        arm, wrench=[3, 0, 0, 40, -50, 60], load_at=[0.02, 0, 0.1], load_axes="world"
+    )
     assert close(matrix(page), wanted.tangent)
     state = page.evaluate("() => window.cartstiff.state")
     assert state["payload"] == [3, 0, 0, 0.05]

@@ -66,11 +66,16 @@ def test_numbers_are_those_of_every_posture() -> None:
             "least": {"quantity": "deflection", "of": "best", "case": "loaded"},
         },
         constraints={
-            "share": {"quantity": "deflection", "of": "share", "below": 7.4e-6, "case": "loaded",
-                      "at_least": 0.6},
+            "share": {
+                "quantity": "deflection",
+                "of": "share",
+                "below": 7.4e-6,
+                "case": "loaded",
+                "at_least": 0.6,
+            },
             "size": {"value": "=2*a + sz", "at_most": 1.1},
         },
-    )  # fmt: skip
+    )
     found = cartstiff.design(asked)
     assert len(found) == 4
     shares = set()
@@ -86,10 +91,14 @@ def test_numbers_are_those_of_every_posture() -> None:
                 loaded = cartstiff.analyse(elastic, q, wrench=WRENCH)
                 give.append(np.linalg.norm(np.linalg.solve(loaded.tangent, PUSH)[3:]))
         expected = {
-            "softest": min(softest), "mean": np.mean(softest), "middle": np.median(stiffest),
-            "give": max(give), "least": min(give), "share": np.mean(np.array(give) <= 7.4e-6),
+            "softest": min(softest),
+            "mean": np.mean(softest),
+            "middle": np.median(stiffest),
+            "give": max(give),
+            "least": min(give),
+            "share": np.mean(np.array(give) <= 7.4e-6),
             "size": 2 * design.parameters["a"] + design.parameters["sz"],
-        }  # fmt: skip
+        }
         assert design.values == pytest.approx(expected, rel=1e-9)
         shares.add(design.values["share"])
         kept = expected["share"] >= 0.6 and expected["size"] <= 1.1
@@ -119,24 +128,38 @@ payload: {mass: 3, com: [0.02, 0.01, 0.03]}
 @pytest.mark.parametrize(
     ("text", "variables", "axes", "asked"),
     [
-        (PUS, {"rod": {"values": [0.5, 0.47]}}, {"x": [-0.03, 0.02, 2], "yaw": [0.0, 0.1, 2]},
-         "condition"),
-        (RPS, {"b": {"values": [0.2, 0.22]}}, {"z": [-0.02, 0.03, 2], "roll": [-0.1, 0.1, 2]},
-         "compliance_translation_free_max"),
+        (
+            PUS,
+            {"rod": {"values": [0.5, 0.47]}},
+            {"x": [-0.03, 0.02, 2], "yaw": [0.0, 0.1, 2]},
+            "condition",
+        ),
+        (
+            RPS,
+            {"b": {"values": [0.2, 0.22]}},
+            {"z": [-0.02, 0.03, 2], "roll": [-0.1, 0.1, 2]},
+            "compliance_translation_free_max",
+        ),
     ],
-)  # fmt: skip
+)
 def test_poses_of_a_body_on_legs_are_those_of_at_pose(
     text: str, variables: dict[str, Any], axes: dict[str, Any], asked: str, tmp_path: Path
 ) -> None:
     """Frequencies from compliances equal modes one by one; limits as `analyse` has them."""
     path = tmp_path / "machine.yaml"
     path.write_text(text, encoding="utf-8")
-    found = cartstiff.design({
-        "mechanism": str(path), "variables": variables,
-        "poses": {"grid": axes, "about_home": True, "outside": "leave-out"},
-        "objectives": {"f": {"quantity": "frequency_1"}, "g": {"quantity": asked},
-                       "there": {"quantity": "frequency_1", "of": "reached"}},
-    })  # fmt: skip
+    found = cartstiff.design(
+        {
+            "mechanism": str(path),
+            "variables": variables,
+            "poses": {"grid": axes, "about_home": True, "outside": "leave-out"},
+            "objectives": {
+                "f": {"quantity": "frequency_1"},
+                "g": {"quantity": asked},
+                "there": {"quantity": "frequency_1", "of": "reached"},
+            },
+        }
+    )
     columns = ["x", "y", "z", "roll", "pitch", "yaw"]
     for design in found.designs:
         elastic = cartstiff.load(path, parameters=design.parameters)
@@ -191,8 +214,10 @@ def test_an_optimiser_finds_the_isotropic_inclination(method: dict[str, Any]) ->
 def test_constraints_bind_the_optimum() -> None:
     """The least stiffness 3 k (1 - s^2) where s must be at least 0.8."""
     bound = {"steep": {"value": "=sz", "at_least": 0.8}}
-    for method in ({"kind": "local", "designs": 80, "start": {"sz": 0.3}},
-                   {"kind": "evolution", "designs": 120, "seed": 3}):  # fmt: skip
+    for method in (
+        {"kind": "local", "designs": 80, "start": {"sz": 0.3}},
+        {"kind": "evolution", "designs": 120, "seed": 3},
+    ):
         best = cartstiff.design(study(method=method, constraints=bound)).best()
         assert 0.8 <= best.parameters["sz"] < 0.805
         assert best.values["stiff"] == pytest.approx(3e6 * (1 - 0.64), rel=0.03)
@@ -210,8 +235,9 @@ def test_low_discrepancy_points_fill_the_ranges() -> None:
 
 
 def test_the_grid_and_the_csv_hold_every_design() -> None:
-    found = cartstiff.design(study(variables={"sz": {"low": 0.2, "high": 0.6, "count": 3},
-                                              "a": {"values": [0.3, 0.1]}}))  # fmt: skip
+    found = cartstiff.design(
+        study(variables={"sz": {"low": 0.2, "high": 0.6, "count": 3}, "a": {"values": [0.3, 0.1]}})
+    )
     pairs = [(d.parameters["sz"], d.parameters["a"]) for d in found.designs]
     assert pairs == [(sz, a) for sz in (0.2, 0.4, 0.6) for a in (0.3, 0.1)]
     rows = list(csv.DictReader(io.StringIO(found.to_csv())))
@@ -223,15 +249,20 @@ def test_the_grid_and_the_csv_hold_every_design() -> None:
 @given(
     st.lists(
         st.tuples(st.integers(0, 4), st.integers(0, 4), st.sampled_from(["feasible", "failed"])),
-        min_size=1, max_size=25,
+        min_size=1,
+        max_size=25,
     )
-)  # fmt: skip
+)
 def test_the_front_is_what_nobody_betters(rows: list[tuple[int, int, str]]) -> None:
     """By the definition, pair by pair; ties belong to it."""
     asked = Study.model_validate(
-        study(objectives={"x": {"value": "=sz", "goal": "largest"},
-                          "y": {"value": "=sz", "goal": "smallest"}})
-    )  # fmt: skip
+        study(
+            objectives={
+                "x": {"value": "=sz", "goal": "largest"},
+                "y": {"value": "=sz", "goal": "smallest"},
+            }
+        )
+    )
     designs = tuple(
         Design({"sz": 0.5}, {"x": float(a), "y": float(b)} if s == "feasible" else {}, s)
         for a, b, s in rows
@@ -240,12 +271,13 @@ def test_the_front_is_what_nobody_betters(rows: list[tuple[int, int, str]]) -> N
     found = Designs(asked, "", designs, better, {"x": "", "y": ""})
     good = [i for i, row in enumerate(rows) if row[2] == "feasible"]
     expected = {
-        i for i in good
+        i
+        for i in good
         if not any(
             rows[j][0] >= rows[i][0] and rows[j][1] <= rows[i][1] and rows[j][:2] != rows[i][:2]
             for j in good
         )
-    }  # fmt: skip
+    }
     assert set(found.front) == expected
     if not good:
         with pytest.raises(UndefinedError, match="no design is feasible"):
@@ -268,10 +300,11 @@ def test_designs_that_fail_say_why_and_cost_little(
     true = postures.fill
     monkeypatch.setattr(postures, "fill", lambda *given: looked.append(1) or true(*given))
     asked = {
-        "mechanism": str(hexagons), "variables": {"half": {"values": [0.2, np.pi / 6]}},
+        "mechanism": str(hexagons),
+        "variables": {"half": {"values": [0.2, np.pi / 6]}},
         "poses": {"grid": {"x": [-0.01, 0.01, 20], "y": [-0.01, 0.01, 20]}, "about_home": True},
         "objectives": {"stiff": {"quantity": "translation_free_min"}},
-    }  # fmt: skip
+    }
     good, bad = cartstiff.design(asked).designs
     assert good.state == "feasible"
     assert (bad.state, bad.values) == ("failed", {})
@@ -286,10 +319,11 @@ def test_designs_that_fail_say_why_and_cost_little(
 def test_poses_without_a_value_are_refused_or_left_out(hexagons: Path) -> None:
     """Legs that are too long: shares by hand from the leg lengths."""
     asked: dict[str, Any] = {
-        "mechanism": str(hexagons), "variables": {"h": {"values": [0.5]}},
+        "mechanism": str(hexagons),
+        "variables": {"h": {"values": [0.5]}},
         "poses": {"grid": {"x": [0, 0.2, 9]}, "about_home": True},
         "objectives": {"stiff": {"quantity": "translation_held_min"}},
-    }  # fmt: skip
+    }
     elastic = cartstiff.load(hexagons)
     steps = np.linspace(0, 0.2, 9)
     lengths = [elastic.mechanism.leg_lengths(moved(elastic, x)) for x in steps]
@@ -303,9 +337,9 @@ def test_poses_without_a_value_are_refused_or_left_out(hexagons: Path) -> None:
     (design,) = cartstiff.design(asked).designs
     assert design.values["there"] == design.values["all"] == inside.mean()
     stiff = [
-        np.linalg.eigvalsh(cartstiff.analyse(elastic, moved(elastic, x)).matrices["B"]
-                           [3:, 3:])[0] for x in steps[inside]
-    ]  # fmt: skip
+        np.linalg.eigvalsh(cartstiff.analyse(elastic, moved(elastic, x)).matrices["B"][3:, 3:])[0]
+        for x in steps[inside]
+    ]
     assert design.values["stiff"] == pytest.approx(min(stiff), rel=1e-10)
 
 
@@ -329,8 +363,9 @@ def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Monkey
     assert again.designs == whole.designs
     assert again.damaged == 2
     assert len(made) == 2
-    more = cartstiff.design({**asked, "method": {"kind": "sobol", "designs": 10, "seed": 5}},
-                            output=path)  # fmt: skip
+    more = cartstiff.design(
+        {**asked, "method": {"kind": "sobol", "designs": 10, "seed": 5}}, output=path
+    )
     assert more.designs[:8] == whole.designs
     assert len(made) == 4
     with pytest.raises(InputError, match="designs of another study"):
@@ -434,8 +469,11 @@ def test_one_program_serves_platforms_of_every_size() -> None:
         for name in ("hexapod", "stewart-gough"):
             elastic = cartstiff.load(name)
             q = elastic.q + 0.02 * rng.standard_normal((5, 6))
-            asked = {"wrench": load, "outputs": ("A", "F", "K", "compliance_B", "jacobian"),
-                     "path": "portable"}  # fmt: skip
+            asked = {
+                "wrench": load,
+                "outputs": ("A", "F", "K", "compliance_B", "jacobian"),
+                "path": "portable",
+            }
             plain = cartstiff.analyse_many(elastic, q, **asked)
             general = replace(elastic, mechanism=elastic.mechanism.as_one_of_many())
             found = cartstiff.analyse_many(general, q, **asked)

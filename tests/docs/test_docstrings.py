@@ -19,13 +19,23 @@ import cartstiff.errors
 SOURCES = ROOT / "src" / "cartstiff"
 # In the order of numpydoc.
 SECTIONS = [
-    "Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns", "See Also", "Notes",
-    "References", "Examples",
-]  # fmt: skip
+    "Parameters",
+    "Attributes",
+    "Returns",
+    "Yields",
+    "Raises",
+    "Warns",
+    "See Also",
+    "Notes",
+    "References",
+    "Examples",
+]
 ERRORS = {"DamageError"} | {  # that of cartstiff.maps.damage
-    name for module in (builtins, cartstiff.errors) for name, value in vars(module).items()
+    name
+    for module in (builtins, cartstiff.errors)
+    for name, value in vars(module).items()
     if isinstance(value, type) and issubclass(value, BaseException)
-}  # fmt: skip
+}
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -92,11 +102,19 @@ def parameters(node: Function) -> list[str]:
 
 def fields(node: ast.ClassDef) -> set[str]:
     """Names of what a class or its instances hold, as far as its own body shows it."""
-    names = {t.target.id for t in node.body if isinstance(t, ast.AnnAssign)
-             and isinstance(t.target, ast.Name)}  # fmt: skip
+    names = {
+        t.target.id
+        for t in node.body
+        if isinstance(t, ast.AnnAssign) and isinstance(t.target, ast.Name)
+    }
     names |= {n.name for n in node.body if isinstance(n, ast.FunctionDef)}
-    names |= {t.id for n in node.body if isinstance(n, ast.Assign) for t in n.targets
-              if isinstance(t, ast.Name)}  # fmt: skip
+    names |= {
+        t.id
+        for n in node.body
+        if isinstance(n, ast.Assign)
+        for t in n.targets
+        if isinstance(t, ast.Name)
+    }
     for inner in ast.walk(node):
         if isinstance(inner, ast.Attribute) and getattr(inner.value, "id", "") == "self":
             names.add(inner.attr)
@@ -160,8 +178,9 @@ def test_raised_errors_exist():
 
 def test_functions_that_return_several_things_say_which():
     """Where a Returns section exists it names something."""
-    empty = [d.name for d in EVERYTHING if "Returns" in d.sections
-             and not entries(d.sections["Returns"])]  # fmt: skip
+    empty = [
+        d.name for d in EVERYTHING if "Returns" in d.sections and not entries(d.sections["Returns"])
+    ]
     assert not empty, empty
 
 
@@ -184,9 +203,11 @@ def test_every_public_name_has_a_docstring():
     """What ruff's D rules ask of each file, asked of the package: none is exempt by name."""
     bare = [d.name for d in EVERYTHING if not ast.get_docstring(d.node)]
     overloads = [
-        d.name for d in EVERYTHING if isinstance(d.node, ast.FunctionDef)
+        d.name
+        for d in EVERYTHING
+        if isinstance(d.node, ast.FunctionDef)
         and any("overload" in ast.dump(x) for x in d.node.decorator_list)
-    ]  # fmt: skip
+    ]
     assert set(bare) <= set(overloads), set(bare) - set(overloads)
 
 

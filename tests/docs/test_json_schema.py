@@ -58,10 +58,20 @@ def test_units_of_an_analysis_follow_from_its_form():
     here = numbers(summarise({"B": K}, np.zeros(6), 0.2))
     del here["indices.best_length"]  # the condition number is as small over a range of lengths
     there = numbers(summarise({"B": S @ K @ S / a}, np.zeros(6), 0.2 / a))
-    powers = {"1": 0, "{length}": 1, "{force}": 0, "{force}/{length}": -1, "{force}/rad": 0,
-              "{force} {length}/rad": 1, "{length}/rad": 1, "{force}^6/rad^3": 0,
-              "{length}/{force}": 1, "rad/({force} {length})": -1, "rad/{force}": 0,
-              "{length}/({force} {length})": 0}  # fmt: skip
+    powers = {
+        "1": 0,
+        "{length}": 1,
+        "{force}": 0,
+        "{force}/{length}": -1,
+        "{force}/rad": 0,
+        "{force} {length}/rad": 1,
+        "{length}/rad": 1,
+        "{force}^6/rad^3": 0,
+        "{length}/{force}": 1,
+        "rad/({force} {length})": -1,
+        "rad/{force}": 0,
+        "{length}/({force} {length})": 0,
+    }
     seen = set()
     for name, values in here.items():
         for place in np.ndindex(values.shape):

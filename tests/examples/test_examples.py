@@ -19,10 +19,18 @@ NOISE = 1e-6
 SLOPE = 0.02
 
 ROBOTS = {
-    "deflection_compensation", "deflection_ellipsoids", "draw_in_meshcat", "four_connections",
-    "load_and_asymmetry", "machining_posture",
-    "own_potential", "panda_nullspace", "ur5_drilling", "what_the_matrix_says", "workspace_map",
-}  # fmt: skip
+    "deflection_compensation",
+    "deflection_ellipsoids",
+    "draw_in_meshcat",
+    "four_connections",
+    "load_and_asymmetry",
+    "machining_posture",
+    "own_potential",
+    "panda_nullspace",
+    "ur5_drilling",
+    "what_the_matrix_says",
+    "workspace_map",
+}
 NUMBERS: dict[str, dict[str, object]] = {
     "buckling": {
         "two links, P l / k": 0.3819660112501051,

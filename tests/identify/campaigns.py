@@ -20,21 +20,29 @@ from cartstiff.loading.yaml_file import read_yaml
 _JOINTS = {
     # name: (type, origin, axis) of each joint
     "elbow": [
-        ("revolute", (0, 0, 0.3), (0, 0, 1)), ("revolute", (0.05, 0, 0.1), (0, 1, 0)),
-        ("revolute", (0, 0, 0.45), (0, 1, 0)), ("revolute", (0.1, 0, 0.2), (1, 0, 0)),
-        ("revolute", (0.2, 0, 0), (0, 1, 0)), ("revolute", (0.08, 0, 0), (1, 0, 0)),
+        ("revolute", (0, 0, 0.3), (0, 0, 1)),
+        ("revolute", (0.05, 0, 0.1), (0, 1, 0)),
+        ("revolute", (0, 0, 0.45), (0, 1, 0)),
+        ("revolute", (0.1, 0, 0.2), (1, 0, 0)),
+        ("revolute", (0.2, 0, 0), (0, 1, 0)),
+        ("revolute", (0.08, 0, 0), (1, 0, 0)),
     ],
     "scara": [
-        ("revolute", (0, 0, 0.4), (0, 0, 1)), ("revolute", (0.3, 0, 0), (0, 0, 1)),
-        ("prismatic", (0.25, 0, 0), (0, 0, 1)), ("revolute", (0, 0, -0.1), (0, 0, 1)),
+        ("revolute", (0, 0, 0.4), (0, 0, 1)),
+        ("revolute", (0.3, 0, 0), (0, 0, 1)),
+        ("prismatic", (0.25, 0, 0), (0, 0, 1)),
+        ("revolute", (0, 0, -0.1), (0, 0, 1)),
     ],
     "seven": [
-        ("revolute", (0, 0, 0.3), (0, 0, 1)), ("revolute", (0, 0, 0), (0, 1, 0)),
-        ("revolute", (0, 0, 0.35), (0, 0, 1)), ("revolute", (0.07, 0, 0), (0, 1, 0)),
-        ("revolute", (-0.07, 0, 0.35), (0, 0, 1)), ("revolute", (0, 0, 0), (0, 1, 0)),
+        ("revolute", (0, 0, 0.3), (0, 0, 1)),
+        ("revolute", (0, 0, 0), (0, 1, 0)),
+        ("revolute", (0, 0, 0.35), (0, 0, 1)),
+        ("revolute", (0.07, 0, 0), (0, 1, 0)),
+        ("revolute", (-0.07, 0, 0.35), (0, 0, 1)),
+        ("revolute", (0, 0, 0), (0, 1, 0)),
         ("revolute", (0.08, 0, 0.1), (0, 0, 1)),
     ],
-}  # fmt: skip
+}
 
 SPRINGS = {
     "elbow": (4.0e4, 2.5e4, 1.5e4, 6.0e3, 4.0e3, 3.0e3),
@@ -108,8 +116,14 @@ def write_table(path: Path, columns: dict[str, np.ndarray]) -> Path:
     """A table of named columns; NaN is an empty cell."""
     lines = [",".join(columns)]
     for row in zip(*columns.values(), strict=True):
-        lines.append(",".join("" if isinstance(x, float) and np.isnan(x) else (
-            x if isinstance(x, str) else repr(float(x))) for x in row))  # fmt: skip
+        lines.append(
+            ",".join(
+                ""
+                if isinstance(x, float) and np.isnan(x)
+                else (x if isinstance(x, str) else repr(float(x)))
+                for x in row
+            )
+        )
     path.write_text("\n".join(lines) + "\n", "utf-8")
     return path
 
@@ -137,8 +151,10 @@ _LOOP_SPREAD = {"dx": 2e-6, "dy": 2e-6, "dz": 2e-6, "drx": 2e-5, "dry": 2e-5, "d
 
 #: Forty parameters: three motors, one of them with a third power, six axes of each of six links.
 LOOP_UNKNOWNS = (
-    "joints", "leg1/motor", *(f"leg{i}/{link}:diagonal" for i in (1, 2, 3) for link in _LINKS),
-)  # fmt: skip
+    "joints",
+    "leg1/motor",
+    *(f"leg{i}/{link}:diagonal" for i in (1, 2, 3) for link in _LINKS),
+)
 
 
 def _loop(path: Path, factors: np.ndarray):

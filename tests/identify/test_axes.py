@@ -17,8 +17,18 @@ def measured(q, W, d, names=COLUMNS[3:], axes="base", sd=np.nan):
     values = {name: d[:, COLUMNS.index(name)] for name in names}
     spreads = {name: np.full(len(q), sd) for name in names}
     no = np.zeros(len(q))
-    return Measurements(q, W, no, no, axes, values, spreads, np.full((len(q), 3), np.nan), (),
-                        np.full(len(q), np.nan))  # fmt: skip
+    return Measurements(
+        q,
+        W,
+        no,
+        no,
+        axes,
+        values,
+        spreads,
+        np.full((len(q), 3), np.nan),
+        (),
+        np.full(len(q), np.nan),
+    )
 
 
 def doubts(elastic, table):
@@ -54,7 +64,8 @@ def test_displacements_along_the_body(campaign):
     assert "with displacements along the body's axes, not the base's" in note.message
     [note] = doubts(elastic, measured(q, turned(elastic, q, W), turned(elastic, q, d)))
     assert "with loads along the body's axes (--axes body) and displacements along the" in (
-        note.message)  # fmt: skip
+        note.message
+    )
 
 
 @pytest.mark.parametrize(
@@ -80,8 +91,10 @@ def test_no_false_alarm(tmp_path):
     """Two hundred campaigns, from little noise to nothing but noise, few rows and many."""
     arms = {name: load(arm(name, tmp_path)) for name in ("elbow", "scara")}
     rng = np.random.default_rng(5)
-    made = {name: random_campaign(elastic, SPRINGS[name], 40, 3, sd=0.0)
-            for name, elastic in arms.items()}  # fmt: skip
+    made = {
+        name: random_campaign(elastic, SPRINGS[name], 40, 3, sd=0.0)
+        for name, elastic in arms.items()
+    }
     for n in range(200):
         name = ("elbow", "scara")[n % 2]
         rows = rng.choice(40, rng.integers(8, 30), replace=False)

@@ -36,8 +36,19 @@ def known(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bent")
     path, table = _campaign(folder, 2, 6e-5, rows=40)
     with pytest.raises(SystemExit) as exit_:
-        main(["identify", str(path), str(table), "--unknown", "joints", "--unknown", "j2", "-o",
-              str(folder / "known.yaml")])  # fmt: skip
+        main(
+            [
+                "identify",
+                str(path),
+                str(table),
+                "--unknown",
+                "joints",
+                "--unknown",
+                "j2",
+                "-o",
+                str(folder / "known.yaml"),
+            ]
+        )
     assert exit_.value.code == 0
     return folder / "known.yaml"
 
@@ -125,8 +136,15 @@ def test_small_motions_under_the_load_are_too(known, tmp_path):
     assert "coefficient.j2 x^3" in numbers["parameters"]
     spread = [numbers["numbers"][f"deflection.displacement[{i}]"]["deviation"] for i in range(3)]
     assert shown["displacement"] == pytest.approx(factor * np.array(spread), rel=0.02)
-    found = cartstiff.compute_map(elastic, Trajectory(Q[None]), ["deflection"], tmp_path / "m.zarr",
-                                  wrench=body, deflect=FORCE, world=True)  # fmt: skip
+    found = cartstiff.compute_map(
+        elastic,
+        Trajectory(Q[None]),
+        ["deflection"],
+        tmp_path / "m.zarr",
+        wrench=body,
+        deflect=FORCE,
+        world=True,
+    )
     assert found["deflection_half_width"].values[0] == pytest.approx(shown["length"], rel=1e-3)
     # Without the load the first coefficient alone counts.
     still = shown_numbers(cartstiff.analyse(elastic, Q), ViewState(q=Q.tolist()))
@@ -221,8 +239,17 @@ def test_a_path_tells_the_interval_at_each_place(known, tmp_path, capfd):
         lines.append(",".join(repr(float(x)) for x in (*pose[:3, 3], *angles)))
     (tmp_path / "path.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(SystemExit) as exit_:
-        main(["path", str(known), str(tmp_path / "path.csv"), "--world", "--json", "--load",
-              ",".join(map(str, FORCE))])  # fmt: skip
+        main(
+            [
+                "path",
+                str(known),
+                str(tmp_path / "path.csv"),
+                "--world",
+                "--json",
+                "--load",
+                ",".join(map(str, FORCE)),
+            ]
+        )
     out, err = capfd.readouterr()
     assert exit_.value.code == 0, err
     shown = json.loads(out)

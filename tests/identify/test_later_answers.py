@@ -62,17 +62,24 @@ def test_a_map_holds_half_widths_beside_its_quantities(known, tmp_path):
     correlation = elastic.identified.covariance[2, 4]
     assert correlation != 0.0  # the whole covariance is there to be carried
     found = cartstiff.compute_map(
-        elastic, Trajectory(np.array(PLACES)), ["deflection", "minimum", "force"],
-        tmp_path / "m.zarr", deflect=FORCE, world=True,
-    )  # fmt: skip
+        elastic,
+        Trajectory(np.array(PLACES)),
+        ["deflection", "minimum", "force"],
+        tmp_path / "m.zarr",
+        deflect=FORCE,
+        world=True,
+    )
     assert "force_half_width" not in found
     for i, q in enumerate(PLACES):
         moved, _, half = _by_hand(elastic, q)
         assert found["deflection"].values[i] == pytest.approx(np.linalg.norm(moved), rel=1e-7)
         assert found["deflection_half_width"].values[i] == pytest.approx(half, rel=1e-5)
         # The other way: the tolerances of one posture.
-        one = analyse_posture(cartstiff.analyse(elastic, q), connection="B",
-                              length=found.attrs["characteristic_length"])  # fmt: skip
+        one = analyse_posture(
+            cartstiff.analyse(elastic, q),
+            connection="B",
+            length=found.attrs["characteristic_length"],
+        )
         name, numbers = "indices.minimum_stiffness", one["uncertainty"]["numbers"]
         deviation = next(n["deviation"] for key, n in _entries(numbers) if key == name)
         assert found["minimum_half_width"].values[i] == pytest.approx(
@@ -85,9 +92,13 @@ def test_a_map_holds_half_widths_beside_its_quantities(known, tmp_path):
     changed.write_text(text.replace("level: 0.95", "level: 0.9"))
     with pytest.raises(cartstiff.InputError, match="another map"):
         cartstiff.compute_map(
-            load(changed), Trajectory(np.array(PLACES)), ["deflection", "minimum", "force"],
-            tmp_path / "m.zarr", deflect=FORCE, world=True,
-        )  # fmt: skip
+            load(changed),
+            Trajectory(np.array(PLACES)),
+            ["deflection", "minimum", "force"],
+            tmp_path / "m.zarr",
+            deflect=FORCE,
+            world=True,
+        )
 
 
 def _entries(numbers):
@@ -104,8 +115,19 @@ def test_a_path_writes_half_widths(known, tmp_path, capfd):
     lines.append(lines[-1])
     (tmp_path / "path.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(SystemExit) as exit_:
-        main(["path", str(known), str(tmp_path / "path.csv"), "--world", "--json", "--load",
-              ",".join(map(str, FORCE)), "--csv", str(tmp_path / "out.csv")])  # fmt: skip
+        main(
+            [
+                "path",
+                str(known),
+                str(tmp_path / "path.csv"),
+                "--world",
+                "--json",
+                "--load",
+                ",".join(map(str, FORCE)),
+                "--csv",
+                str(tmp_path / "out.csv"),
+            ]
+        )
     out, err = capfd.readouterr()
     assert exit_.value.code == 0, err
     shown = json.loads(out)
@@ -141,8 +163,15 @@ def test_a_path_without_intervals_says_why(tmp_path, capfd):
     found = "identified: {compliances: [{name: leg1, value: 2.0e-5}], covariance: [[1.0e-12]]}"
     (tmp_path / "cables.yaml").write_text(f"{text}{found}\n", "utf-8")
     (tmp_path / "path.csv").write_text("x,y,z,roll,pitch,yaw\n0,0,0.6,0,0,0\n0.05,0,0.6,0,0,0\n")
-    arguments = ["path", tmp_path / "cables.yaml", tmp_path / "path.csv", "--criterion",
-                 "translation_held_min", "--singular", "0.001"]  # fmt: skip
+    arguments = [
+        "path",
+        tmp_path / "cables.yaml",
+        tmp_path / "path.csv",
+        "--criterion",
+        "translation_held_min",
+        "--singular",
+        "0.001",
+    ]
     for more in ([], ["--json"]):
         with pytest.raises(SystemExit) as exit_:
             main([*map(str, arguments), *more])
@@ -209,7 +238,10 @@ def test_ties_keep_their_lower_end_in_other_units(tmp_path):
 
 
 def test_a_lower_end_is_of_a_spring(tmp_path):
-    path = arm("elbow", tmp_path, extra="identified: {compliances: [], covariance: [], "
-               "at_least: {j9: 3.0}}\n")  # fmt: skip
+    path = arm(
+        "elbow",
+        tmp_path,
+        extra="identified: {compliances: [], covariance: [], at_least: {j9: 3.0}}\n",
+    )
     with pytest.raises(cartstiff.InputError, match=r"identified.at_least: .*'j9'"):
         load(path)

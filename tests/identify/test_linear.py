@@ -69,15 +69,23 @@ def test_a_joint_that_no_row_turns_is_named_and_gets_no_number(tmp_path):
     elastic = load(path)
     q, W, d = random_campaign(elastic, SPRINGS["scara"], 15, 2)
     W[:, 5] = 0.0
-    d = np.array([
-        (J := jacobian(elastic, one)) @ ((J.T @ w) / np.array(SPRINGS["scara"]))
-        for one, w in zip(q, W, strict=True)
-    ]) + np.random.default_rng(0).normal(size=(15, 6)) * 1e-5  # fmt: skip
+    d = (
+        np.array(
+            [
+                (J := jacobian(elastic, one)) @ ((J.T @ w) / np.array(SPRINGS["scara"]))
+                for one, w in zip(q, W, strict=True)
+            ]
+        )
+        + np.random.default_rng(0).normal(size=(15, 6)) * 1e-5
+    )
     result = identify(elastic, read_measurements(table_of(tmp_path / "m.csv", q, W, d), elastic))
     verdicts = {e.name: e.verdict for e in result.estimates}
     assert verdicts == {
-        "j1": "determined", "j2": "determined", "j3": "not-identifiable", "j4": "determined"
-    }  # fmt: skip
+        "j1": "determined",
+        "j2": "determined",
+        "j3": "not-identifiable",
+        "j4": "determined",
+    }
     answer = result.as_dict()
     lost = answer["parameters"][2]
     assert lost["stiffness"] is None
@@ -136,8 +144,10 @@ def test_json_has_the_form_and_units_are_read(tmp_path, capfd):
     columns = table_of(tmp_path / "si.csv", q, W, d).read_text().splitlines()
     shown = json.loads(_run(capfd, "identify", path, tmp_path / "si.csv", "--json"))
     jsonschema.validate(shown, json_schema("identify"))
-    heads = [f"{n} [deg]" if n.startswith("j") else f"{n} [mm]" if n[0] == "d" else n
-             for n in columns[0].split(",")]  # fmt: skip
+    heads = [
+        f"{n} [deg]" if n.startswith("j") else f"{n} [mm]" if n[0] == "d" else n
+        for n in columns[0].split(",")
+    ]
     scaled = [",".join(heads)]
     for line in columns[1:]:
         cells = [float(x) for x in line.split(",")]

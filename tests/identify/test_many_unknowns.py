@@ -15,15 +15,24 @@ def test_the_fit_of_a_loop_with_forty_unknowns_ends(tmp_path):
     """What the rows hardly feel holds up nothing; what they determine comes back."""
     guess, priors, true, measured = bent_loop(tmp_path, 16)
     steps = []
-    result = identify(guess, measured, sought=LOOP_UNKNOWNS, priors=priors, loaded=True,
-                      progress=lambda step, size: steps.append((step, size)))  # fmt: skip
+    result = identify(
+        guess,
+        measured,
+        sought=LOOP_UNKNOWNS,
+        priors=priors,
+        loaded=True,
+        progress=lambda step, size: steps.append((step, size)),
+    )
     truth = unknowns_of(true, LOOP_UNKNOWNS).nominal
     assert len(truth) == 40
     assert steps[-1][1] < steps[0][1]
     chi, freedom = result.checks.chi_squared, result.checks.freedom
     assert stats.chi2.sf(chi, freedom) > 1e-3
-    far = [abs(e.compliance - c) / e.deviation for e, c in zip(result.estimates, truth, strict=True)
-           if e.verdict == "determined"]  # fmt: skip
+    far = [
+        abs(e.compliance - c) / e.deviation
+        for e, c in zip(result.estimates, truth, strict=True)
+        if e.verdict == "determined"
+    ]
     assert len(far) >= 12
     assert max(far) < 4.0
     # Of what bends within its linear interval none is told without a profile.

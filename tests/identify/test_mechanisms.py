@@ -37,9 +37,18 @@ def _settings(q, W, values, *, mass=None, sd=1e-6, session=(), **more):
     zero = np.zeros(n)
     more = {"direction": np.full((n, 3), np.nan), **more}
     return Measurements(
-        np.asarray(q), np.asarray(W), zero if mass is None else mass, zero, "base",
-        values, spread, more.pop("direction"), session, np.full(n, np.nan), **more,
-    )  # fmt: skip
+        np.asarray(q),
+        np.asarray(W),
+        zero if mass is None else mass,
+        zero,
+        "base",
+        values,
+        spread,
+        more.pop("direction"),
+        session,
+        np.full(n, np.nan),
+        **more,
+    )
 
 
 def _softer(elastic, factors):
@@ -68,8 +77,13 @@ def test_legs_and_motors_of_loops_come_back(name, rows, axes):
     rng = np.random.default_rng(3)
     q = _postures(elastic, rows, 4)
     W = np.zeros((rows, 6))
-    W[:, 3 : 3 + axes] = rng.normal(size=(rows, axes)) * 1e-3 * k.max() * elastic.mechanism.at(
-        q[0]).length**(-1 if name == "five-bar" else 1) * 1e-3  # fmt: skip
+    W[:, 3 : 3 + axes] = (
+        rng.normal(size=(rows, axes))
+        * 1e-3
+        * k.max()
+        * elastic.mechanism.at(q[0]).length ** (-1 if name == "five-bar" else 1)
+        * 1e-3
+    )
     moved = []
     for one, w in zip(q, W, strict=True):
         springs = true.springs
@@ -163,8 +177,13 @@ def test_own_weight_seen_by_a_tracker_in_two_unknown_frames(tmp_path):
         x = elastic.mechanism.at(one).pose[:3, 3] + sag[3:] + rng.normal(size=3) * 5e-6
         T = se3.exp(frames[name])
         seen.append(T[:3, :3] @ x + T[:3, 3])
-    measured = _settings(q, np.zeros((40, 6)), dict(zip("xyz", np.array(seen).T, strict=True)),
-                         sd=5e-6, session=session)  # fmt: skip
+    measured = _settings(
+        q,
+        np.zeros((40, 6)),
+        dict(zip("xyz", np.array(seen).T, strict=True)),
+        sd=5e-6,
+        session=session,
+    )
     result = identify(elastic, measured)
     verdicts = {e.name: e.verdict for e in result.estimates}
     assert verdicts["j1"] == "not-identifiable"  # its axis is the weight's direction
@@ -191,9 +210,12 @@ def test_a_dial_gauge_and_a_spring_scale(tmp_path):
         torque = J[:3].T @ np.cross(at, force) + J[3:].T @ force
         motion = J @ (torque / np.array(SPRINGS["elbow"]))
         d.append(u @ (motion[3:] + np.cross(motion[:3], R @ gauge)) + rng.normal() * 1e-6)
-    columns = {f"j{j + 1}": q[:, j] for j in range(6)} | dict(zip(
-        ("fx", "fy", "fz"), W[:, 3:].T, strict=True)) | {"d": np.array(d)} | dict(zip(
-        ("nx", "ny", "nz"), 3.0 * n.T, strict=True))  # fmt: skip
+    columns = (
+        {f"j{j + 1}": q[:, j] for j in range(6)}
+        | dict(zip(("fx", "fy", "fz"), W[:, 3:].T, strict=True))
+        | {"d": np.array(d)}
+        | dict(zip(("nx", "ny", "nz"), 3.0 * n.T, strict=True))
+    )
     table = write_table(tmp_path / "d.csv", columns)
     measured = read_measurements(
         table, elastic, axes="body", point=tuple(gauge), load_at=tuple(hook)

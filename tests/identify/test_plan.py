@@ -49,10 +49,12 @@ def test_a_plan_beats_chance_and_predicts_what_campaigns_find(offered):
     best = plan(unknowns, found, 12, criterion="all")
     G = information(unknowns, found)
     rng = np.random.default_rng(0)
-    chance = np.median([
-        np.sqrt(np.linalg.inv(G[rng.choice(600, 12, replace=False)].sum(0)).diagonal().max())
-        for _ in range(1000)
-    ])  # fmt: skip
+    chance = np.median(
+        [
+            np.sqrt(np.linalg.inv(G[rng.choice(600, 12, replace=False)].sum(0)).diagonal().max())
+            for _ in range(1000)
+        ]
+    )
     widest = plan(unknowns, found, 12)
     assert chance > 3.5 * widest.deviations[-1].max()
     assert widest.deviations[-1].max() <= best.deviations[-1].max()
@@ -69,8 +71,13 @@ def test_a_plan_beats_chance_and_predicts_what_campaigns_find(offered):
     noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
     halves = []
     for _ in range(200):
-        fit = solved(A, y + rng.normal(size=len(y)) * 1e-5, noise, sizes=unknowns.sizes,
-                     bounded=unknowns.is_bounded)  # fmt: skip
+        fit = solved(
+            A,
+            y + rng.normal(size=len(y)) * 1e-5,
+            noise,
+            sizes=unknowns.sizes,
+            bounded=unknowns.is_bounded,
+        )
         widths = [e.deviation for e in estimates(fit, unknowns, 0.95, 1.0)]
         halves.append(widths / unknowns.nominal)
     realised = np.mean(halves, axis=0)
@@ -81,8 +88,9 @@ def test_rows_are_moved_to_better_places():
     """A UR5 and a tracker: half of what chance gives, in ranges and volume, no row twice."""
     elastic = cartstiff.load("ur5")
     keep = {"ranges": {"elbow_joint": (-2.0, 2.5)}, "within": {"z": (0.1, 1.0)}}
-    found = candidates(elastic, dict.fromkeys(("dx", "dy", "dz"), 2e-5), count=4000, force=80.0,
-                       **keep)  # fmt: skip
+    found = candidates(
+        elastic, dict.fromkeys(("dx", "dy", "dz"), 2e-5), count=4000, force=80.0, **keep
+    )
     before = plan(unknowns_of(elastic), found, 12)
     after = plan(unknowns_of(elastic), found, 12, beside=partial(beside, elastic, **keep))
     assert after.by_chance >= 2.0 * after.worst
@@ -91,8 +99,10 @@ def test_rows_are_moved_to_better_places():
     assert -2.0 <= q[:, 2].min() <= q[:, 2].max() <= 2.5
     heights = [elastic.mechanism.at(one).pose[2, 3] for one in q]
     assert 0.1 <= min(heights) <= max(heights) <= 1.0
-    assert len({(*row, *W) for row, W in zip(q.round(2), after.rows.wrench.round(), strict=True)}
-               ) == 12  # fmt: skip
+    assert (
+        len({(*row, *W) for row, W in zip(q.round(2), after.rows.wrench.round(), strict=True)})
+        == 12
+    )
     M = information(after.unknowns, after.rows).sum(axis=0)[:5, :5]
     assert after.worst == pytest.approx(np.sqrt(np.linalg.inv(M).diagonal().max()), rel=1e-9)
 
@@ -118,10 +128,14 @@ def test_a_plan_finds_the_row_that_a_parameter_needs(tmp_path):
     assert chosen.bound < chosen.worst < 1.1 * chosen.bound
 
 
-@pytest.mark.parametrize(("name", "rows", "columns", "force"), [
-    ("ur5", 16, ("dx", "dy", "dz"), 80.0), ("ur5", 16, ("d",), 80.0),
-    ("cubic", 12, ("dx", "dy", "dz"), 100.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "rows", "columns", "force"),
+    [
+        ("ur5", 16, ("dx", "dy", "dz"), 80.0),
+        ("ur5", 16, ("d",), 80.0),
+        ("cubic", 12, ("dx", "dy", "dz"), 100.0),
+    ],
+)
 def test_realised_intervals_are_as_wide_as_predicted(name, rows, columns, force):
     """200 campaigns each: an arm by a tracker, by a dial gauge, and a platform."""
     elastic = cartstiff.load(name)
@@ -134,8 +148,13 @@ def test_realised_intervals_are_as_wide_as_predicted(name, rows, columns, force)
     noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
     rng, widths = np.random.default_rng(1), []
     for _ in range(200):
-        fit = solved(A, y + rng.normal(size=len(y)) * size, noise, sizes=unknowns.sizes,
-                     bounded=unknowns.is_bounded)  # fmt: skip
+        fit = solved(
+            A,
+            y + rng.normal(size=len(y)) * size,
+            noise,
+            sizes=unknowns.sizes,
+            bounded=unknowns.is_bounded,
+        )
         widths.append(np.sqrt(np.diag(fit.covariance)) / unknowns.nominal)
     seen = np.isfinite(chosen.deviations[-1])
     realised = np.mean(widths, axis=0)[seen]
@@ -169,8 +188,10 @@ def test_most_intervals_hold_the_truth(offered):
         rng = np.random.default_rng(seed)
         rows = found.taken(rng.choice(600, int(rng.integers(14, 40)), replace=False))
         told = bool(seed % 2)
-        result = identify(elastic, simulated(elastic, rows, {"dx": 2e-5, "dz": 2e-5}, seed=seed,
-                                             tell_deviations=told))  # fmt: skip
+        result = identify(
+            elastic,
+            simulated(elastic, rows, {"dx": 2e-5, "dz": 2e-5}, seed=seed, tell_deviations=told),
+        )
         for e, c in zip(result.estimates, unknowns.nominal, strict=True):
             if e.verdict == "determined":
                 count += 1
@@ -272,8 +293,20 @@ def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd)
         return out if code == 0 else err
 
     sd = [x for name in ("dx", "dy", "dz") for x in ("--sd", f"{name}=0.02mm")]
-    shown = json.loads(run("--plan", "9", "--force", "90", *sd, "--csv", "to_do.csv", "--json",
-                           "--candidates", "200"))  # fmt: skip
+    shown = json.loads(
+        run(
+            "--plan",
+            "9",
+            "--force",
+            "90",
+            *sd,
+            "--csv",
+            "to_do.csv",
+            "--json",
+            "--candidates",
+            "200",
+        )
+    )
     assert shown["rows"] == 9
     assert [entry["rows"] for entry in shown["by_rows"]] == list(range(1, 10))
     assert "rows chosen for the widest interval" in run(
@@ -284,18 +317,36 @@ def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd)
     assert "nothing was measured" in run("to_do.csv", code=2)
     out = run("to_do.csv", "--simulate", "3", *sd, "--csv", "done.csv", "--json", "--outliers", "1")
     bad = json.loads(out)["outliers"]
-    found = json.loads(run("done.csv", *sd, "--reject", "suspects", "--json", "-o", "known.yaml",
-                           "--plot", "r.png"))  # fmt: skip
+    found = json.loads(
+        run(
+            "done.csv", *sd, "--reject", "suspects", "--json", "-o", "known.yaml", "--plot", "r.png"
+        )
+    )
     assert [r["row"] for r in found["rejected"]] == bad
     for entry, k in zip(found["parameters"], SPRINGS["elbow"], strict=True):
         assert entry["stiffness"] == pytest.approx(k, rel=0.3)
     assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
-    more = run("--plan", "3", "--force", "90", *sd, "--have", "done.csv", "--criterion", "posture",
-               "--load", "0,0,0,0,0,-50", "--candidates", "50")  # fmt: skip
+    more = run(
+        "--plan",
+        "3",
+        "--force",
+        "90",
+        *sd,
+        "--have",
+        "done.csv",
+        "--criterion",
+        "posture",
+        "--load",
+        "0,0,0,0,0,-50",
+        "--candidates",
+        "50",
+    )
     assert "the deflection at the test posture" in more
     for arguments, words in (
-        ((), "DATA.csv, or --plan N"), (("done.csv", "--mass", "3"), "--mass: is for --plan"),
-        (("--plan", "3", *sd), "no load is planned"), (("--plan", "3", "--mass", "1"), "--sd"),
+        ((), "DATA.csv, or --plan N"),
+        (("done.csv", "--mass", "3"), "--mass: is for --plan"),
+        (("--plan", "3", *sd), "no load is planned"),
+        (("--plan", "3", "--mass", "1"), "--sd"),
         (("--plan", "3", "--mass", "1", "--force", "1", *sd), "--mass or --force"),
         (("done.csv", "--plan", "3"), "DATA.csv or --plan"),
         (("done.csv", "--simulate", "3", *sd), "--csv FILE.csv"),
@@ -308,7 +359,7 @@ def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd)
         (("--plan", "3", "--mass", "1", *sd, "--reject", "2"), "--reject: changes nothing"),
         (("done.csv", "--simulate", "3", *sd, "--csv", "x.csv", "--level", "0.9"), "--level"),
         (("done.csv", "--simulate", "3", *sd, "--csv", "x.csv", "--fit", "robust"), "simulated"),
-    ):  # fmt: skip
+    ):
         assert words in run(*arguments, code=2)
 
 

@@ -143,13 +143,19 @@ def test_refusals(tmp_path):
 def _five_bar(folder, name, law, k):
     """The bundled five-bar, one motor with a polynomial."""
     loop = cartstiff.load("five-bar")
-    (folder / name).write_text(json.dumps({
-        "kind": "closed-chain", "frame": "tip", "actuated": ["left_motor", "right_motor"],
-        "model": str(cartstiff.loading.catalogue.bundled("five-bar").with_suffix(".urdf")),
-        "closures": [{"frames": ["tip", "right_tip"], "type": "point"}],
-        "q": dict(zip(loop.names, loop.q.tolist(), strict=True)),
-        "springs": {"left_motor": {"polynomial": law}, "right_motor": {"stiffness": k}},
-    }))  # fmt: skip
+    (folder / name).write_text(
+        json.dumps(
+            {
+                "kind": "closed-chain",
+                "frame": "tip",
+                "actuated": ["left_motor", "right_motor"],
+                "model": str(cartstiff.loading.catalogue.bundled("five-bar").with_suffix(".urdf")),
+                "closures": [{"frames": ["tip", "right_tip"], "type": "point"}],
+                "q": dict(zip(loop.names, loop.q.tolist(), strict=True)),
+                "springs": {"left_motor": {"polynomial": law}, "right_motor": {"stiffness": k}},
+            }
+        )
+    )
     return load(folder / name)
 
 
@@ -168,9 +174,18 @@ def _pulled(elastic, rows, seed, force):
         moved.append((state.pose - elastic.mechanism.at(q[-1]).pose)[:2, 3])
     moved, nothing = np.array(moved), np.zeros(rows)
     values = {"dx": moved[:, 0], "dy": moved[:, 1]}
-    return Measurements(np.array(q), W, nothing, nothing, "world", values,
-                        {name: np.full(rows, 1e-6) for name in values},
-                        np.full((rows, 3), np.nan), (), np.full(rows, np.nan))  # fmt: skip
+    return Measurements(
+        np.array(q),
+        W,
+        nothing,
+        nothing,
+        "world",
+        values,
+        {name: np.full(rows, 1e-6) for name in values},
+        np.full((rows, 3), np.nan),
+        (),
+        np.full(rows, np.nan),
+    )
 
 
 def test_a_motor_of_a_loop_that_stiffens(tmp_path):
@@ -202,8 +217,11 @@ def test_a_plan_and_a_simulation_know_that_it_stiffens(tmp_path):
     unknowns = unknowns_of(bent, ("joints", "left_motor"))
     chosen = plan(unknowns, offered, 6)
     assert chosen.lost == ()
-    result = identify(bent, simulated(bent, chosen.rows, sd, tell_deviations=True),
-                      sought=("joints", "left_motor"))  # fmt: skip
+    result = identify(
+        bent,
+        simulated(bent, chosen.rows, sd, tell_deviations=True),
+        sought=("joints", "left_motor"),
+    )
     for e, c, share in zip(result.estimates, unknowns.nominal, chosen.deviations[-1], strict=True):
         assert e.deviation == pytest.approx(abs(c) * share, rel=0.2)
         assert abs(e.compliance - c) < 4 * e.deviation
@@ -245,9 +263,18 @@ def test_an_arm_s_polynomial_under_large_loads(tmp_path):
         moved.append((state.pose - true.mechanism.at(one).pose)[:3, 3])
     nothing = np.zeros(14)
     values = dict(zip(("dx", "dy", "dz"), np.array(moved).T, strict=True))
-    measured = Measurements(q, W, nothing, nothing, "world", values,
-                            {name: np.full(14, 1e-6) for name in values},
-                            np.full((14, 3), np.nan), (), np.full(14, np.nan))  # fmt: skip
+    measured = Measurements(
+        q,
+        W,
+        nothing,
+        nothing,
+        "world",
+        values,
+        {name: np.full(14, 1e-6) for name in values},
+        np.full((14, 3), np.nan),
+        (),
+        np.full(14, np.nan),
+    )
     result = identify(start, measured, sought=("joints", "j2"), loaded=True)
     found = {e.name: e.compliance for e in result.estimates}
     truth = dict(zip(("j2", "j2 x^2", "j2 x^3"), (1 / TRUE[0], *TRUE[1:]), strict=True))

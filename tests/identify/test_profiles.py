@@ -48,6 +48,7 @@ def test_what_the_rows_hardly_show_does_not_creep():
     found = fitting._damped(
         lambda z: np.array([z[0] - 1.0, z[0] + 1.0, 1e-3 * z[1] - 0.5]),
         lambda z: np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1e-3]]),
-        np.array([0.4, 2.0]), np.array([0.0, 0.0]),
-    )  # fmt: skip
+        np.array([0.4, 2.0]),
+        np.array([0.0, 0.0]),
+    )
     assert found == pytest.approx([0.0, 2.0], abs=1e-4)

@@ -47,17 +47,22 @@ TABLES = {
     "only a head": (HEAD + "\n", ("no measurements",)),
     "no head": (_lines(ROW, ROW), ("no line of names",)),
     "an unknown column": (
-        _many(HEAD.replace("dx", "ddx"), ROW), ("unknown column", "closest", "'ddx'")),
+        _many(HEAD.replace("dx", "ddx"), ROW),
+        ("unknown column", "closest", "'ddx'"),
+    ),
     "a mistyped joint": (_many(HEAD.replace("j3", "joint3"), ROW), ("unknown column", "'joint3'")),
     "a joint missing": (
         _many(HEAD.replace("j3,", ""), "0.1,0.2,0.4,0.5,0.6,1,2,3,1e-4,2e-4,3e-4"),
-        ("column 'j3' is missing", "posture is not known")),
+        ("column 'j3' is missing", "posture is not known"),
+    ),
     "an unknown unit": (_many(HEAD.replace("dx", "dx [mn]"), ROW), ("unknown unit", "mm", "'mn'")),
     "a unit of another kind": (_many(HEAD.replace("fx", "fx [mm]"), ROW), ("unknown unit", "kN")),
     "a head with one bracket": (_many(HEAD.replace("dx", "dx [mm"), ROW), ("cannot be read",)),
     "a column twice": (_many(HEAD.replace("dy", "dx"), ROW), ("named twice", "'dx'")),
     "a column twice by its unit": (
-        _many(HEAD.replace("dy", "dx [mm]"), ROW), ("named twice", "'dx'")),
+        _many(HEAD.replace("dy", "dx [mm]"), ROW),
+        ("named twice", "'dx'"),
+    ),
     "a joint twice": (_many(HEAD.replace("fx", "q_j1"), ROW), ("named twice", "'j1'")),
     "a cell too many": (_lines(HEAD, ROW + ",1"), ("line 2", "wrong count", "12 cells", "got 13")),
     "a cell too few": (_lines(HEAD, ROW, ROW[:-8]), ("line 3", "wrong count", "got 11")),
@@ -65,58 +70,98 @@ TABLES = {
     "a decimal comma": (_lines(HEAD, ROW.replace("0.1,", "0,1,", 1)), ("wrong count",)),
     "decimal commas and points": (
         _lines(HEAD.replace(",", ";"), ROW.replace(",", ";").replace("0.1", "0,1")),
-        ("decimal commas and points in one line", "line 2")),
+        ("decimal commas and points in one line", "line 2"),
+    ),
     "decimal commas between commas": (
-        _lines(HEAD, ",".join(f'"{x.replace(".", ",")}"' for x in ROW.replace(
-            ",10,20,-50,", ",10.5,20.5,-50.5,").split(","))),
-        ("line 2", "commas between numbers and in them", "semicolons")),
+        _lines(
+            HEAD,
+            ",".join(
+                f'"{x.replace(".", ",")}"'
+                for x in ROW.replace(",10,20,-50,", ",10.5,20.5,-50.5,").split(",")
+            ),
+        ),
+        ("line 2", "commas between numbers and in them", "semicolons"),
+    ),
     "an infinite number": (_many(HEAD, ROW, dy="inf"), ("'dy'", "finite", "'inf'")),
     "NaN": (_many(HEAD, ROW, dy="nan"), ("'dy'", "finite", "'nan'")),
     "an underscore": (_many(HEAD, ROW, fx="1_0"), ("'fx'", "'1_0'")),
     "no posture in a row": (_many(HEAD, ROW, j2=""), ("line 2", "'j2' is empty")),
     "millimetres for metres": (
-        _many(HEAD, ROW, dx="0.31"), ("'dx'", "declares no unit", "[mm]", "0.31 m")),
+        _many(HEAD, ROW, dx="0.31"),
+        ("'dx'", "declares no unit", "[mm]", "0.31 m"),
+    ),
     "degrees for radians": (
-        _many(HEAD, ROW, j2="90"), ("'j2'", "degrees given as radians", "j2 [deg]", "90 rad")),
+        _many(HEAD, ROW, j2="90"),
+        ("'j2'", "degrees given as radians", "j2 [deg]", "90 rad"),
+    ),
     "a tilt in degrees": (
-        _many(HEAD.replace("dx", "drx"), ROW, drx="1.5"), ("'drx'", "declares no unit", "[deg]")),
+        _many(HEAD.replace("dx", "drx"), ROW, drx="1.5"),
+        ("'drx'", "declares no unit", "[deg]"),
+    ),
     "no load": (_many(HEAD, ROW, fx="0", fy="0", fz="0"), ("load is zero everywhere", "mass")),
     "no load column": (
         _many(f"{Q},dx,dy,dz", "0.1,0.2,0.3,0.4,0.5,0.6,1e-4,2e-4,3e-4"),
-        ("load is zero everywhere",)),
+        ("load is zero everywhere",),
+    ),
     "nothing measured": (
-        _many(f"{Q},fx,fy,fz", "0.1,0.2,0.3,0.4,0.5,0.6,1,2,3"), ("nothing was measured", "dx")),
+        _many(f"{Q},fx,fy,fz", "0.1,0.2,0.3,0.4,0.5,0.6,1,2,3"),
+        ("nothing was measured", "dx"),
+    ),
     "nothing measured in a row": (
-        _many(HEAD, ROW, dx="", dy="", dz=""), ("line 2", "nothing was measured in this row")),
+        _many(HEAD, ROW, dx="", dy="", dz=""),
+        ("line 2", "nothing was measured in this row"),
+    ),
     "fewer numbers than springs": (
-        _lines(HEAD, ROW), ("fewer numbers than unknowns", "at least 6", "3 measured")),
+        _lines(HEAD, ROW),
+        ("fewer numbers than unknowns", "at least 6", "3 measured"),
+    ),
     "as many numbers as springs": (
         _lines(HEAD, ROW, "0.9,-0.4,0.8,-1.1,0.7,0.2,30,-10,5,0.0001,0.0002,-0.0003"),
-        ("as many parameters as numbers", "sd_")),
+        ("as many parameters as numbers", "sd_"),
+    ),
     "a gauge without direction": (
-        _many(f"{Q},fx,d", "0.1,0.2,0.3,0.4,0.5,0.6,10,1e-4"), ("'d'", "nx, ny, nz")),
+        _many(f"{Q},fx,d", "0.1,0.2,0.3,0.4,0.5,0.6,10,1e-4"),
+        ("'d'", "nx, ny, nz"),
+    ),
     "a direction of zero": (
-        _many(f"{Q},fx,d,nx,ny,nz", "0.1,0.2,0.3,0.4,0.5,0.6,10,1e-4,0,0,0"), ("no direction",)),
+        _many(f"{Q},fx,d,nx,ny,nz", "0.1,0.2,0.3,0.4,0.5,0.6,10,1e-4,0,0,0"),
+        ("no direction",),
+    ),
     "a direction without gauge": (
-        _many(f"{HEAD},nx,ny,nz", f"{ROW},0,0,1"), ("direction without a dial gauge",)),
+        _many(f"{HEAD},nx,ny,nz", f"{ROW},0,0,1"),
+        ("direction without a dial gauge",),
+    ),
     "half an orientation": (
-        _many(f"{HEAD},roll", f"{ROW},0.1"), ("orientation needs all of roll, pitch, yaw",)),
+        _many(f"{HEAD},roll", f"{ROW},0.1"),
+        ("orientation needs all of roll, pitch, yaw",),
+    ),
     "a deviation of zero": (
-        _many(f"{HEAD},sd_dx", f"{ROW},0"), ("standard deviation of 'dx'", "above zero")),
+        _many(f"{HEAD},sd_dx", f"{ROW},0"),
+        ("standard deviation of 'dx'", "above zero"),
+    ),
     "a negative deviation": (_many(f"{HEAD},sd_dx", f"{ROW},-1e-5"), ("'dx'", "above zero")),
     "a deviation of nothing": (
-        _many(f"{HEAD},sd_d", f"{ROW},1e-5"), ("'sd_d' without its column",)),
+        _many(f"{HEAD},sd_d", f"{ROW},1e-5"),
+        ("'sd_d' without its column",),
+    ),
     "deviations of some": (
-        _many(f"{HEAD},sd_dx", f"{ROW},1e-5"), ("some lengths have a standard deviation",)),
+        _many(f"{HEAD},sd_dx", f"{ROW},1e-5"),
+        ("some lengths have a standard deviation",),
+    ),
     "a negative mass": (
         _many(f"{Q},mass,dx,dy,dz", "0.1,0.2,0.3,0.4,0.5,0.6,-5,1e-4,2e-4,3e-4"),
-        ("mass cannot be used", "zero or more", "-5")),
+        ("mass cannot be used", "zero or more", "-5"),
+    ),
     "an empty session": (_many(f"{HEAD},session", f"{ROW},"), ("no session",)),
     "rows that contradict": (
-        _lines(HEAD, *[ROW.replace("0.1,", f"{0.1 * i:g},", 1) for i in range(1, 7)],
-               ROW.replace("0.0001,0.0002,-0.0003", "-0.0001,-0.0002,0.0003")),
-        ("rows 1 and 7 contradict", "'dx'", "same posture and load")),
-}  # fmt: skip
+        _lines(
+            HEAD,
+            *[ROW.replace("0.1,", f"{0.1 * i:g},", 1) for i in range(1, 7)],
+            ROW.replace("0.0001,0.0002,-0.0003", "-0.0001,-0.0002,0.0003"),
+        ),
+        ("rows 1 and 7 contradict", "'dx'", "same posture and load"),
+    ),
+}
 
 #: Options with a table that is sound, and words of the answer.
 OPTIONS = {
@@ -131,7 +176,9 @@ OPTIONS = {
     "a prior without deviation": (["--prior", "j1=1e4"], ("--prior j1", "2 numbers")),
     "a prior of nobody": (["--prior", "j9=1e4,1"], ("--prior", "'j9'")),
     "everything held": (
-        [x for j in range(1, 7) for x in ("--known", f"j{j}=1e4")], ("nothing is to be found",)),
+        [x for j in range(1, 7) for x in ("--known", f"j{j}=1e4")],
+        ("nothing is to be found",),
+    ),
     "a unit of nothing": (["--units", "parsec"], ("--units", "unknown unit")),
     "two units of lengths": (["--units", "mm,um"], ("--units", "two units of length")),
     "a deviation without unit": (["--sd", "dx=0.02"], ("--sd", "declares no unit", "mm")),
@@ -141,7 +188,7 @@ OPTIONS = {
     "a rule of half a deviation": (["--reject", "0.5"], ("--reject", "at least 1")),
     "a level of one": (["--level", "1"], ("--level", "between 0 and 1")),
     "a file of another kind": (["-o", "x.urdf"], ("unknown file ending", ".yaml")),
-}  # fmt: skip
+}
 
 
 def _refused(capfd, *arguments):
@@ -180,8 +227,10 @@ def test_what_spreadsheets_write_is_understood(folder, capfd, tmp_path):
     """Semicolons, decimal commas, degrees, (um), q1 for the first joint, a line with sep=;."""
     head, *rows = (folder / "good.csv").read_text().splitlines()
     names = [name.split("[")[0].strip() for name in head.split(",")]
-    shown = {**{f"j{i}": (f"q{i} [\u00b0]", 180 / math.pi) for i in range(1, 7)},
-             **{f"d{axis}": (f"d{axis} (\u00b5m)", 1e6) for axis in "xyz"}}  # fmt: skip
+    shown = {
+        **{f"j{i}": (f"q{i} [\u00b0]", 180 / math.pi) for i in range(1, 7)},
+        **{f"d{axis}": (f"d{axis} (\u00b5m)", 1e6) for axis in "xyz"},
+    }
     lines = ["sep=;", ";".join(shown.get(name, (name, 1))[0] for name in names)]
     for row in rows:
         pairs = zip(names, row.split(","), strict=True)
@@ -210,8 +259,10 @@ def test_a_tool_given_by_option_is_that_point(folder, capfd, tmp_path):
     at_point = found("--point", "0.1,0.02,0.05", "--json")
     by_tool = found("--tcp", "0.1,0.02,0.05", "--payload", "0.001", "--json")
     assert at_point[0] == by_tool[0] == 0
-    sought = [[p["compliance"] for p in json.loads(out)["parameters"]]
-              for _, out, _ in (at_point, by_tool)]  # fmt: skip
+    sought = [
+        [p["compliance"] for p in json.loads(out)["parameters"]]
+        for _, out, _ in (at_point, by_tool)
+    ]
     assert sought[0] == pytest.approx(sought[1], rel=1e-9)
     file = tmp_path / "known.yaml"
     code, _, error = found("--tcp", "0.1,0,0", "-o", str(file))

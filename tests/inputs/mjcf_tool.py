@@ -15,5 +15,8 @@ sys.modules["mjcf_against_mujoco"] = _TOOL
 _SPEC.loader.exec_module(_TOOL)
 
 SEEDS, compile_here, mutant, verdict = (
-    _TOOL.SEEDS, _TOOL.compile_here, _TOOL.mutant, _TOOL.verdict,
-)  # fmt: skip
+    _TOOL.SEEDS,
+    _TOOL.compile_here,
+    _TOOL.mutant,
+    _TOOL.verdict,
+)

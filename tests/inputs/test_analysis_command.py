@@ -59,18 +59,33 @@ def test_levels(run: Callable[..., str]) -> None:
     assert "centre" not in none
     assert len(short[len(none) :].splitlines()) <= 30
     for words in (
-        "translation, rotation held [N/m]", "translation, rotation free [N/m]",
-        "rotation, translation held [N m/rad]", "softest: a force along", "Centres [m]",
-        "condition number 4", "Does the choice of connection matter here?", "Synthesis",
-    ):  # fmt: skip
+        "translation, rotation held [N/m]",
+        "translation, rotation free [N/m]",
+        "rotation, translation held [N m/rad]",
+        "softest: a force along",
+        "Centres [m]",
+        "condition number 4",
+        "Does the choice of connection matter here?",
+        "Synthesis",
+    ):
         assert words in short
         assert words in full
     for words in (
-        "Eigenscrews", "Wrench-compliant axes", "Twist-compliant axes", "normal form",
-        "decoupling frame", "Modes with respect to", "isotropy", "determinant", "N^6/rad^3",
-        "asymmetry of K^A", "point [m]", "pitch [m/rad]", "Principal compliance",
+        "Eigenscrews",
+        "Wrench-compliant axes",
+        "Twist-compliant axes",
+        "normal form",
+        "decoupling frame",
+        "Modes with respect to",
+        "isotropy",
+        "determinant",
+        "N^6/rad^3",
+        "asymmetry of K^A",
+        "point [m]",
+        "pitch [m/rad]",
+        "Principal compliance",
         "Stiffness along and about lines",
-    ):  # fmt: skip
+    ):
         assert words in full
         assert words not in short
 
@@ -109,15 +124,30 @@ def test_the_cubic_platform_has_its_closed_forms(
 
 def test_options_are_those_of_the_function(analysis: Callable[..., dict[str, Any]]) -> None:
     found = analysis(
-        "stewart-gough", "--load", LOAD, "--connection", "K", "--at", "1,2,3",
-        "--direction", "1,1,0", "--deflect", "0,0,0,1,2,3", "--length", "5",
-    )  # fmt: skip
+        "stewart-gough",
+        "--load",
+        LOAD,
+        "--connection",
+        "K",
+        "--at",
+        "1,2,3",
+        "--direction",
+        "1,1,0",
+        "--deflect",
+        "0,0,0,1,2,3",
+        "--length",
+        "5",
+    )
     wrench = [float(x) for x in LOAD.split(",")]
     result = cartstiff.analyse(cartstiff.load("stewart-gough"), wrench=wrench)
     expected = analyse_posture(
-        result, connection="K", at=se3.pose(translation=[1.0, 2.0, 3.0]), direction=[1, 1, 0],
-        wrench=[0, 0, 0, 1, 2, 3], length=5.0,
-    )  # fmt: skip
+        result,
+        connection="K",
+        at=se3.pose(translation=[1.0, 2.0, 3.0]),
+        direction=[1, 1, 0],
+        wrench=[0, 0, 0, 1, 2, 3],
+        length=5.0,
+    )
     assert found == json.loads(json.dumps(expected))
     assert found["length"]["origin"] == "given"
     assert found["directions"][3]["name"] == "given"
@@ -304,8 +334,16 @@ def test_world_means_every_wrench_and_direction(analysis: Callable[..., dict[str
     """Also of a map and, by differences, of the equilibrium."""
     posture = ("cubic", "--pose", "0,0,0,0.3,-0.2,0.5")
     load, push = [1.0, -2.0, 0.5, 30.0, -20.0, -90.0], [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
-    data = analysis(*posture, "--load", _listed(load), "--deflect", _listed(push), "--direction",
-                    "0,0,1", "--world")  # fmt: skip
+    data = analysis(
+        *posture,
+        "--load",
+        _listed(load),
+        "--deflect",
+        _listed(push),
+        "--direction",
+        "0,0,1",
+        "--world",
+    )
     cubic = cartstiff.load("cubic")
     result = cartstiff.analyse(cubic, [0, 0, 0, 0.3, -0.2, 0.5], wrench=load, load_axes="world")
     R = result.pose[:3, :3]

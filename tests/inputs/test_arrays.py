@@ -71,11 +71,16 @@ def test_every_door_refuses_it(value):
 
 def test_numbers_of_other_kinds_are_numbers():
     for value in (
-        (1, 2, 3), np.array([1, 2, 3], np.int8), np.array([1, 2, 3], np.float32),
-        [Fraction(1), Decimal(2), mpf(3)], [1, 2.0, np.int64(3)], np.ma.array([1.0, 2.0, 3.0]),
-        np.array([1, 2, 3], ">f8"), np.array([1, 2, 3], np.longdouble),
+        (1, 2, 3),
+        np.array([1, 2, 3], np.int8),
+        np.array([1, 2, 3], np.float32),
+        [Fraction(1), Decimal(2), mpf(3)],
+        [1, 2.0, np.int64(3)],
+        np.ma.array([1.0, 2.0, 3.0]),
+        np.array([1, 2, 3], ">f8"),
+        np.array([1, 2, 3], np.longdouble),
         [np.array(1.0), np.array(2), 3],
-    ):  # fmt: skip
+    ):
         found = checked_array(value, (3,), "vector")
         assert found.dtype == np.dtype(float)
         assert type(found) is np.ndarray

@@ -145,19 +145,25 @@ def link(i, joint, q, com, parent=0, location="0 0 0", more=""):
 SHOULDER, ELBOW = (0.2, -0.3, 0.1), -0.4
 COMS = {1: np.array([0, 0, 0.2]), 2: np.array([0, 0.05, 0.15])}
 CABLES = [  # bodies, points, reference
-    (0, 1, (0.5, 0.1, 0), (0.1, 0, 0.1), "joint"), (0, 1, (-0.5, 0.2, 0), (-0.1, 0, 0.1), "joint"),
-    (0, 1, (0.1, 0.6, 0), (0, 0.1, 0.1), "joint"), (0, 1, (0, -0.5, 0.1), (0, -0.1, 0.1), "joint"),
-    (0, 2, (0.4, -0.4, 0.2), (0.1, 0.1, 0.2), "com"), (1, 2, (0, 0.1, 0.1), (0, 0.1, 0), "com"),
-    (2, 1, (0, -0.1, 0.2), (0, -0.1, 0.1), "joint"), (0, 2, (-0.5, 0, 0.9), (0, 0, 0.3), "joint"),
-]  # fmt: skip
+    (0, 1, (0.5, 0.1, 0), (0.1, 0, 0.1), "joint"),
+    (0, 1, (-0.5, 0.2, 0), (-0.1, 0, 0.1), "joint"),
+    (0, 1, (0.1, 0.6, 0), (0, 0.1, 0.1), "joint"),
+    (0, 1, (0, -0.5, 0.1), (0, -0.1, 0.1), "joint"),
+    (0, 2, (0.4, -0.4, 0.2), (0.1, 0.1, 0.2), "com"),
+    (1, 2, (0, 0.1, 0.1), (0, 0.1, 0), "com"),
+    (2, 1, (0, -0.1, 0.2), (0, -0.1, 0.1), "joint"),
+    (0, 2, (-0.5, 0, 0.9), (0, 0, 0.3), "joint"),
+]
 
 
 def arm(folder, cables=CABLES):
     """A spherical shoulder and an elbow about an axis of its own, held by cables."""
     folder.joinpath("arm_bodies.xml").write_text(
-        "<links>" + link(1, "S_EULER_XYZ", " ".join(map(str, SHOULDER)), "0 0 0.2", 0, "0.1 0 0.2")
-        + link(2, "R_AXIS", str(ELBOW), "0 0.05 0.15", 1, "0 0 0.5", "axis='2 0 0'") + "</links>"
-    )  # fmt: skip
+        "<links>"
+        + link(1, "S_EULER_XYZ", " ".join(map(str, SHOULDER)), "0 0 0.2", 0, "0.1 0 0.2")
+        + link(2, "R_AXIS", str(ELBOW), "0 0.05 0.15", 1, "0 0 0.5", "axis='2 0 0'")
+        + "</links>"
+    )
     rows = [
         f'<cable_linear_spring name="c{i}" attachment_reference="{reference}"><properties>'
         f"<K_cable>4e4</K_cable><force_min>5</force_min><force_max>900</force_max></properties>"
@@ -216,11 +222,17 @@ def test_bodies_on_joints_are_held_by_cables_between_them(tmp_path):
     assert np.abs(gradient).max() < 1e-4 * k.max() * h
     hessian = [
         [
-            (energy(q + h * (a + b)) - energy(q + h * (a - b)) - energy(q - h * (a - b))
-             + energy(q - h * (a + b))) / (4 * h * h) for a in I
+            (
+                energy(q + h * (a + b))
+                - energy(q + h * (a - b))
+                - energy(q - h * (a - b))
+                + energy(q - h * (a + b))
+            )
+            / (4 * h * h)
+            for a in I
         ]
         for b in I
-    ]  # fmt: skip
+    ]
     J = result.jacobian
     expected = J @ np.linalg.inv(hessian) @ J.T
     assert np.allclose(result.compliances["B"], expected, rtol=0, atol=2e-5 * expected.max())

@@ -23,9 +23,16 @@ Run = Callable[..., str]
 
 ROBOTS = {"ur5", "panda"}
 MORE = {
-    "residual", "stable", "iterations", "history", "eigenvalues", "displacement",
-    "displacement_uncertainty", "elastic_wrench", "reactions",
-}  # fmt: skip
+    "residual",
+    "stable",
+    "iterations",
+    "history",
+    "eigenvalues",
+    "displacement",
+    "displacement_uncertainty",
+    "elastic_wrench",
+    "reactions",
+}
 # A posture near the middle of each file, and loads within the elastic range.
 LOADS = {
     "ur5": "0,0,0,0,0,-100",

@@ -95,12 +95,17 @@ TAUT = {"lines": [LINE | {"rest_length": 0.4}]}
 RING = {"radius": 1.0, "half_angle": 0.1}
 PAIRS = {"base": RING, "platform": {"radius": 0.6, "half_angle": 0.2}, "height": 0.8}
 LAID = {"kind": "stewart-gough", "layout": PAIRS, "legs": {"stiffness": 1e5, "rest_length": 0.9}}
-THIRDS = {"base": {"radius": 1.0, "angles": [-0.1, 0.1]}, "platform": {"radius": 0.6, "angles":
-          [-0.9, 0.9]}, "height": 0.8, "symmetry": 3}  # fmt: skip
+THIRDS = {
+    "base": {"radius": 1.0, "angles": [-0.1, 0.1]},
+    "platform": {"radius": 0.6, "angles": [-0.9, 0.9]},
+    "height": 0.8,
+    "symmetry": 3,
+}
 CUBE = {"cubic": {"edge": 1.0, "centre": 0.3}, "base": {"height": 0.0}}
 RINGS = {
-    "base": {"radius": 0.3, "half_angle": 0.25}, "platform": {"radius": 0.12, "half_angle": 0.8},
-}  # fmt: skip
+    "base": {"radius": 0.3, "half_angle": 0.25},
+    "platform": {"radius": 0.12, "half_angle": 0.8},
+}
 RODS = {"chain": "PUS", **RINGS, "rod": 0.6, "stiffness": 1e6}
 NAMED = {"kind": "parallel", "legs": RODS, "pose": {"xyz": [0, 0, 0.5]}}
 CRANKS = NAMED | {"legs": RODS | {"chain": "RUS", "crank": 0.1, "axis": "radial"}}
@@ -119,16 +124,23 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "FoundModel.name": (MEASURED, ("identified", "compliances", 0, "name"), "j9", {}),
     "FoundModel.value": (MEASURED, ("identified", "compliances", 0, "value"), 2e-4, {}),
     "FoundModel.elements": (
-        MEASURED, ("identified", "compliances", 0, "elements"), [["j1", "j1", 2.0]], {}
+        MEASURED,
+        ("identified", "compliances", 0, "elements"),
+        [["j1", "j1", 2.0]],
+        {},
     ),
-    "FoundModel.polynomial": (
-        BENT, ("identified", "compliances", 0, "polynomial"), ["j1", 3], {}
-    ),
+    "FoundModel.polynomial": (BENT, ("identified", "compliances", 0, "polynomial"), ["j1", 3], {}),
     "IdentifiedModel.compliances": (
-        MEASURED, ("identified", "compliances"), FOUND["compliances"][:1], {}
+        MEASURED,
+        ("identified", "compliances"),
+        FOUND["compliances"][:1],
+        {},
     ),
     "IdentifiedModel.covariance": (
-        MEASURED, ("identified", "covariance"), [[2e-12, 0.0], [0.0, 1e-12]], {}
+        MEASURED,
+        ("identified", "covariance"),
+        [[2e-12, 0.0], [0.0, 1e-12]],
+        {},
     ),
     "IdentifiedModel.degrees": (MEASURED, ("identified", "degrees"), 7.0, {}),
     "IdentifiedModel.level": (MEASURED, ("identified", "level"), 0.9, {}),
@@ -145,49 +157,71 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "UnitsModel.force": (PLATFORM, ("units", "force"), "kN", {}),
     "PayloadModel.mass": (ARM, ("payload", "mass"), 4, {"gravity": [0, 0, -9.81]}),
     "PayloadModel.com": (
-        ARM, ("payload", "com"), [0, 0.1, 0], {"gravity": [0, 0, -9.81], "payload": {"mass": 4}},
+        ARM,
+        ("payload", "com"),
+        [0, 0.1, 0],
+        {"gravity": [0, 0, -9.81], "payload": {"mass": 4}},
     ),
     "JointSpringModel.stiffness": (ARM, ("springs", "j2", "stiffness"), 3e4, {}),
     "JointSpringModel.rest": (ARM, ("springs", "j2", "rest"), 0.3, {}),
     "JointSpringModel.damping": (ARM, ("springs", "j2", "damping"), 5.0, {}),
     "BeamModel.density": (
-        ELASTIC, ("flexible", "upper", "beam", "density"), 2700.0,
+        ELASTIC,
+        ("flexible", "upper", "beam", "density"),
+        2700.0,
         {"flexible": {"upper": {"beam": BEAM}}},
     ),
     "JointSpringModel.polynomial": (ARM, ("springs", "j2"), {"polynomial": [2e4, 0, 1e5]}, {}),
     "JointSpringModel.table": (
-        ARM, ("springs", "j2"), {"table": [[-4, -5e4], [0, 0], [4, 5e4]], "rest": 0.2}, {},
+        ARM,
+        ("springs", "j2"),
+        {"table": [[-4, -5e4], [0, 0], [4, 5e4]], "rest": 0.2},
+        {},
     ),
     "FlexibleModel.stiffness": (
-        ELASTIC, ("flexible", "upper", "stiffness"), (2 * K6).tolist(),
+        ELASTIC,
+        ("flexible", "upper", "stiffness"),
+        (2 * K6).tolist(),
         {"flexible": {"upper": {"stiffness": K6.tolist()}}},
     ),
     "FlexibleModel.beam": (ELASTIC, ("flexible",), {"upper": {"beam": BEAM}}, {}),
     "FlexibleModel.superelement": (ELASTIC, ("flexible",), {"upper": {"superelement": SUPER}}, {}),
     **{
         f"SuperelementModel.{key}": (
-            ELASTIC, ("flexible", "upper", "superelement", key), value,
+            ELASTIC,
+            ("flexible", "upper", "superelement", key),
+            value,
             {"flexible": {"upper": {"superelement": SUPER}}},
         )
         for key, value in {
-            "K": "other.txt", "M": "mass.txt", "base": 1, "tip": 1,
-            "nodes": [[0, 0, 0], [0.2, 0, 0], [0.5, 0, 0]], "order": "angular-linear",
+            "K": "other.txt",
+            "M": "mass.txt",
+            "base": 1,
+            "tip": 1,
+            "nodes": [[0, 0, 0], [0.2, 0, 0], [0.5, 0, 0]],
+            "order": "angular-linear",
         }.items()
     },
     "FlexibleModel.offset": (
-        ELASTIC, ("flexible", "upper", "offset"), {"xyz": [0.1, 0, 0]},
+        ELASTIC,
+        ("flexible", "upper", "offset"),
+        {"xyz": [0.1, 0, 0]},
         {"flexible": {"upper": {"stiffness": K6.tolist()}}},
     ),
     **{
         f"BeamModel.{key}": (
-            ELASTIC, ("flexible", "upper", "beam", key), 2 * value,
+            ELASTIC,
+            ("flexible", "upper", "beam", key),
+            2 * value,
             {"flexible": {"upper": {"beam": BEAM}}},
         )
         for key, value in (BEAM | {"segments": 1}).items()
     },
     **{
         f"BeamModel.shear_area_{axis}": (
-            ELASTIC, ("flexible", "upper", "beam", f"shear_area_{axis}"), 5e-4,
+            ELASTIC,
+            ("flexible", "upper", "beam", f"shear_area_{axis}"),
+            5e-4,
             {"flexible": {"upper": {"beam": BEAM}}},
         )
         for axis in "yz"
@@ -199,7 +233,9 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LinesLegs.mass": (PLATFORM, ("legs", "mass"), STRUTS, {}),
     **{
         f"LegMassModel.{key}": (
-            PLATFORM, ("legs", "mass", key), 2 * value,
+            PLATFORM,
+            ("legs", "mass", key),
+            2 * value,
             {"legs": PLATFORM["legs"] | {"mass": STRUTS}},
         )
         for key, value in STRUTS.items()
@@ -207,7 +243,8 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     **{
         f"BodyModel.{key}": (PLATFORM, ("body", key), value, {"body": BODY})
         for key, value in (
-            ("mass", 9.0), ("com", [0, 0.1, 0]),
+            ("mass", 9.0),
+            ("com", [0, 0.1, 0]),
             ("inertia", [[0.2, 0, 0], [0, 0.3, 0], [0, 0, 0.4]]),
         )
     },
@@ -216,12 +253,15 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
         for key, value in (
             ("base_joints", {"axis": [0, 0, 1], "angle": 0.1}),
             ("platform_joints", {"axis": [0, 0, -1], "angle": 0.1}),
-            ("diameter", 0.5), ("force", [0.0, 0.1]),
+            ("diameter", 0.5),
+            ("force", [0.0, 0.1]),
         )
     },
     **{
         f"LegJointsModel.{key}": (
-            PLATFORM, ("legs", "base_joints", key), value,
+            PLATFORM,
+            ("legs", "base_joints", key),
+            value,
             {"legs": PLATFORM["legs"] | {"base_joints": {"axis": [0, 0, 1], "angle": 0.1}}},
         )
         for key, value in (("axis", [0, 1, 1]), ("angle", 0.2))
@@ -230,12 +270,18 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     **{
         f"StrutModel.{key}": (PLATFORM, ("legs", "strut", key), value, {"legs": {"strut": STRUT}})
         for key, value in (
-            ("axial", 2e5), ("lower", STRUT["upper"]), ("upper", STRUT["lower"]), ("mass", STRUTS),
+            ("axial", 2e5),
+            ("lower", STRUT["upper"]),
+            ("upper", STRUT["lower"]),
+            ("mass", STRUTS),
         )
     },
     **{
         f"FlexureModel.{key}": (
-            PLATFORM, ("legs", "strut", "lower", key), 1.5 * value, {"legs": {"strut": STRUT}},
+            PLATFORM,
+            ("legs", "strut", "lower", key),
+            1.5 * value,
+            {"legs": {"strut": STRUT}},
         )
         for key, value in FLEXURE.items()
     },
@@ -246,7 +292,10 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LineModel.rest_length": (ARM, ("lines", 0, "rest_length"), 0.5, TAUT),
     "LineModel.preload": (ARM, ("lines",), [LINE | {"preload": 200}], {"lines": [LINE]}),
     "LineModel.unilateral": (
-        ARM, ("lines", 0, "unilateral"), True, {"lines": [LINE | {"rest_length": 9}]},
+        ARM,
+        ("lines", 0, "unilateral"),
+        True,
+        {"lines": [LINE | {"rest_length": 9}]},
     ),
     "LegModel.kind": (PAIR, ("legs", 0, "kind"), "parallel", {}),
     "LegModel.model": (PAIR, ("legs", 0, "model"), "other.urdf", {}),
@@ -255,8 +304,10 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LegModel.grip": (PAIR, ("legs", 0, "grip"), {"xyz": [0, 0, 0.1]}, {}),
     "LegModel.contact": (PAIR, ("legs", 0, "contact"), "point", {}),
     "LegModel.passive": (
-        PAIR, ("legs", 0), LEG | {"springs": {"j1": {"stiffness": 1e4}},
-                                  "passive": ["j2", "j3", "j4", "j5", "j6"]}, {},
+        PAIR,
+        ("legs", 0),
+        LEG | {"springs": {"j1": {"stiffness": 1e4}}, "passive": ["j2", "j3", "j4", "j5", "j6"]},
+        {},
     ),
     "LegModel.locked": (PAIR, ("legs", 0, "locked"), {"j3": 1.0}, {}),
     "LegModel.q": (PAIR | {"pose": None, "legs": [LEG]}, ("legs", 0, "q", "j3"), 1.0, {}),
@@ -265,17 +316,19 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "ClosureModel.frames": (FIVE_BAR, ("closures", 0, "frames"), ["tip", "right_bar"], {}),
     "ClosureModel.type": (FIVE_BAR, ("closures", 0, "type"), "weld", {}),
     "ClosureModel.points": (
-        FIVE_BAR, ("closures", 0, "points"), [[0.02, 0, 0], [0, 0.01, 0]], {},
+        FIVE_BAR,
+        ("closures", 0, "points"),
+        [[0.02, 0, 0], [0, 0.01, 0]],
+        {},
     ),
-    **{
-        f"{name}.name": (file, ("name",), "another", {})
-        for name, file in KINDS.items()
-    },
+    **{f"{name}.name": (file, ("name",), "another", {}) for name, file in KINDS.items()},
     **{
         f"{name}.kind": (file, ("kind",), other, {})
         for name, file, other in (
-            ("SerialFile", ARM, "closed-chain"), ("PlatformFile", PLATFORM, "springs"),
-            ("SpringsFile", SPRINGS, "stewart-gough"), ("ParallelFile", PAIR, "serial"),
+            ("SerialFile", ARM, "closed-chain"),
+            ("PlatformFile", PLATFORM, "springs"),
+            ("SpringsFile", SPRINGS, "stewart-gough"),
+            ("ParallelFile", PAIR, "serial"),
             ("ClosedChainFile", FIVE_BAR, "serial"),
         )
     },
@@ -303,7 +356,9 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     },
     **{
         f"{name}.parameters": (
-            file, ("parameters", "m"), 5.0,
+            file,
+            ("parameters", "m"),
+            5.0,
             {"gravity": [0.5, -3, -9.81], "payload": {"mass": "=m"}, "parameters": {"m": 2.0}},
         )
         for name, file in KINDS.items()
@@ -313,8 +368,12 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LayoutModel.platform": (LAID, ("layout", "platform"), {"radius": 0.6}, {}),
     "LayoutModel.height": (LAID, ("layout", "height"), 0.9, {}),
     "LayoutModel.turn": (LAID, ("layout", "turn"), 0.8, {}),
-    "LayoutModel.symmetry": (LAID, ("layout",), {**THIRDS, "symmetry": 6, "base": RING, "platform":
-                             {"radius": 0.6, "angles": [0.4]}}, {"layout": THIRDS}),
+    "LayoutModel.symmetry": (
+        LAID,
+        ("layout",),
+        {**THIRDS, "symmetry": 6, "base": RING, "platform": {"radius": 0.6, "angles": [0.4]}},
+        {"layout": THIRDS},
+    ),
     "LayoutModel.cubic": (LAID, ("layout",), CUBE, {}),
     "RingModel.radius": (LAID, ("layout", "base", "radius"), 1.1, {}),
     "RingModel.half_angle": (LAID, ("layout", "base", "half_angle"), 0.3, {}),
@@ -338,7 +397,10 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "ParallelFile.pose": (PAIR, ("pose",), {"xyz": [0.35, 0.1, 0.5]}, {}),
     "ParallelFile.actuated": (PAIR, ("actuated",), [f"leg1/j{i}" for i in range(1, 7)], {}),
     "ParallelFile.lines": (
-        PAIR, ("lines",), [LINE | {"frames": ["world", "leg1/hand"], "rest_length": 0.4}], {},
+        PAIR,
+        ("lines",),
+        [LINE | {"frames": ["world", "leg1/hand"], "rest_length": 0.4}],
+        {},
     ),
     "ClosedChainFile.model": (FIVE_BAR, ("model",), "arm.urdf", {}),
     "ClosedChainFile.frame": (FIVE_BAR, ("frame",), "right_bar", {}),
@@ -346,29 +408,49 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "ClosedChainFile.closures": (FIVE_BAR, ("closures",), [], {}),
     "ClosedChainFile.floating": (FIVE_BAR, ("floating",), True, {}),
     "ClosedChainFile.actuated": (
-        FIVE_BAR, ("actuated",), ["left_elbow", "right"], {},
+        FIVE_BAR,
+        ("actuated",),
+        ["left_elbow", "right"],
+        {},
     ),
     "ClosedChainFile.locked": (
-        FIVE_BAR, ("locked",), {"left_elbow": -1.3}, {"q": {}, "closures": []},
+        FIVE_BAR,
+        ("locked",),
+        {"left_elbow": -1.3},
+        {"q": {}, "closures": []},
     ),
     "ClosedChainFile.q": (FIVE_BAR, ("q", "left"), 2.0, {}),
     "ClosedChainFile.springs": (FIVE_BAR, ("springs", "left", "stiffness"), 900, {}),
     "ClosedChainFile.passive": (
-        FIVE_BAR, ("passive",), ["left"], {"springs": {}, "actuated": []},
+        FIVE_BAR,
+        ("passive",),
+        ["left"],
+        {"springs": {}, "actuated": []},
     ),
     "ClosedChainFile.flexible": (FIVE_BAR, ("flexible",), {"left_bar": {"beam": BEAM}}, {}),
     "ClosedChainFile.lines": (
-        FIVE_BAR, ("lines",), [LINE | {"frames": ["world", "tip"], "rest_length": 0.4}], {},
+        FIVE_BAR,
+        ("lines",),
+        [LINE | {"frames": ["world", "tip"], "rest_length": 0.4}],
+        {},
     ),
     **{
         f"NamedLegs.{key}": (NAMED, ("legs", key), value, {})
         for key, value in {
-            "chain": "PSU", "base": {"radius": 0.31, "half_angle": 0.25},
-            "platform": {"radius": 0.13, "half_angle": 0.8}, "rail": [-0.2, 0.1, 1], "rod": 0.55,
-            "mode": "plus", "actuated": ["u1"], "stiffness": [1e6, 1e6, 1e6, 1e6, 1e6, 2e6],
-            "springs": {"u1": {"stiffness": 10.0}}, "limits": [-0.1, 0.2],
-            "turns": {"u1": [-0.1, 0.1]}, "diameter": 0.5,
-            "flexible": {"rod": {"stiffness": K6.tolist()}}, "turn": 1.2,
+            "chain": "PSU",
+            "base": {"radius": 0.31, "half_angle": 0.25},
+            "platform": {"radius": 0.13, "half_angle": 0.8},
+            "rail": [-0.2, 0.1, 1],
+            "rod": 0.55,
+            "mode": "plus",
+            "actuated": ["u1"],
+            "stiffness": [1e6, 1e6, 1e6, 1e6, 1e6, 2e6],
+            "springs": {"u1": {"stiffness": 10.0}},
+            "limits": [-0.1, 0.2],
+            "turns": {"u1": [-0.1, 0.1]},
+            "diameter": 0.5,
+            "flexible": {"rod": {"stiffness": K6.tolist()}},
+            "turn": 1.2,
         }.items()
     },
     "NamedLegs.axis": (CRANKS, ("legs", "axis"), "tangential", {}),
@@ -377,12 +459,16 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LegEndsModel.radius": (NAMED, ("legs", "base", "radius"), 0.25, {}),
     "LegEndsModel.half_angle": (NAMED, ("legs", "base", "half_angle"), 0.3, {}),
     "LegEndsModel.angles": (
-        NAMED, ("legs", "base"), {"radius": 0.3, "angles": [-0.25, 0.3]},
+        NAMED,
+        ("legs", "base"),
+        {"radius": 0.3, "angles": [-0.25, 0.3]},
         {"legs": RODS | {"symmetry": 3}},
     ),
     "LegEndsModel.height": (NAMED, ("legs", "base", "height"), 0.1, {}),
     "LegEndsModel.points": (
-        NAMED, ("legs", "platform"), {"points": [[0.1, -0.1, 0], [0.1, 0.1, 0.02]]},
+        NAMED,
+        ("legs", "platform"),
+        {"points": [[0.1, -0.1, 0], [0.1, 0.1, 0.02]]},
         {"legs": RODS | {"symmetry": 3}},
     ),
     "SerialFile.xacro": (ARM, ("xacro",), {"kind": "long"}, {}),
@@ -391,7 +477,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LegModel.package_path": (PAIR, ("legs", 0, "package_path"), ["none"], {}),
     "ClosedChainFile.xacro": (FIVE_BAR, ("xacro",), {"kind": "long"}, {}),
     "ClosedChainFile.package_path": (FIVE_BAR, ("package_path",), ["none"], {}),
-}  # fmt: skip
+}
 
 
 def keys() -> list[str]:

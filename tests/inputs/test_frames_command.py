@@ -28,10 +28,15 @@ def test_a_serial_arm(tmp_path: Path) -> None:
         joint("grip", "slide", "tool", at=(0.1, 0, 0), kind="fixed"),
     )
     file = write_file(
-        tmp_path, "arm", kind="serial", model="machine.urdf", frame="tool", q={"turn": 0.5},
+        tmp_path,
+        "arm",
+        kind="serial",
+        model="machine.urdf",
+        frame="tool",
+        q={"turn": 0.5},
         springs={"turn": {"stiffness": 300.0, "rest": 0.4}, "push": {"stiffness": 5e4}},
         payload={"mass": 2.0},
-    )  # fmt: skip
+    )
     answer = frames_of(cartstiff.load(file))
     turn, push = answer["joints"]
     assert (turn["name"], turn["parent"], turn["q"]) == ("turn", None, 0.5)

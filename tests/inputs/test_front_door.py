@@ -108,8 +108,9 @@ def test_gravity_is_added_and_taken_away(arm):
 def test_gravity_acts_on_a_model_without_frames():
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([1.0, 0.0, 0.0]), np.eye(3)),
-                            pin.SE3.Identity())  # fmt: skip
+    model.appendBodyToJoint(
+        joint, pin.Inertia(2.0, np.array([1.0, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity()
+    )
     model.addFrame(pin.Frame("tip", joint, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     tree = cartstiff.load(model, frame="tip")
     tree.mechanism.tree.frames.pop("tip")

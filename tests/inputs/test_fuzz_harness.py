@@ -21,9 +21,11 @@ PATIENCE = 300.0
 )
 def test_what_is_wrong_is_seen(kind, words):
     faults = run(
-        1, families=[kind], seconds=1.0 if kind == "busy" else PATIENCE,
+        1,
+        families=[kind],
+        seconds=1.0 if kind == "busy" else PATIENCE,
         patience=1.0 if kind == "endless" else PATIENCE,
-    )  # fmt: skip
+    )
     assert [words in fault["fault"] for fault in faults] == [True]
 
 

@@ -55,9 +55,23 @@ def test_assembly_modes_under_a_load():
         assert np.array_equal(mode.result.tangent, expected.tangent)
     bare = cartstiff.assemble(elastic)
     assert abs(modes[0].eigenvalue / bare[0].eigenvalue - 1) > 1e-3
-    told = json.loads(run("assemble", "hexapod", "--payload", "3", "--load", "10,0,5,100,0,-9e4",
-                          "--load-at", "0.1,0,0.2", "--world", "--load-kind", "follower", "--all",
-                          "--json"))  # fmt: skip
+    told = json.loads(
+        run(
+            "assemble",
+            "hexapod",
+            "--payload",
+            "3",
+            "--load",
+            "10,0,5,100,0,-9e4",
+            "--load-at",
+            "0.1,0,0.2",
+            "--world",
+            "--load-kind",
+            "follower",
+            "--all",
+            "--json",
+        )
+    )
     assert told["modes"][0]["smallest_eigenvalue"] == modes[0].eigenvalue
     assert told["weighed"] == [{"name": "platform", "mass": 3.0}]
 
@@ -72,8 +86,17 @@ def test_a_workspace_under_a_load_is_that_of_linprog(kind):
     elastic = replace(elastic, mechanism=with_limits)
     q = [0.1, 0.0, 0.6, 0.0, 0.05, 0.02]
     W, at = np.array([0.5, 0.0, 0.2, 10.0, 0.0, -30.0]), np.array([0.1, 0.05, 0.0])
-    found = cartstiff.workspace(elastic, q, wrench=W, load_at=at, load_kind=kind, directions=24,
-                                scan=16, radius=1.5, fits=False)  # fmt: skip
+    found = cartstiff.workspace(
+        elastic,
+        q,
+        wrench=W,
+        load_at=at,
+        load_kind=kind,
+        directions=24,
+        scan=16,
+        radius=1.5,
+        fits=False,
+    )
     start = with_limits.pose_of(np.array(q))
 
     def carries(T):
@@ -82,8 +105,16 @@ def test_a_workspace_under_a_load_is_that_of_linprog(kind):
         asked = np.concatenate([m + np.cross(at, f), f])
         _, lines = lines_at(with_limits, T[None])
         A = lines[0].T * np.repeat([with_limits.length, 1.0], 3)[:, None]
-        return linprog(np.zeros(A.shape[1]), A_eq=A, b_eq=asked, bounds=[tensions] * A.shape[1],
-                       method="highs").status == 0  # fmt: skip
+        return (
+            linprog(
+                np.zeros(A.shape[1]),
+                A_eq=A,
+                b_eq=asked,
+                bounds=[tensions] * A.shape[1],
+                method="highs",
+            ).status
+            == 0
+        )
 
     checked = 0
     for rays, turning in ((found.positions, False), (found.turns, True)):
@@ -108,8 +139,12 @@ def test_a_load_where_nothing_limits_forces_is_refused():
     with pytest.raises(InputError, match="nothing limits forces"):
         cartstiff.workspace(cartstiff.load("hexapod"), wrench=[0, 0, 0, 0, 0, -1])
     with pytest.raises(InputError, match="expected dead or follower"):
-        cartstiff.workspace(cartstiff.load("cable-robot"), wrench=[0, 0, 1, 0, 0, -1], radius=1.0,
-                            load_kind="conservative")  # fmt: skip
+        cartstiff.workspace(
+            cartstiff.load("cable-robot"),
+            wrench=[0, 0, 1, 0, 0, -1],
+            radius=1.0,
+            load_kind="conservative",
+        )
 
 
 STUDY = {
@@ -123,15 +158,29 @@ def test_designs_carry_tool_weight_and_load(tmp_path):
     """Each design's number is that of its mechanism by `load` and `analyse`; in mm, a thousand."""
     path = tmp_path / "study.yaml"
     path.write_text(json.dumps(STUDY))
-    words = ("--tcp", "0,0,0.1,0.2,0,0", "--payload", "400,0,0,0.2", "--load", "0,0,0,50,0,-9000",
-             "--world", "--load-at", "0,0.1,0")  # fmt: skip
+    words = (
+        "--tcp",
+        "0,0,0.1,0.2,0,0",
+        "--payload",
+        "400,0,0,0.2",
+        "--load",
+        "0,0,0,50,0,-9000",
+        "--world",
+        "--load-at",
+        "0,0.1,0",
+    )
     told = json.loads(run("design", str(path), *words, "--json"))
     assert told["weighed"] == [{"name": "platform", "mass": 400.0}]
     for one in told["designs"]:
-        elastic = cartstiff.load("inclined-hexapod", parameters=one["parameters"],
-                                 tcp=[0, 0, 0.1, 0.2, 0, 0], payload=[400, 0, 0, 0.2])  # fmt: skip
-        result = cartstiff.analyse(elastic, wrench=[0, 0, 0, 50, 0, -9000], load_axes="world",
-                                   load_at=[0, 0.1, 0])  # fmt: skip
+        elastic = cartstiff.load(
+            "inclined-hexapod",
+            parameters=one["parameters"],
+            tcp=[0, 0, 0.1, 0.2, 0, 0],
+            payload=[400, 0, 0, 0.2],
+        )
+        result = cartstiff.analyse(
+            elastic, wrench=[0, 0, 0, 50, 0, -9000], load_axes="world", load_at=[0, 0.1, 0]
+        )
         at = np.eye(4)
         at[:3, 3] = [0, 0.1, 0]
         R = result.pose[:3, :3].T

@@ -107,8 +107,20 @@ def test_random_postures(run: Run) -> None:
 
 def test_trajectory_from_csv(run: Run) -> None:
     Path("p.csv").write_text("# a path\ntime, x, yaw\n0, 0.0, 0.0\n0.5, 0.01, 0.1\n")
-    answer = _answer(run(*CUBIC, "--trajectory", "p.csv", "-o", "t.zarr", "--json", "--best", "5",
-                         "--picture", "p.svg"))  # fmt: skip
+    answer = _answer(
+        run(
+            *CUBIC,
+            "--trajectory",
+            "p.csv",
+            "-o",
+            "t.zarr",
+            "--json",
+            "--best",
+            "5",
+            "--picture",
+            "p.svg",
+        )
+    )
     assert answer["postures"] == 2
     yaws = sorted(row["q"]["yaw"] for row in answer["best"]["translation_held_min"])
     assert yaws == [0.0, 0.1]
@@ -117,10 +129,24 @@ def test_trajectory_from_csv(run: Run) -> None:
 
 def test_cartesian_grid_in_one_option(run: Run) -> None:
     answer = _answer(
-        run("map", "five-bar", "--cartesian", "x=0.1:0.2:2 y=0.3:0.35:2", "--free", "rotation",
-            "--starts", "4", "--branches", "2", "--quantity", "compliance_translation_free_max",
-            "-o", "c.zarr", "--json")
-    )  # fmt: skip
+        run(
+            "map",
+            "five-bar",
+            "--cartesian",
+            "x=0.1:0.2:2 y=0.3:0.35:2",
+            "--free",
+            "rotation",
+            "--starts",
+            "4",
+            "--branches",
+            "2",
+            "--quantity",
+            "compliance_translation_free_max",
+            "-o",
+            "c.zarr",
+            "--json",
+        )
+    )
     assert answer["postures"] == 8
     # The tip's position leaves each arm two elbows.
     assert answer["branches"] == {"starts": 5, "legs": 2, "found": 4, "kept": 2}
@@ -128,8 +154,19 @@ def test_cartesian_grid_in_one_option(run: Run) -> None:
 
 
 def test_how_much_is_below(run: Run) -> None:
-    words = ("map", "five-bar", "--cartesian", "x=0.1:0.2:2 y=0.3:0.35:2", "--free", "rotation",
-             "--quantity", "deflection", "--load", "0,0,0,0,-10,0", "--json")  # fmt: skip
+    words = (
+        "map",
+        "five-bar",
+        "--cartesian",
+        "x=0.1:0.2:2 y=0.3:0.35:2",
+        "--free",
+        "rotation",
+        "--quantity",
+        "deflection",
+        "--load",
+        "0,0,0,0,-10,0",
+        "--json",
+    )
     found = json.loads(run(*words, "-o", "m.zarr"))["quantities"]["deflection"]
     limit = f"{1e3 * found['smallest'] * 1.0001!r} mm"
     answers = [
@@ -176,39 +213,87 @@ def test_quantities_are_listed(run: Run) -> None:
         ((*CUBIC, *GRID, "--above", "1 furlong", "-o", "m.zarr"), ("does not fit",)),
         ((*CUBIC, *GRID, "--above", "1", "--below", "1", "-o", "m.zarr"), ("not both",)),
         ((*CUBIC, "--cartesian", "w=0:1:2", "-o", "m.zarr"), ("unknown axis", "'w'")),
-        ((*CUBIC, "--cartesian", "x=0:1:2", "--orientation", "1,2", "-o", "m.zarr"),
-         ("--orientation", "3 numbers")),
+        (
+            (*CUBIC, "--cartesian", "x=0:1:2", "--orientation", "1,2", "-o", "m.zarr"),
+            ("--orientation", "3 numbers"),
+        ),
         ((*CUBIC, "--random", "5", "-o", "m.zarr"), ("--range", "no limits")),
         ((*CUBIC, *GRID, "--range", "x=0:1", "-o", "m.zarr"), ("--range goes with --random",)),
         ((*CUBIC, *GRID, "--free", "none", "-o", "m.zarr"), ("--free: goes with --cartesian",)),
         ((*CUBIC, *GRID, "--starts", "3", "-o", "m.zarr"), ("--starts: goes with --cartesian",)),
         ((*CUBIC, *GRID, "--seed", "3", "-o", "m.zarr"), ("--seed: goes with --random or",)),
         ((*CUBIC, "--trajectory", "none.csv", "-o", "m.zarr"), ("none.csv",)),
-        (("map", "cubic", "--quantity", "softness", *GRID, "-o", "m.zarr"),
-         ("unknown quantity", "softness")),
+        (
+            ("map", "cubic", "--quantity", "softness", *GRID, "-o", "m.zarr"),
+            ("unknown quantity", "softness"),
+        ),
         (("map", "cubic", "--quantity", "along_free", *GRID, "-o", "m.zarr"), ("direction",)),
         (("map", "cubic", "--quantity", "deflection", *GRID, "-o", "m.zarr"), ("wrench",)),
-        (("map", "cubic", "--quantity", "along_free", "--direction", "0,0,0", *GRID,
-          "-o", "m.zarr"), ("direction", "zero")),
+        (
+            (
+                "map",
+                "cubic",
+                "--quantity",
+                "along_free",
+                "--direction",
+                "0,0,0",
+                *GRID,
+                "-o",
+                "m.zarr",
+            ),
+            ("direction", "zero"),
+        ),
         ((*CUBIC, *GRID, "--length", "-1", "-o", "m.zarr"), ("positive length",)),
         ((*CUBIC, *GRID, "--load", "1,2", "-o", "m.zarr"), ("--load", "6 numbers")),
         ((*CUBIC, *GRID, "--slice", "z=0", "-o", "m.zarr"), ("--slice", "unknown axis")),
         ((*CUBIC, *GRID, "--slice", "x=9", "-o", "m.zarr"), ("--slice x", "outside the map")),
-        ((*CUBIC, *GRID, "--workers", "1", "--scheduler", "tcp://x", "-o", "m.zarr"),
-         ("--workers or --scheduler",)),
-        (("map", "five-bar", "--quantity", "manipulability", "--grid", "left_motor=2:2.2:2",
-          "-o", "m.zarr"), ("closures",)),
-        ((*CUBIC, "--grid", "x=0:0.1:2", "-o", "m.zarr", "--picture", "m.png", "--kind", "heat"),
-         ("--kind heat", "2 dimension", "x")),
-        ((*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--kind", "violin", "--by", "w"),
-         ("--by", "unknown region")),
-        (("map", "cubic", "--quantity", "force", *GRID, "-o", "m.zarr", "--best", "1"),
-         ("neither end of force",)),
-        (("map", "cubic", "--quantity", "force", "--cartesian", "x=0:0.1:2", "--redundancy",
-          "best", "-o", "m.zarr"), ("neither end of force",)),
+        (
+            (*CUBIC, *GRID, "--workers", "1", "--scheduler", "tcp://x", "-o", "m.zarr"),
+            ("--workers or --scheduler",),
+        ),
+        (
+            (
+                "map",
+                "five-bar",
+                "--quantity",
+                "manipulability",
+                "--grid",
+                "left_motor=2:2.2:2",
+                "-o",
+                "m.zarr",
+            ),
+            ("closures",),
+        ),
+        (
+            (*CUBIC, "--grid", "x=0:0.1:2", "-o", "m.zarr", "--picture", "m.png", "--kind", "heat"),
+            ("--kind heat", "2 dimension", "x"),
+        ),
+        (
+            (*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--kind", "violin", "--by", "w"),
+            ("--by", "unknown region"),
+        ),
+        (
+            ("map", "cubic", "--quantity", "force", *GRID, "-o", "m.zarr", "--best", "1"),
+            ("neither end of force",),
+        ),
+        (
+            (
+                "map",
+                "cubic",
+                "--quantity",
+                "force",
+                "--cartesian",
+                "x=0:0.1:2",
+                "--redundancy",
+                "best",
+                "-o",
+                "m.zarr",
+            ),
+            ("neither end of force",),
+        ),
         (("map", "grasp", *GRID, "--quantity", "condition", "-o", "m.zarr"), ("coordinate", "'x'")),
     ],
-)  # fmt: skip
+)
 def test_refused_in_one_line(
     refused: Refused, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
@@ -235,11 +320,27 @@ def test_bad_trajectories(refused: Refused, text: str, words: str) -> None:
 
 def test_another_map_s_file_is_left_alone(run: Run, refused: Refused) -> None:
     run(*CUBIC, *GRID, "-o", "m.zarr")
-    line = refused("map", "cubic", "--quantity", "condition", *GRID, "-o", "m.zarr",
-                   words=("m.zarr", "another map", "quantities differs"))  # fmt: skip
+    line = refused(
+        "map",
+        "cubic",
+        "--quantity",
+        "condition",
+        *GRID,
+        "-o",
+        "m.zarr",
+        words=("m.zarr", "another map", "quantities differs"),
+    )
     assert "translation_held_min" in line
-    refused(*CUBIC, "--grid", "x=-0.02:0.02:4", "--grid", "yaw=0:0.2:4", "-o", "m.zarr",
-            words=("x differs",))  # fmt: skip
+    refused(
+        *CUBIC,
+        "--grid",
+        "x=-0.02:0.02:4",
+        "--grid",
+        "yaw=0:0.2:4",
+        "-o",
+        "m.zarr",
+        words=("x differs",),
+    )
     refused(*CUBIC, *GRID, "--stiffness", "5", "-o", "m.zarr", words=("another mechanism",))
 
 
@@ -248,19 +349,36 @@ def test_the_load_means_what_it_means_to_analyse(
 ) -> None:
     """Kind, point and axes of the load; another kind is another map."""
     load = ("--load", "1,2,3,30,0,-100", "--world", "--load-at", "0,0,0.1")
-    words = ("map", "ur5", "--grid", "elbow_joint=1.2:1.2:1", "--quantity", "deflection", *load,
-             "-o", str(tmp_path / "m.zarr"), "--json", "--no-progress")  # fmt: skip
+    words = (
+        "map",
+        "ur5",
+        "--grid",
+        "elbow_joint=1.2:1.2:1",
+        "--quantity",
+        "deflection",
+        *load,
+        "-o",
+        str(tmp_path / "m.zarr"),
+        "--json",
+        "--no-progress",
+    )
     data = json.loads(run(*words, "--load-kind", "follower"))
     assert data["connection"] == "load"
     assert data["load"] == {
-        "kind": "follower", "at": [0.0, 0.0, 0.1], "meaning": "it turns with the body"
-    }  # fmt: skip
+        "kind": "follower",
+        "at": [0.0, 0.0, 0.1],
+        "meaning": "it turns with the body",
+    }
     arm = cartstiff.load("ur5")
     q = [1.2 if name == "elbow_joint" else v for name, v in zip(arm.names, arm.q, strict=True)]
     result = cartstiff.analyse(
-        arm, q, wrench=[1, 2, 3, 30, 0, -100], load_kind="follower", load_at=[0, 0, 0.1],
+        arm,
+        q,
+        wrench=[1, 2, 3, 30, 0, -100],
+        load_kind="follower",
+        load_at=[0, 0, 0.1],
         load_axes="world",
-    )  # fmt: skip
+    )
     moved = np.linalg.solve(result.matrices["A"], result.wrench)
     expected = float(np.linalg.norm(moved[3:]))
     assert data["quantities"]["deflection"]["mean"] == pytest.approx(expected, rel=1e-9)

@@ -541,8 +541,9 @@ def test_merged_keys_are_those_of_the_mapping_that_they_name(tmp_path) -> None:
         elastic.mechanism.leg_lengths(elastic.q) - elastic.springs.rest_length
     )
     assert np.allclose(tensions, 1.0)
-    data, lines = read_yaml(_written(tmp_path, "a: &a {x: 1, y: {z: 1}}\nb: {<<: *a, x: 2}\n"
-                                     "c:\n  <<: [{x: 3}, *a]\n"))  # fmt: skip
+    data, lines = read_yaml(
+        _written(tmp_path, "a: &a {x: 1, y: {z: 1}}\nb: {<<: *a, x: 2}\nc:\n  <<: [{x: 3}, *a]\n")
+    )
     assert data["b"] == {"x": 2, "y": {"z": 1}}
     assert data["c"] == {"x": 3, "y": {"z": 1}}
     assert (lines[("b", "x")], lines[("b", "y")], lines[("c", "x")]) == (2, 1, 4)

@@ -176,15 +176,16 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ("too many coordinates", "200", "1002"),
     ),
     "1000 ties": (
-        changed(END, END + "<equality>" + '<connect body1="b" anchor="0 0 0"/>' * 1000
-                + "</equality>"),
+        changed(
+            END, END + "<equality>" + '<connect body1="b" anchor="0 0 0"/>' * 1000 + "</equality>"
+        ),
         ("too many equality constraints", "1000"),
     ),
     "a thousand million copies": (
         changed(TIP, '<replicate count="1000000000"><geom size="1"/></replicate>'),
         ("arm.xml",),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -233,7 +234,7 @@ SAME: dict[str, str | bytes] = {
     "stiffness switched on": changed(
         "<worldbody>", '<option><flag gravity="enable" spring="enable"/></option><worldbody>'
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", SAME)
@@ -398,8 +399,11 @@ def test_what_the_file_switches_off_or_cannot_be_served_is_named(tmp_path):
 def test_a_loose_thing_is_no_tool(tmp_path):
     """A cube to be gripped has six coordinates, as many as the arm that stands beside it."""
     cube = '<body name="cube" pos="1 0 0"><freejoint/><geom size="0.02"/></body>'
-    arm = "".join(f'<body name="b{i}" pos="0 0 0.1"><joint axis="{i % 2} 1 {(i + 1) % 3}" '
-                  'stiffness="100"/><geom size="0.02"/>' for i in range(3))  # fmt: skip
+    arm = "".join(
+        f'<body name="b{i}" pos="0 0 0.1"><joint axis="{i % 2} 1 {(i + 1) % 3}" '
+        'stiffness="100"/><geom size="0.02"/>'
+        for i in range(3)
+    )
     path = tmp_path / "scene.xml"
     path.write_text(f"<mujoco><worldbody>{cube}{arm}{'</body>' * 3}</worldbody></mujoco>")
     found = load(path)

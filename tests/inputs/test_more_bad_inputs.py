@@ -146,13 +146,38 @@ CASES = [
     (("modes", "r.urdf", "--units", "deg,rad"), "two units of angle"),
     (("report", "r.urdf", "-o", "r.txt"), "unknown file ending"),
     (("report", "r.urdf", "-o", "no/such/r.html"), "no such folder"),
-    (("map", "r.urdf", "--grid", "a=0:1:3", "--quantity", "condition", "--single-branch",
-      "-o", "x.zarr"), "--single-branch"),
+    (
+        (
+            "map",
+            "r.urdf",
+            "--grid",
+            "a=0:1:3",
+            "--quantity",
+            "condition",
+            "--single-branch",
+            "-o",
+            "x.zarr",
+        ),
+        "--single-branch",
+    ),
     (("map", "r.urdf", "--grid", "a=0:1", "--quantity", "condition", "-o", "x.zarr"), "COUNT"),
     (("map", "r.urdf", "--grid", "c=0:1:3", "--quantity", "condition", "-o", "x.zarr"), "'c'"),
     (("map", "r.urdf", "--quantity", "condition", "-o", "x.zarr"), "where the map looks"),
-    (("map", "r.urdf", "--grid", "a=0:1:3", "--quantity", "condition", "--below", "2mm",
-      "-o", "x.zarr"), "--below"),
+    (
+        (
+            "map",
+            "r.urdf",
+            "--grid",
+            "a=0:1:3",
+            "--quantity",
+            "condition",
+            "--below",
+            "2mm",
+            "-o",
+            "x.zarr",
+        ),
+        "--below",
+    ),
     (("analyse", "r.urdf", "--gravity", "0,0,-9810"), "cartstiff: gravity: "),
     (("analyse", "hexapod", "--lengths", "1,1,1,1,1,-1"), "got [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]"),
     (("analyse", "hexapod", "--command", "leg9=1"), "closest: leg6"),
@@ -170,11 +195,12 @@ CASES = [
     (("compare", "m.zarr.txt", "m.zarr.txt"), "m.zarr.txt"),
     (("compare", "one.zarr"), "SECOND.zarr"),
     (("compare", "one.zarr", "two.zarr"), "one.zarr"),
-]  # fmt: skip
+]
 
 
-@pytest.mark.parametrize(("words", "expected"), CASES, ids=lambda x: "-".join(x)[:60]
-                         if isinstance(x, tuple) else "")  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "expected"), CASES, ids=lambda x: "-".join(x)[:60] if isinstance(x, tuple) else ""
+)
 def test_one_clear_line(words, expected, folder, capfd, monkeypatch):
     monkeypatch.chdir(folder)
     capfd.readouterr()

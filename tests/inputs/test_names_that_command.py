@@ -31,19 +31,29 @@ URDF = f"""<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 def arm(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("arm.urdf").write_text(URDF, encoding="utf-8")
-    keys = {"kind": "serial", "model": "arm.urdf", "name": NAME, "gravity": [0, 0, -9.81],
-            "springs": {JOINT: {"stiffness": 3e4}, "j2": {"stiffness": 2e4}}}  # fmt: skip
+    keys = {
+        "kind": "serial",
+        "model": "arm.urdf",
+        "name": NAME,
+        "gravity": [0, 0, -9.81],
+        "springs": {JOINT: {"stiffness": 3e4}, "j2": {"stiffness": 2e4}},
+    }
     Path("arm.yaml").write_text(json.dumps(keys))
     half = {"radius": "=r", "half_angle": 0.3}
     platform = {
-        "kind": "stewart-gough", "name": NAME, "parameters": {"r": 0.4},
+        "kind": "stewart-gough",
+        "name": NAME,
+        "parameters": {"r": 0.4},
         "layout": {"base": half, "platform": {"radius": 0.3, "half_angle": 0.4}, "height": 0.5},
         "legs": {"stiffness": 1e6, "limits": [0.3, 0.8]},
-    }  # fmt: skip
+    }
     Path("platform.yaml").write_text(json.dumps(platform))
-    study = {"mechanism": "platform.yaml", "variables": {"r": [0.4, 0.5]},
-             "poses": {"grid": {"z": [-0.1, 0.1, 2]}, "about_home": True},
-             "objectives": {NAME: {"quantity": "condition"}}}  # fmt: skip
+    study = {
+        "mechanism": "platform.yaml",
+        "variables": {"r": [0.4, 0.5]},
+        "poses": {"grid": {"z": [-0.1, 0.1, 2]}, "about_home": True},
+        "objectives": {NAME: {"quantity": "condition"}},
+    }
     Path("study.yaml").write_text(json.dumps(study))
     Path("odd.yaml").write_text(json.dumps(study | {"variables": {NAME: [0.4, 0.5]}}))
     return "arm.yaml"

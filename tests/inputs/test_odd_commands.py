@@ -20,9 +20,14 @@ def _run(*words, before="", **options):
     source = str(Path(cartstiff.__file__).parents[1])
     code = f"import os, sys; {before}\nfrom cartstiff.cli.main import main\nmain(sys.argv[1:])"
     return subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False,
-        timeout=300, env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1"}, **options,
-    )  # fmt: skip
+        [sys.executable, "-c", code, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1"},
+        **options,
+    )
 
 
 def _refused(done, words):

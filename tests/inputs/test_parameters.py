@@ -65,8 +65,15 @@ texts = st.recursive(
 @settings(max_examples=60)
 @given(text=texts)
 def test_arithmetic_is_that_of_python(text: str) -> None:
-    names = {"x": 0.7, "y": -1.3, "pi": math.pi, "sin": math.sin, "cos": math.cos,
-             "sqrt": math.sqrt, "atan2": math.atan2}  # fmt: skip
+    names = {
+        "x": 0.7,
+        "y": -1.3,
+        "pi": math.pi,
+        "sin": math.sin,
+        "cos": math.cos,
+        "sqrt": math.sqrt,
+        "atan2": math.atan2,
+    }
     try:
         expected = eval(text, {"__builtins__": {}}, names)
     except (ArithmeticError, ValueError, TypeError):
@@ -81,10 +88,33 @@ def test_arithmetic_is_that_of_python(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "2 +", "__import__('os')", "r.real", "r[0]", "r if r else 1", "r < 2", "True", "1j",
-     "'a'", "lambda: 1", "sin", "sin(1, 2)", "sin(x=1)", "(" * 300, "-" * 390 + "1 2", "1 # 2\n3",
-     "r := 2", "abs(r)", "f'{r}'", "[1]", "2 if r", "pow(2, 3)", "9" * 500],
-)  # fmt: skip
+    [
+        "",
+        "2 +",
+        "__import__('os')",
+        "r.real",
+        "r[0]",
+        "r if r else 1",
+        "r < 2",
+        "True",
+        "1j",
+        "'a'",
+        "lambda: 1",
+        "sin",
+        "sin(1, 2)",
+        "sin(x=1)",
+        "(" * 300,
+        "-" * 390 + "1 2",
+        "1 # 2\n3",
+        "r := 2",
+        "abs(r)",
+        "f'{r}'",
+        "[1]",
+        "2 if r",
+        "pow(2, 3)",
+        "9" * 500,
+    ],
+)
 def test_what_is_no_arithmetic_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"(arithmetic|unknown function).* here|here: "):
         Expression(text, "here")

@@ -47,8 +47,11 @@ def notes(folder: Path, text: str) -> dict[str, str]:
         (BODY.replace("6]}", "6], rpy: [10, 0, 0]}"), "many-turns", "pose.rpy"),
         (ARM.replace(ELBOW, ELBOW[:-1] + ", rest: 80}"), "rest-of-turns", "elbow_joint at 80"),
         (ARM + "offset: {xyz: [0, 0, 150]}\n", "doubtful-units", "offset.xyz"),
-        (ARM + "gravity: [0, 0, -9.81]\npayload: {mass: 1, com: [0, 0, 60]}\n", "doubtful-units",
-         "payload.com"),
+        (
+            ARM + "gravity: [0, 0, -9.81]\npayload: {mass: 1, com: [0, 0, 60]}\n",
+            "doubtful-units",
+            "payload.com",
+        ),
         (ARM + ON_FOREARM.replace("0.4", "400"), "doubtful-units", "forearm_link.beam.length"),
         (ARM + ON_FOREARM.replace("2.1e11", "210"), "doubtful-units", "Gigapascals"),
         (BODY.replace("[5,0,0]", "[500,0,0]"), "doubtful-units", "base.1 is (500, 0, 0) m"),
@@ -56,13 +59,19 @@ def notes(folder: Path, text: str) -> dict[str, str]:
         (ARM + "payload: {mass: 5}\n", "weightless", "weighs nothing"),
         (BODY + "payload: {mass: 5}\n", "weightless", "weighs nothing"),
         (ARM.replace(ELBOW, "elbow_joint: {polynomial: [-2.0e4]}"), "negative-stiffness", "elbow"),
-        (ARM.replace(ELBOW, "elbow_joint: {table: [[-1, 1.0e4], [0, 0], [1, -1.0e4]]}"),
-         "negative-stiffness", "elbow"),
-        (ARM + f"flexible: {{forearm_link: {{{SOFT.replace('10000', '-10000', 1)}}}}}\n",
-         "negative-stiffness", "forearm_link"),
+        (
+            ARM.replace(ELBOW, "elbow_joint: {table: [[-1, 1.0e4], [0, 0], [1, -1.0e4]]}"),
+            "negative-stiffness",
+            "elbow",
+        ),
+        (
+            ARM + f"flexible: {{forearm_link: {{{SOFT.replace('10000', '-10000', 1)}}}}}\n",
+            "negative-stiffness",
+            "forearm_link",
+        ),
         (ARM + f"flexible: {{tool0: {{{SOFT}}}}}\n", "idle-link", "frame 'tool0': tool0"),
     ],
-)  # fmt: skip
+)
 def test_what_is_hardly_meant_is_named(tmp_path, text, code, words):
     assert words in notes(tmp_path, text)[code]
 
@@ -98,10 +107,13 @@ def test_a_payload_weighs_where_gravity_is_added(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (ARM + "lines: [{frames: [tool0, wrist_3_link], points: [[0,0,1],[0,0,0]], "
-         "stiffness: 1000}]\n", "never changes its length"),
+        (
+            ARM + "lines: [{frames: [tool0, wrist_3_link], points: [[0,0,1],[0,0,0]], "
+            "stiffness: 1000}]\n",
+            "never changes its length",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_act_is_refused(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
         notes(tmp_path, text)
@@ -119,10 +131,13 @@ GAZEBO = '<gazebo reference="j"><springStiffness>100</springStiffness></gazebo><
         (URDF.replace('rpy="0 0 0"', 'rpy="0 90 0"'), "many-turns", "rpy of joint j"),
         (URDF.replace("0 0 0.4", "0 0 400"), "doubtful-units", "xyz of joint j"),
         (URDF.replace("</robot>", GAZEBO), "ignored", "springStiffness of j"),
-        (URDF.replace("</joint>", '<dynamics spring_stiffness="5"/></joint>'), "ignored",
-         "spring_stiffness"),
+        (
+            URDF.replace("</joint>", '<dynamics spring_stiffness="5"/></joint>'),
+            "ignored",
+            "spring_stiffness",
+        ),
     ],
-)  # fmt: skip
+)
 def test_urdf_that_is_hardly_meant_is_named(changed, code, words):
     assert DOUBTS.isdisjoint(note.code for note in cartstiff.load(URDF).notes)
     found = {note.code: note.message for note in cartstiff.load(changed).notes}

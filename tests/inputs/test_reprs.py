@@ -82,7 +82,7 @@ def test_a_few_lines(arm):
         (result.B.compliance(), ["C^B in", "rad/N"]),
         (rest, ["Equilibrium of ur5", ": stable", " m since the start"]),
         (many, ["3 postures (", "): 3", "stiffness_B (3, 6, 6)"]),
-    ):  # fmt: skip
+    ):
         text = repr(thing)
         assert 2 <= len(text.splitlines()) <= 8
         assert max(map(len, text.splitlines())) <= 130

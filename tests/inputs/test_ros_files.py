@@ -46,10 +46,12 @@ def workspace(tmp_path_factory):
     package = top / "src" / "arm-repository"
     for name, text in {
         "package.xml": "<package format='3'><name>arm_description</name></package>",
-        "urdf/arm.urdf.xacro": ARM, "urdf/segment.xacro": SEGMENT,
-        "config/short.yaml": "length: 0.3", "config/long.yaml": "length: 0.9",
+        "urdf/arm.urdf.xacro": ARM,
+        "urdf/segment.xacro": SEGMENT,
+        "config/short.yaml": "length: 0.3",
+        "config/long.yaml": "length: 0.9",
         "meshes/rod.stl": "solid a\nendsolid a\n",
-    }.items():  # fmt: skip
+    }.items():
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text(text)
     return top
@@ -107,24 +109,48 @@ def test_packages_are_found_where_ros_has_them(workspace, tmp_path, monkeypatch)
         (ARM, {"knid": "long"}, r"unknown xacro argument; .*closest: kind.*got 'knid'"),
         (ARM, {"kind": "wide"}, r"it has kind.*No such file.*wide.yaml"),
         ("<robot name='a'><link name='l'/></robot>", {}, "robot has no movable joints"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><xacro:none/></robot>", {},
-         "unknown macro name: xacro:none"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${1/0}'/></robot>",
-         {}, "division by zero"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='$(arg b)'/></robot>",
-         {}, "got no value for 'b'"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${b}'/></robot>", {},
-         "name 'b' is not defined"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
-         "<xacro:include filename='none.xacro'/></robot>", {}, "No such file.*none.xacro"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
-         "<xacro:include filename='$(find none)/a.xacro'/></robot>", {}, "package 'none'"),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><xacro:none/></robot>",
+            {},
+            "unknown macro name: xacro:none",
+        ),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${1/0}'/></robot>",
+            {},
+            "division by zero",
+        ),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
+            "<link name='$(arg b)'/></robot>",
+            {},
+            "got no value for 'b'",
+        ),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${b}'/></robot>",
+            {},
+            "name 'b' is not defined",
+        ),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
+            "<xacro:include filename='none.xacro'/></robot>",
+            {},
+            "No such file.*none.xacro",
+        ),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
+            "<xacro:include filename='$(find none)/a.xacro'/></robot>",
+            {},
+            "package 'none'",
+        ),
         ("<robot", {}, "not valid XML"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot/>", {}, "document types"),
-        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><a b='${9**9**9}'/></robot>",
-         {}, "broke down on it, got it took too long"),
+        (
+            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><a b='${9**9**9}'/></robot>",
+            {},
+            "broke down on it, got it took too long",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_one_line(workspace, text, arguments, words, monkeypatch):
     monkeypatch.setattr(ros.ros_worker, "__file__", quick_worker(workspace))
     file = workspace / "src/arm-repository/urdf/wrong.urdf.xacro"
@@ -138,9 +164,7 @@ def test_what_is_wrong_is_one_line(workspace, text, arguments, words, monkeypatc
 def quick_worker(folder: Path) -> str:
     """The worker with one second of processor time."""
     copy = folder / "worker.py"
-    copy.write_text(
-        Path(WORKER).read_text().replace("_SECONDS = 6", "_SECONDS = 1")
-    )  # fmt: skip
+    copy.write_text(Path(WORKER).read_text().replace("_SECONDS = 6", "_SECONDS = 1"))
     return str(copy)
 
 
@@ -277,7 +301,7 @@ def test_xml_text_of_mjcf():
         ("<mujoco><worldbody/></mujoco>", "XML text: robot has no movable joints"),
         ("<mujoco><none/></mujoco>", "XML text: not a usable MJCF"),
     ],
-)  # fmt: skip
+)
 def test_texts_that_cannot_be_used(text, words):
     with pytest.raises(InputError, match=words):
         cartstiff.load(text)

@@ -39,7 +39,7 @@ ARM = f"""<?xml version="1.0"?>
       <spring_reference>0</spring_reference></dynamics></axis></joint>
   <frame name="tool" attached_to="slide"><pose degrees="true">0 0 0.2 90 0 0</pose></frame>
 </model></sdf>
-"""  # fmt: skip
+"""
 
 
 def at(x: float, y: float, z: float, r: float = 0.0, p: float = 0.0, w: float = 0.0) -> np.ndarray:
@@ -93,8 +93,10 @@ def test_what_an_axis_leaves_out_or_says_in_old_words():
     assert "stiffness-assumed" in [note.code for note in damped.notes]
     old = "<xyz>0 1 0</xyz><use_parent_model_frame>{}</use_parent_model_frame>"
     new = '<xyz expressed_in="base">0 1 0</xyz>'
-    for flag, said in (("1", '<xyz expressed_in="__model__">0 1 0</xyz>'),
-                       ("false", "<xyz>0 1 0</xyz>")):  # fmt: skip
+    for flag, said in (
+        ("1", '<xyz expressed_in="__model__">0 1 0</xyz>'),
+        ("false", "<xyz>0 1 0</xyz>"),
+    ):
         a, b = (cartstiff.load(ARM.replace(new, text)) for text in (old.format(flag), said))
         assert np.abs(a.mechanism.at([0.3, 0.1]).pose - b.mechanism.at([0.3, 0.1]).pose).max() == 0
 
@@ -130,16 +132,25 @@ def test_a_world_brings_its_gravity():
         ('<frame name="tool"', "<frame", "<frame> is not usable SDF.*it has no name"),
         ('name="slide"', 'name="upper"', "two elements have one name, got upper"),
         ("<lower>-3</lower>", "<lower>3</lower>", "limits are the wrong way round"),
-        ('<frame name="tool"', '<include><uri>model://a</uri></include><frame name="tool"',
-         "an <include> in SDF is not supported"),
+        (
+            '<frame name="tool"',
+            '<include><uri>model://a</uri></include><frame name="tool"',
+            "an <include> in SDF is not supported",
+        ),
         ('<frame name="tool"', '<model name="hand"/><frame name="tool"', "a model within"),
-        ('<pose degrees="true">', '<pose rotation_format="quat_xyzw">',
-         "rotation is not supported; expected euler_rpy"),
-        ("</axis></joint>\n  <link", "</axis><axis2/></joint>\n  <link",
-         "<joint name='shoulder'> is not usable SDF"),
+        (
+            '<pose degrees="true">',
+            '<pose rotation_format="quat_xyzw">',
+            "rotation is not supported; expected euler_rpy",
+        ),
+        (
+            "</axis></joint>\n  <link",
+            "</axis><axis2/></joint>\n  <link",
+            "<joint name='shoulder'> is not usable SDF",
+        ),
         ("</model>", '</model><model name="b"/>', "holds one robot; expected one <model>, got 2"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_used(before, after, words):
     assert before in ARM
     with pytest.raises(InputError, match=words) as error:

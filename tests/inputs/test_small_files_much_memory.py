@@ -53,7 +53,7 @@ CASES = {
     "planar joints": ("arm.urdf", _links("planar", 80), "too many coordinates"),
     "ties": ("arm.xml", _tied(1000), "too many equality constraints; expected at most 100"),
     "values": ("arm.yaml", f"kind: springs\nx: [{'1,' * 500_000}]\n", "too many values"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -62,10 +62,13 @@ def test_much_from_little_is_refused(case, tmp_path):
     (tmp_path / name).write_text(text)
     done = subprocess.run(
         [sys.executable, "-m", "cartstiff", "analyse", name],
-        capture_output=True, text=True, cwd=tmp_path, check=False,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
         env={"PYTHONPATH": SOURCE, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (ROOM, ROOM)),
-    )  # fmt: skip
+    )
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert words in done.stderr
     assert done.stderr.count("\n") == 1
@@ -90,9 +93,13 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
         "print(int(status.split('VmHWM:')[1].split()[0]) // 1024)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=True,
         env={"PYTHONPATH": SOURCE, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
+    )
     assert int(done.stdout) < 600
 
 
@@ -119,18 +126,29 @@ def test_the_limits_are_those_of_the_reference():
     assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2
     assert mjcf_worker._MEMORY == 2 * 1024**3
     shown = {
-        "1 GiB": map_request._LARGEST_FILE / 1024**3, "64 MiB": meshes._LARGEST / 1024**2,
-        "64 MiB |": robot_description._LARGEST / 1024**2, "40 000": yaml_file.MOST_VALUES,
-        "| 200 |": joint_kinds.MOST_COORDINATES, "of which 200 move": urdf.MOST_MOVING,
-        "2000, of": urdf._MOST_JOINTS, "| 100 |": chain._MOST_CLOSURES,
-        "| 5000;": mjcf_data.LARGEST["nbody"], "5000; 20 000": mjcf_data.LARGEST["nsite"],
-        "20 000;": mjcf_data.LARGEST["ngeom"], "1000 |": mjcf_data.LARGEST["nkey"],
-        "8 s": mjcf_worker._SECONDS, "6 s": ros_worker._SECONDS, "150 000": effort._MOST,
-        "at least 300 |": effort._FEWEST, "2 000 000": meshes._MOST_VERTICES / 3,
-        "10 000 000": sampling._MOST_VALUES, "1 000 000": store._MOST_CHUNKS,
-        "| 10 000 |": path._MOST_PLACES, "| 2000 |": export._MOST_FRAMES,
+        "1 GiB": map_request._LARGEST_FILE / 1024**3,
+        "64 MiB": meshes._LARGEST / 1024**2,
+        "64 MiB |": robot_description._LARGEST / 1024**2,
+        "40 000": yaml_file.MOST_VALUES,
+        "| 200 |": joint_kinds.MOST_COORDINATES,
+        "of which 200 move": urdf.MOST_MOVING,
+        "2000, of": urdf._MOST_JOINTS,
+        "| 100 |": chain._MOST_CLOSURES,
+        "| 5000;": mjcf_data.LARGEST["nbody"],
+        "5000; 20 000": mjcf_data.LARGEST["nsite"],
+        "20 000;": mjcf_data.LARGEST["ngeom"],
+        "1000 |": mjcf_data.LARGEST["nkey"],
+        "8 s": mjcf_worker._SECONDS,
+        "6 s": ros_worker._SECONDS,
+        "150 000": effort._MOST,
+        "at least 300 |": effort._FEWEST,
+        "2 000 000": meshes._MOST_VERTICES / 3,
+        "10 000 000": sampling._MOST_VALUES,
+        "1 000 000": store._MOST_CHUNKS,
+        "| 10 000 |": path._MOST_PLACES,
+        "| 2000 |": export._MOST_FRAMES,
         "64 KiB": state.LARGEST_MESSAGE / 1024,
-    }  # fmt: skip
+    }
     for words, value in shown.items():
         assert words in table
         digits = "".join(c for c in words if c.isdigit())

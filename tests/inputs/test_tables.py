@@ -125,8 +125,14 @@ def run(*words):
     return done.output
 
 
-KR = [("z", "0 0 0.33", 3.2), ("y", "0.35 0 0.42", 2.4), ("y", "0 0 1.25", 3.6),
-      ("x", "0.96 0 -0.054", 6.1), ("y", "0.54 0 0", 2.1), ("x", "0.193 0 0", 6.1)]  # fmt: skip
+KR = [
+    ("z", "0 0 0.33", 3.2),
+    ("y", "0.35 0 0.42", 2.4),
+    ("y", "0 0 1.25", 3.6),
+    ("x", "0.96 0 -0.054", 6.1),
+    ("y", "0.54 0 0", 2.1),
+    ("x", "0.193 0 0", 6.1),
+]
 
 
 @pytest.fixture(scope="module")
@@ -202,8 +208,9 @@ def test_a_seam_in_four_commands(big_arm):
 )
 def test_poses_that_cannot_be_written(big_arm, words, said):
     done = CliRunner().invoke(cartstiff_command, ["poses", str(big_arm), "x.csv", *words])
-    assert said in done.output or (isinstance(done.exception, CartstiffError)
-                                   and said in str(done.exception))  # fmt: skip
+    assert said in done.output or (
+        isinstance(done.exception, CartstiffError) and said in str(done.exception)
+    )
 
 
 def test_what_is_not_needed_is_said_beside_an_answer_and_never_beside_a_refusal(tmp_path, capfd):

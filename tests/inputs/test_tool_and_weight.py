@@ -99,9 +99,11 @@ def test_payloads_add_up_and_stay_where_they_are(arm):
     centre = (se3.inverse(T) @ [0.1, 0.2, 0.3, 1])[:3]
     com = (2 * centre + 3 * np.array([0.1, 0, 0])) / 5
     again = text_file(
-        arm, gravity=DOWN, offset={"xyz": list(TCP[:3]), "rpy": list(TCP[3:])},
+        arm,
+        gravity=DOWN,
+        offset={"xyz": list(TCP[:3]), "rpy": list(TCP[3:])},
         payload={"mass": 5, "com": com.tolist()},
-    )  # fmt: skip
+    )
     assert same(matrices(both), matrices(cartstiff.load(again)))
     assert both.mechanism.masses()["payload"] == 5
 

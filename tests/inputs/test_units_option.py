@@ -21,9 +21,16 @@ from cartstiff.statics.toolpath import compensate
 SHOWN = ("--units", "mm,deg")
 SI = ("--tcp", "0,0,0.1,0,0,0.5", "--payload", "2,0,0,0.05", "--q", "0.2,-1,1.2,0.3,1,0.1")
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
-OTHER = ("--units", "mm,deg", "--tcp", f"0,0,100,0,0,{np.degrees(0.5)}",
-         "--payload", "2,0,0,50", "--q", ",".join(str(x) for x in np.degrees(
-             [0.2, -1, 1.2, 0.3, 1, 0.1])))  # fmt: skip
+OTHER = (
+    "--units",
+    "mm,deg",
+    "--tcp",
+    f"0,0,100,0,0,{np.degrees(0.5)}",
+    "--payload",
+    "2,0,0,50",
+    "--q",
+    ",".join(str(x) for x in np.degrees([0.2, -1, 1.2, 0.3, 1, 0.1])),
+)
 
 
 @pytest.fixture
@@ -49,8 +56,11 @@ def test_analyse(run):
     s = np.repeat([1e3, 1.0], 3)
     K = np.array(si["stiffness"]["B"]) * s[:, None] * s / 1e3
     rows = text[text.index("K^B") :].split("\n")
-    found = [[float(x) for x in NUMBER.findall(row)[-6:]] for row in rows
-             if len(NUMBER.findall(row)) >= 6][:6]  # fmt: skip
+    found = [
+        [float(x) for x in NUMBER.findall(row)[-6:]]
+        for row in rows
+        if len(NUMBER.findall(row)) >= 6
+    ][:6]
     np.testing.assert_allclose(found, K, rtol=1e-4, atol=1e-4 * np.abs(K).max())
 
 
@@ -117,9 +127,15 @@ def test_columns_without_units_are_in_those_of_the_option(run, tmp_path):
 
 @pytest.mark.parametrize(
     ("units", "expected"),
-    [("furlong", "unknown unit"), ("mm,cm", "two units of length"), ("deg,rad", "two units of"),
-     ("", "unknown unit"), ("N", "unknown unit"), ("mm;deg", "unknown unit")],
-)  # fmt: skip
+    [
+        ("furlong", "unknown unit"),
+        ("mm,cm", "two units of length"),
+        ("deg,rad", "two units of"),
+        ("", "unknown unit"),
+        ("N", "unknown unit"),
+        ("mm;deg", "unknown unit"),
+    ],
+)
 def test_other_units_are_refused(run, units, expected):
     error = run("analyse", "five-bar", "--units", units, code=2)
     assert expected in error
@@ -144,13 +160,38 @@ def test_measurements_are_planned_found_and_written_in_other_units(run, tmp_path
         (small, "z=100:900", "elbow_joint=-90:90", tmp_path / "mm"),
         (large, "z=0.1:0.9", f"elbow_joint={-np.pi / 2}:{np.pi / 2}", tmp_path / "m"),
     ):
-        text = run("identify", "ur5", *own, "--plan", "8", "--force", "80", *what, "--within",
-                   volume, "--range", turn, "--candidates", "60",
-                   "--csv", f"{to}1.csv")  # fmt: skip
-        run("identify", "ur5", *own, tmp_path / "mm1.csv", "--simulate", "1", *what,
-            "--csv", f"{to}2.csv")  # fmt: skip
-        data = json.loads(run("identify", "ur5", *own, f"{to}2.csv", *what, "--json",
-                              "-o", f"{to}.yaml"))  # fmt: skip
+        text = run(
+            "identify",
+            "ur5",
+            *own,
+            "--plan",
+            "8",
+            "--force",
+            "80",
+            *what,
+            "--within",
+            volume,
+            "--range",
+            turn,
+            "--candidates",
+            "60",
+            "--csv",
+            f"{to}1.csv",
+        )
+        run(
+            "identify",
+            "ur5",
+            *own,
+            tmp_path / "mm1.csv",
+            "--simulate",
+            "1",
+            *what,
+            "--csv",
+            f"{to}2.csv",
+        )
+        data = json.loads(
+            run("identify", "ur5", *own, f"{to}2.csv", *what, "--json", "-o", f"{to}.yaml")
+        )
         K = cartstiff.analyse(cartstiff.load(f"{to}.yaml")).matrices["B"]
         found.append((text, data, K))
     (text, mm, K), (_, m, wanted) = found
@@ -171,8 +212,10 @@ def test_pictures_of_errors_are_in_the_units_shown():
     arm = in_units(cartstiff.load("ur5"), "mm", "deg")
     figure = draw_error_along_path(compensate(arm, [arm.q] * 2, [[DeadForce([0, 0, -50])]] * 2))
     figure_content(figure, ".png")
-    assert [a.get_ylabel() for a in figure.axes] == ["translation error [mm]",
-                                                     "rotation error [deg]"]  # fmt: skip
+    assert [a.get_ylabel() for a in figure.axes] == [
+        "translation error [mm]",
+        "rotation error [deg]",
+    ]
     ticks = [t.get_text() for a in figure.axes for t in a.get_yticklabels()]
     assert any(ticks)
     assert not any("$" in t for t in ticks)

@@ -499,10 +499,11 @@ def test_reading_is_an_input_error_in_python_too() -> None:
 def hand(*more: str) -> str:
     """The arm with a hand of two fingers on link d, and further links fixed to d."""
     fingers = (
-        '<link name="hand"/>' + joint("hand_joint", "d", "hand", kind="fixed")
+        '<link name="hand"/>'
+        + joint("hand_joint", "d", "hand", kind="fixed")
         + '<link name="left_finger"/>'
         + joint("finger_joint1", "hand", "left_finger", kind="prismatic")
-    )  # fmt: skip
+    )
     fixed = "".join(
         f'<link name="{name}"/>{joint(f"to_{name}", "d", name, kind="fixed")}' for name in more
     )
@@ -539,13 +540,17 @@ def test_a_hand_alone_is_all_fingers(accepted: Accepted) -> None:
 @pytest.mark.parametrize(
     ("name", "frame"),
     [
-        ("ur5", "tool0"), ("ur10", "tool0"), ("kinova", "j2s6s200_end_effector"),
-        ("xarm7", "link_eef"), ("tiago_no_hand", "arm_tool_link"),
+        ("ur5", "tool0"),
+        ("ur10", "tool0"),
+        ("kinova", "j2s6s200_end_effector"),
+        ("xarm7", "link_eef"),
+        ("tiago_no_hand", "arm_tool_link"),
         # Bars of a gripper that the smaller file holds still; a range finder in the palm.
-        ("talos", "gripper_left_base_link"), ("talos_full", "gripper_left_base_link"),
+        ("talos", "gripper_left_base_link"),
+        ("talos_full", "gripper_left_base_link"),
         ("baxter", "left_gripper"),
     ],
-)  # fmt: skip
+)
 def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) -> None:
     from cartstiff.loading.defaults import default_frame
     from cartstiff.loading.robot_description import read_robot_description

@@ -148,9 +148,17 @@ def check_against_pinocchio(path: Path, rng: np.random.Generator) -> bool:
 
 
 SLIPS = {"origin": "orgin", "axis": "axes", "limit": "limits", "inertial": "inertail"} | {
-    "mass": "masss", "xyz": "xzy", "rpy": "ryp", "lower": "lowr", "link": "lnik", "joint": "jiont",
-    "parent": "parnet", "child": "chlid", "mimic": "mimc", "value": "valeu",
-}  # fmt: skip
+    "mass": "masss",
+    "xyz": "xzy",
+    "rpy": "ryp",
+    "lower": "lowr",
+    "link": "lnik",
+    "joint": "jiont",
+    "parent": "parnet",
+    "child": "chlid",
+    "mimic": "mimc",
+    "value": "valeu",
+}
 NUMBERS = {"xyz", "rpy", "quat_xyzw", "lower", "upper", "value", "multiplier", "offset"}
 
 
@@ -158,8 +166,9 @@ def mutated(root: ET.Element, rng: np.random.Generator) -> ET.Element:
     """A copy with one thing changed: of what bears on statics, in a random place."""
     root = copy.deepcopy(root)
     parts = {"joint", "link", "inertial", "origin", "axis", "limit", "mimic", "mass"} | {
-        "parent", "child",
-    }  # fmt: skip
+        "parent",
+        "child",
+    }
     places = [
         (parent, child)
         for top in root

@@ -29,11 +29,31 @@ from cartstiff.stiffness.compute import PostureStiffness
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])
 KEYS = {
-    "connection", "symmetrised", "definiteness", "frame", "length", "stiffness", "compliance",
-    "ellipsoids", "directions", "centres", "normal_form", "decoupling_frame", "eigenscrews",
-    "wrench_compliant_axes", "twist_compliant_axes", "indices", "modes", "synthesis",
-    "asymmetry", "connections", "deflection", "load", "uncertainty", "notes",
-}  # fmt: skip
+    "connection",
+    "symmetrised",
+    "definiteness",
+    "frame",
+    "length",
+    "stiffness",
+    "compliance",
+    "ellipsoids",
+    "directions",
+    "centres",
+    "normal_form",
+    "decoupling_frame",
+    "eigenscrews",
+    "wrench_compliant_axes",
+    "twist_compliant_axes",
+    "indices",
+    "modes",
+    "synthesis",
+    "asymmetry",
+    "connections",
+    "deflection",
+    "load",
+    "uncertainty",
+    "notes",
+}
 #: Bundled mechanisms that need nothing but the package, with every kind of state.
 BUNDLED = ("stewart-gough", "cubic", "cable-robot", "five-bar", "grasp", "6-ups", "3-rrr", "delta")
 
@@ -193,11 +213,14 @@ def test_realised_springs_reproduce_the_analysed_matrix(n: int) -> None:
     found = analyse_posture(arm(n, wrench=None))
     springs = [
         Spring(
-            s["kind"], s["stiffness"], np.array(s["direction"]), np.array(s["point"]),
+            s["kind"],
+            s["stiffness"],
+            np.array(s["direction"]),
+            np.array(s["point"]),
             np.inf if s["pitch"] is None else s["pitch"],
         )
         for s in found["synthesis"]["springs"]
-    ]  # fmt: skip
+    ]
     K = np.array(found["stiffness"])
     assert found["synthesis"]["residual"] < 1e-10
     assert np.allclose(parallel_stiffness(springs), K, rtol=0, atol=1e-10 * np.abs(K).max())

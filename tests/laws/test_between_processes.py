@@ -84,10 +84,12 @@ def _machine():
 
 
 def _study():
-    study = {"mechanism": "inclined-hexapod",
-             "variables": {"sz": {"low": 0.4, "high": 0.6, "count": 2}},
-             "poses": {"grid": {"z": [0.0, 0.1, 2]}, "about_home": True},
-             "objectives": {"softest": {"quantity": "translation_held_min"}}}  # fmt: skip
+    study = {
+        "mechanism": "inclined-hexapod",
+        "variables": {"sz": {"low": 0.4, "high": 0.6, "count": 2}},
+        "poses": {"grid": {"z": [0.0, 0.1, 2]}, "about_home": True},
+        "objectives": {"softest": {"quantity": "translation_held_min"}},
+    }
     return cartstiff.design(study)
 
 

@@ -79,9 +79,13 @@ def test_paper_coordinate_fields(seed):
     S2, C2, S3, C3 = np.sin(x2), np.cos(x2), np.sin(x3), np.cos(x3)
     expected = np.eye(6)
     expected[:, 0] = [
-        C2 * C3, -C2 * S3, S2,
-        -(x5 * S2 + x6 * C2 * S3), x4 * S2 - x6 * C2 * C3, x5 * C2 * C3 + x4 * C2 * S3,
-    ]  # fmt: skip
+        C2 * C3,
+        -C2 * S3,
+        S2,
+        -(x5 * S2 + x6 * C2 * S3),
+        x4 * S2 - x6 * C2 * C3,
+        x5 * C2 * C3 + x4 * C2 * S3,
+    ]
     expected[:, 1] = [S3, C3, 0, x6 * C3, -x6 * S3, x5 * S3 - x4 * C3]
     expected[:, 2] = [0, 0, 1, -x5, x4, 0]
     assert np.abs(paper.basis(xi) - expected).max() <= ROUNDING

@@ -104,12 +104,22 @@ def test_curvature_is_its_definition(connection):
 
 def test_symmetry_and_flatness():
     assert {n: c.is_symmetric for n, c in ALL.items()} == {
-        "A": False, "B": True, "K": True, "+": False, "metric": True, "user": False,
-    }  # fmt: skip
+        "A": False,
+        "B": True,
+        "K": True,
+        "+": False,
+        "metric": True,
+        "user": False,
+    }
     # Both one-sided Cartan connections are flat: parallel fields exist, left- or right-invariant.
     assert {n: c.is_flat for n, c in ALL.items()} == {
-        "A": True, "B": False, "K": False, "+": True, "metric": False, "user": False,
-    }  # fmt: skip
+        "A": True,
+        "B": False,
+        "K": False,
+        "+": True,
+        "metric": False,
+        "user": False,
+    }
 
 
 def test_curvature_of_the_bi_invariant_connection():

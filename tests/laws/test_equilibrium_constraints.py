@@ -28,10 +28,13 @@ def limited(elastic, **bounds):
     """The same mechanism with other joint limits."""
     mechanism = copy.copy(elastic.mechanism)
     mechanism.coordinates = tuple(
-        replace(c, lower=bounds.get(c.name, (c.lower, c.upper))[0],
-                upper=bounds.get(c.name, (c.lower, c.upper))[1])
+        replace(
+            c,
+            lower=bounds.get(c.name, (c.lower, c.upper))[0],
+            upper=bounds.get(c.name, (c.lower, c.upper))[1],
+        )
         for c in mechanism.coordinates
-    )  # fmt: skip
+    )
     return replace(elastic, mechanism=mechanism)
 
 

@@ -122,8 +122,15 @@ def test_loads_that_overflow_are_refused(scale):
 
 
 KINDS = (
-    "force", "wrench", "moment", "follower", "payload", "scaled", "elbow", "elbow-follower",
-)  # fmt: skip
+    "force",
+    "wrench",
+    "moment",
+    "follower",
+    "payload",
+    "scaled",
+    "elbow",
+    "elbow-follower",
+)
 
 
 def elbow(name: str) -> str:

@@ -55,9 +55,8 @@ def test_a_five_bar_keeps_its_side_as_two_circles_say():
     left, right = (elastic.q[list(elastic.names).index(f"{s}_motor")] for s in ("left", "right"))
     tip = elastic.mechanism.at(elastic.q).pose[:2, 3]
     side = next(
-        s for s in ((1, 1), (-1, -1))
-        if np.allclose(five_bar(left, right, s), tip, atol=CLOSE)
-    )  # fmt: skip
+        s for s in ((1, 1), (-1, -1)) if np.allclose(five_bar(left, right, s), tip, atol=CLOSE)
+    )
     seen = 0
     for a, b in product(np.linspace(-1.2, 1.2, 9), repeat=2):
         expected = five_bar(left + a, right + b, side)
@@ -154,8 +153,9 @@ def test_a_cell_without_a_straight_way_starts_from_the_one_beside_it():
     motors = list(elastic.mechanism.actuated)
     grid = Grid(
         {elastic.names[j]: (elastic.q[j] - 2.5, elastic.q[j] + 2.5, 61) for j in motors},
-        elastic.names, elastic.q,
-    )  # fmt: skip
+        elastic.names,
+        elastic.q,
+    )
     assembler = Assembler(elastic, elastic.q, motors, "auto", 4096)
     box = (slice(0, 61), slice(0, 61))
     _, straight = assembler.led(grid.postures(box))

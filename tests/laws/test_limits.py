@@ -100,8 +100,9 @@ def test_a_grid_of_poses_agrees_with_inverse_kinematics(tmp_path):
     data = compute_map(elastic, grid, ["condition"], tmp_path / "map.zarr")
     names = state_names(data)
     states = [names[int(s)] for s in data["state"].values.ravel()]
-    poses = np.array([elastic.mechanism.pose_of(np.array([*elastic.q[:2], z, *elastic.q[3:]]))
-                      for z in heights])  # fmt: skip
+    poses = np.array(
+        [elastic.mechanism.pose_of(np.array([*elastic.q[:2], z, *elastic.q[3:]])) for z in heights]
+    )
     _, good = PlatformPoses(elastic).solve(poses, np.tile(elastic.q, (14, 1)))
     assert 0 < good.sum() < 14
     assert [s == "regular" for s in states] == good.tolist()

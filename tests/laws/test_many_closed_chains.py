@@ -71,18 +71,24 @@ CASES = {
     "six legs with springs everywhere": ("6-ups", [without_motors, sprung_everywhere], {}),
     "welds": ("3-rps", [], {}),
     "welds under a load in F": (
-        "3-rps", [], {"wrench": WRENCH, "load_axes": "world", "load_at": (0.1, 0.0, 0.2)}),
+        "3-rps",
+        [],
+        {"wrench": WRENCH, "load_axes": "world", "load_at": (0.1, 0.0, 0.2)},
+    ),
     "welds with gravity and a force": ("tricept", [weighed, pushed], {}),
     "welds with rests": ("3-rps", [weighed, with_rests], {}),
     "sliders": ("orthoglide", [weighed], {"wrench": WRENCH}),
     "closures that repeat others": ("five-bar", [weighed], {"wrench": WRENCH}),
     "closures that repeat others without motors": (
-        "five-bar", [without_motors, weighed], {"wrench": WRENCH}),
+        "five-bar",
+        [without_motors, weighed],
+        {"wrench": WRENCH},
+    ),
     "forearms that give": ("delta", [], {}),
     "bars that give in a plane": ("3-rrr", [], {}),
     "more motors than motions": ("4-rrr", [], {}),
     "more motors than motions under a load": ("4-rrr", [], {"wrench": WRENCH}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -104,8 +110,9 @@ def test_machine_code():
     q = starts(elastic, count=11)
     assert_same(elastic, q, "compiled", outputs=("jacobian", "compliance_A"), wrench=WRENCH)
     again = analyse_many(elastic, q, outputs=("pose",), path="compiled", threads=2)
-    np.testing.assert_array_equal(again["pose"], analyse_many(elastic, again.q, outputs=("pose",),
-                                                              path="compiled")["pose"])  # fmt: skip
+    np.testing.assert_array_equal(
+        again["pose"], analyse_many(elastic, again.q, outputs=("pose",), path="compiled")["pose"]
+    )
 
 
 @pytest.mark.parametrize(("name", "count"), [("five-bar", 24), ("3-prs", 6)])

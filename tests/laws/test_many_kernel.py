@@ -112,8 +112,16 @@ class TestAlgebra:
     def test_solution(self, varying):
         """Columns of constants are eliminated, others reflected, and zeros cost nothing."""
         rng = np.random.default_rng(4)
-        zeros = np.array([[1, 1, 0, 1, 0, 0], [1, 0, 1, 1, 0, 1], [0, 1, 0, 1, 0, 1],
-                          [1, 0, 0, 1, 1, 1], [0, 1, 0, 0, 0, 1], [1, 1, 1, 1, 0, 0]])  # fmt: skip
+        zeros = np.array(
+            [
+                [1, 1, 0, 1, 0, 0],
+                [1, 0, 1, 1, 0, 1],
+                [0, 1, 0, 1, 0, 1],
+                [1, 0, 0, 1, 1, 1],
+                [0, 1, 0, 0, 0, 1],
+                [1, 1, 1, 1, 0, 0],
+            ]
+        )
         right = rng.normal(size=(6, 2))
         sizes = []
         for pattern in (zeros, np.ones((6, 6))):
@@ -134,8 +142,16 @@ class TestAlgebra:
     def test_solution_two_by_two(self):
         """Columns in pairs: no square root is taken, and no digit lost to what couples them."""
         rng = np.random.default_rng(5)
-        pairs = np.array([[1, 0, 0, 1, 0, 0], [1, 0, 0, 1, 0, 0], [1, 1, 1, 0, 0, 0],
-                          [0, 1, 1, 1, 0, 0], [0, 1, 0, 0, 1, 1], [1, 0, 0, 1, 1, 1]])  # fmt: skip
+        pairs = np.array(
+            [
+                [1, 0, 0, 1, 0, 0],
+                [1, 0, 0, 1, 0, 0],
+                [1, 1, 1, 0, 0, 0],
+                [0, 1, 1, 1, 0, 0],
+                [0, 1, 0, 0, 1, 1],
+                [1, 0, 0, 1, 1, 1],
+            ]
+        )
         M = rng.normal(size=(6, 6)) * pairs * 10.0 ** rng.integers(-3, 4, (6, 1))
         tape = Tape()
         recorded = M.astype(object)
@@ -151,8 +167,11 @@ class TestAlgebra:
         """In any posture: numbers that are none, and no error."""
         tape = Tape()
         x = tape.input("M", 0)
-        rows = {"a row of zeros": [[x, 2.0], [0.0, 0.0]], "two like columns": [[x, x], [2.0, 2.0]],
-                "constants": [[1.0, 2.0], [2.0, 4.0]]}  # fmt: skip
+        rows = {
+            "a row of zeros": [[x, 2.0], [0.0, 0.0]],
+            "two like columns": [[x, x], [2.0, 2.0]],
+            "constants": [[1.0, 2.0], [2.0, 4.0]],
+        }
         M = np.array(rows[kind], object)
         program = tape.program({"X": solution(M, np.eye(2).astype(object))}, [])
         found = run(PortableKernel(program), {"M": np.ones((1, 1))}, 1)["X"]
@@ -176,9 +195,16 @@ def test_sine_and_cosine_to_the_last_digit():
     rng = np.random.default_rng(4)
     quarters = np.pi / 2 * np.arange(-40, 41)
     angles = np.concatenate(
-        [rng.uniform(-7, 7, 400), rng.uniform(-1e6, 1e6, 400), 10.0 ** rng.uniform(-300, 0, 50),
-         quarters, np.nextafter(quarters, 9e9), np.pi / 2 * rng.integers(0, 600000, 100), [0.0]]
-    )  # fmt: skip
+        [
+            rng.uniform(-7, 7, 400),
+            rng.uniform(-1e6, 1e6, 400),
+            10.0 ** rng.uniform(-300, 0, 50),
+            quarters,
+            np.nextafter(quarters, 9e9),
+            np.pi / 2 * rng.integers(0, 600000, 100),
+            [0.0],
+        ]
+    )
     found = run(CompiledKernel(program), {"q": angles[:, None]}, len(angles))["both"]
     with mpmath.workdps(40):
         exact = [[mpmath.sin(mpmath.mpf(a)), mpmath.cos(mpmath.mpf(a))] for a in angles.tolist()]

@@ -38,10 +38,14 @@ ACCURACY = 1e-13
 def line(frames, ends, stiffness, rest, unilateral=False):
     """A line spring, or a cable, between points of two frames."""
     return LineSprings(
-        frame_a=frames[0], frame_b=frames[1], anchors=np.array([ends[0]], float),
-        points=np.array([ends[1]], float), stiffness=np.array([stiffness]),
-        rest_length=np.array([rest]), unilateral=unilateral,
-    )  # fmt: skip
+        frame_a=frames[0],
+        frame_b=frames[1],
+        anchors=np.array([ends[0]], float),
+        points=np.array([ends[1]], float),
+        stiffness=np.array([stiffness]),
+        rest_length=np.array([rest]),
+        unilateral=unilateral,
+    )
 
 
 #: Lines from F, between links, to the body itself, and cables of which some postures slacken one.
@@ -79,8 +83,9 @@ def with_lines(name):
 
 def assert_the_engines(elastic, q, path, **load):
     """Numbers and states are the engine's, and none came from there."""
-    fast, engine = (analyse_many(elastic, q, outputs=OUTPUTS, path=p, **load)
-                    for p in (path, "engine"))  # fmt: skip
+    fast, engine = (
+        analyse_many(elastic, q, outputs=OUTPUTS, path=p, **load) for p in (path, "engine")
+    )
     assert fast.by_engine == 0
     assert [fast.codes[s] for s in fast.state] == [engine.codes[s] for s in engine.state]
     for name, known in engine.arrays.items():

@@ -30,8 +30,10 @@ WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 EACH = np.random.default_rng(3).normal(size=(4, 6)) * [1, 1, 1, 20, 20, 20]
 #: An arm of beams, one of which is exchanged.
 ARM = Path(__file__).resolve().parents[2] / "examples" / "flexible_arm.yaml"
-SHEAR = ("{beam: {E: 7.0e10, G: 2.6e10, length: 0.425, area: 2.0e-3, Iy: 2.0e-6, Iz: 1.0e-6, "
-         "J: 3.0e-6, shear_area_y: 1.0e-3, shear_area_z: 1.2e-3}}")  # fmt: skip
+SHEAR = (
+    "{beam: {E: 7.0e10, G: 2.6e10, length: 0.425, area: 2.0e-3, Iy: 2.0e-6, Iz: 1.0e-6, "
+    "J: 3.0e-6, shear_area_y: 1.0e-3, shear_area_z: 1.2e-3}}"
+)
 MATRIX = np.diag([5.0e5, 4.0e5, 4.0e5, 3.0e8, 2.0e7, 2.0e7])
 MATRIX[1, 5] = MATRIX[5, 1] = 3.0e5
 
@@ -75,8 +77,9 @@ def test_what_takes_many_steps_to_rest_is_the_engines():
     elastic = weighed(cartstiff.load("delta"))
     q = postures(elastic, 30)
     loads = 4.0 * np.random.default_rng(3).normal(size=(30, 6)) * [1, 1, 1, 10, 10, 10]
-    found, engine = (analyse_many(elastic, q, path=path, wrench=loads)
-                     for path in ("portable", "engine"))  # fmt: skip
+    found, engine = (
+        analyse_many(elastic, q, path=path, wrench=loads) for path in ("portable", "engine")
+    )
     assert {"regular", "not-assembled"} <= {engine.codes[s] for s in engine.state}
     assert [found.codes[s] for s in found.state] == [engine.codes[s] for s in engine.state]
 
@@ -127,10 +130,14 @@ def test_a_map_reads_them(arms, axes):
     names = ("translation_free_min", "deflection", "energy")
     load = LoadKind("dead", (0.0, 0.1, 0.0))
     job = MapJob(
-        elastic, RandomPostures.within_limits(elastic, count, 3), names,
+        elastic,
+        RandomPostures.within_limits(elastic, count, 3),
+        names,
         Settings("B", 0.5, load=load, deflect=tuple(WRENCH), is_loaded=True),
-        tuple(WRENCH), path="compiled", load_axes=axes,
-    )  # fmt: skip
+        tuple(WRENCH),
+        path="compiled",
+        load_axes=axes,
+    )
     expected = job.compute(box)
     found = replace(job, by_kernel=True).compute(box)
     for name in names:
@@ -196,8 +203,10 @@ SECTIONS = {
 @given(seed=st.integers(0, 2**31), size=st.floats(-9.0, 0.0))
 def test_segments(section, compiled, seed, size):
     """Recorded segments are those of the engine, where their series reach and beyond."""
-    beams = [Beam(np.arange(6), 0.4, SECTIONS[section]), Beam(np.arange(6, 18), 0.4,
-                                                              SECTIONS[section])]  # fmt: skip
+    beams = [
+        Beam(np.arange(6), 0.4, SECTIONS[section]),
+        Beam(np.arange(6, 18), 0.4, SECTIONS[section]),
+    ]
     q = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, 18)) * 10.0**size
     q[:, 2::6] *= 0.01
     energies, gradients, hessians = segments_of_many(beams, q, compiled)

@@ -33,8 +33,9 @@ def held(name: str, *joints: int, gravity: bool = False) -> cartstiff.ElasticMec
 def about(elastic: cartstiff.ElasticMechanism, away: float) -> np.ndarray:
     """Random postures about the mechanism's own, its motors moved."""
     rng, n = np.random.default_rng(4), elastic.q.size
-    moved = [j for j in getattr(elastic.mechanism, "held", ())
-             if j not in elastic.mechanism.virtual] or list(range(n))  # fmt: skip
+    moved = [
+        j for j in getattr(elastic.mechanism, "held", ()) if j not in elastic.mechanism.virtual
+    ] or list(range(n))
     q = np.tile(elastic.q, (COUNT, 1))
     q[:, moved] += away * rng.uniform(-1.0, 1.0, (COUNT, len(moved)))
     return q
@@ -50,9 +51,13 @@ def assert_the_engines(elastic, q, path, **load):
 @pytest.mark.parametrize("load", [{}, {"wrench": LOAD}, {"wrench": LOAD, "load_axes": "world"}])
 @pytest.mark.parametrize(
     ("name", "joints", "state"),
-    [("ur5", (2,), "deficient"), ("ur5", (0, 4), "deficient"), ("panda", (2,), "regular"),
-     ("xarm7", (1, 5), "deficient")],
-)  # fmt: skip
+    [
+        ("ur5", (2,), "deficient"),
+        ("ur5", (0, 4), "deficient"),
+        ("panda", (2,), "regular"),
+        ("xarm7", (1, 5), "deficient"),
+    ],
+)
 @pytest.mark.parametrize("gravity", [False, True])
 def test_arms_give_the_engines_answers(name, joints, state, gravity, load, path):
     elastic = held(name, *joints, gravity=gravity)
@@ -64,9 +69,15 @@ def test_arms_give_the_engines_answers(name, joints, state, gravity, load, path)
 @pytest.mark.parametrize("load", [{}, {"wrench": LOAD}])
 @pytest.mark.parametrize(
     ("name", "joints"),
-    [("6-ups", (2,)), ("6-ups", (2, 11, 17)), ("3-rps", (1,)), ("five-bar", (0,)),
-     ("delta", (0, 11)), ("delta", (0, 11, 22))],
-)  # fmt: skip
+    [
+        ("6-ups", (2,)),
+        ("6-ups", (2, 11, 17)),
+        ("3-rps", (1,)),
+        ("five-bar", (0,)),
+        ("delta", (0, 11)),
+        ("delta", (0, 11, 22)),
+    ],
+)
 def test_motors_of_closed_chains_give_the_engines_answers(name, joints, load, path):
     elastic = held(name, *joints)
     assert set(joints) <= set(elastic.mechanism.held)

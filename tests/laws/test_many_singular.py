@@ -83,7 +83,9 @@ def test_loads_that_buckle():
 def test_more_and_fewer_than_six_joints():
     panda = cartstiff.load("panda")
     assert check(panda, singular(7, tuple(range(1, 7))), 0) == {
-        "regular": 7, "serial-singularity": 100}  # fmt: skip
+        "regular": 7,
+        "serial-singularity": 100,
+    }
     elastic = arm("RRPRR")
     q = np.zeros((COUNT, 5))
     q[:, 0] = np.linspace(-1.0, 1.0, COUNT)
@@ -105,8 +107,10 @@ def test_machine_code_and_few_postures():
 def test_an_arm_that_is_singular_in_every_posture_is_decided_without_an_inverse(tmp_path):
     """Seven joints with parallel axes: rows of J are zero before any posture is known."""
     links = ["base", *(f"l{i}" for i in range(7))]
-    joints = [joint(f"j{i}", a, b, at=(0.1 + 0.02 * i, 0.01 * i, 0.03))
-              for i, (a, b) in enumerate(pairwise(links))]  # fmt: skip
+    joints = [
+        joint(f"j{i}", a, b, at=(0.1 + 0.02 * i, 0.01 * i, 0.03))
+        for i, (a, b) in enumerate(pairwise(links))
+    ]
     planar = cartstiff.load(write_urdf(tmp_path, *joints), frame="l6").with_springs(1e3)
     q = np.random.default_rng(3).uniform(-1, 1, (COUNT, 7))
     found = analyse_many(planar, q, path="portable", outputs=RECORDED)

@@ -112,8 +112,12 @@ def test_recorded_steps_are_the_search():
     found, is_known = struck(elastic.springs, poses, gradients, True)
     expected = elastic.springs.many(poses, gradients, True)
     assert is_known.mean() > 0.9
-    for name, digits in (("energy", 1e-10), ("wrench", 1e-8), ("stiffness", 1e-11),
-                         ("rest_length", 1e-12)):  # fmt: skip
+    for name, digits in (
+        ("energy", 1e-10),
+        ("wrench", 1e-8),
+        ("stiffness", 1e-11),
+        ("rest_length", 1e-12),
+    ):
         a, b = getattr(found, name), getattr(expected, name)[is_known]
         np.testing.assert_allclose(a, b, rtol=0, atol=digits * np.abs(b).max(), err_msg=name)
 

@@ -160,10 +160,13 @@ def _acting(kind, w, at, pose, length):
 def _promised(result, matrix):
     """The relative error that the notes admit."""
     return max(
-        (n.values["relative_error"] for n in result.notes
-         if n.code == "lost-digits" and n.values["matrix"] == matrix),
+        (
+            n.values["relative_error"]
+            for n in result.notes
+            if n.code == "lost-digits" and n.values["matrix"] == matrix
+        ),
         default=0.0,
-    )  # fmt: skip
+    )
 
 
 def _codes(result):
@@ -201,10 +204,19 @@ def _motions(acting, result, reaches):
 
 def _numbers_of_maps(elastic, q, w, settings):
     """Quantities and matrices of two equal postures, the second of them."""
-    names = ("translation_free_min", "translation_free_max", "rotation_free_min",
-             "translation_held_min", "compliance_translation_free_max", "along_free",
-             "along_held", "about_held",
-             "condition", "minimum", "deflection")  # fmt: skip
+    names = (
+        "translation_free_min",
+        "translation_free_max",
+        "rotation_free_min",
+        "translation_held_min",
+        "compliance_translation_free_max",
+        "along_free",
+        "along_held",
+        "about_held",
+        "condition",
+        "minimum",
+        "deflection",
+    )
     chosen = choose_quantities(names, settings, elastic)
     outputs = {o for quantity in chosen for o in quantity.outputs(settings)}
     outputs |= {"compliance_load", "stiffness_load", "compliance_A", "wrench"}
@@ -366,9 +378,12 @@ def check_posture(name, load, distance, decades, seed):
     state = ViewState(q=q.tolist(), quantity="compliance")
     if wrench is not None:
         state = state.model_copy(
-            update={"load": tuple(w), "load_kind": how["load_kind"],
-                    "load_at": tuple(how["load_at"])}
-        )  # fmt: skip
+            update={
+                "load": tuple(w),
+                "load_kind": how["load_kind"],
+                "load_at": tuple(how["load_at"]),
+            }
+        )
     shown = json.loads(Answer(shown_numbers(session.result(state), state)).pack()[4:])
     told = {n["code"] for n in shown["result"]["notes"]}
     assert told == _codes(result)
@@ -388,8 +403,12 @@ def check_posture(name, load, distance, decades, seed):
                     freedom
                 )
         if shown["indices"] is not None and whole["indices"] is not None:
-            _same(shown["indices"]["condition_number"] or np.inf,
-                  whole["indices"]["condition_number"] or np.inf, SAME, "page")  # fmt: skip
+            _same(
+                shown["indices"]["condition_number"] or np.inf,
+                whole["indices"]["condition_number"] or np.inf,
+                SAME,
+                "page",
+            )
     # 5. Differences of the equilibrium. Near a type-2 singularity little is linear over more than a
     # share of its distance; there the square of what is added is taken out by half a step.
     if C is None or "type-2-singularity" in _codes(result):

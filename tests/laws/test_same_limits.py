@@ -31,40 +31,64 @@ LIMITED = {"beyond-limits", "force-limits"}
 LOAD = [0.0, 3.0, 0.0, 40.0, 0.0, -600.0]
 COUNT, SEED = 24, 5
 LAYOUT = {
-    "kind": "stewart-gough", "layout": {
-        "base": {"radius": 0.4, "half_angle": 0.5}, "platform": {"radius": 0.25, "half_angle": 0.5},
-        "height": 0.6, "turn": 0.6,
+    "kind": "stewart-gough",
+    "layout": {
+        "base": {"radius": 0.4, "half_angle": 0.5},
+        "platform": {"radius": 0.25, "half_angle": 0.5},
+        "height": 0.6,
+        "turn": 0.6,
     },
-}  # fmt: skip
-CONES = {"base_joints": {"axis": [0, 0, 1], "angle": 0.55},
-         "platform_joints": {"axis": [0, 0, -1], "angle": 0.68}}  # fmt: skip
-SIX = LAYOUT | {"legs": CONES | {
-    "stiffness": "=k", "limits": [0.52, 0.76], "diameter": 0.213, "force": [-1e4, 1e4],
-}}  # fmt: skip
+}
+CONES = {
+    "base_joints": {"axis": [0, 0, 1], "angle": 0.55},
+    "platform_joints": {"axis": [0, 0, -1], "angle": 0.68},
+}
+SIX = LAYOUT | {
+    "legs": CONES
+    | {
+        "stiffness": "=k",
+        "limits": [0.52, 0.76],
+        "diameter": 0.213,
+        "force": [-1e4, 1e4],
+    }
+}
 # What a leg of these carries is said by rest lengths alone.
-GIVEN = LAYOUT | {"legs": CONES | {
-    "stiffness": "=k/100", "rest_length": 0.65, "limits": [0.5, 0.78], "force": [-9000, 8000],
-}}  # fmt: skip
+GIVEN = LAYOUT | {
+    "legs": CONES
+    | {
+        "stiffness": "=k/100",
+        "rest_length": 0.65,
+        "limits": [0.5, 0.78],
+        "force": [-9000, 8000],
+    }
+}
 EIGHT = SPRINGS | {
-    "unilateral": True, "pose": {"xyz": [0, 0, 0.6]},
+    "unilateral": True,
+    "pose": {"xyz": [0, 0, 0.6]},
     "legs": {"stiffness": "=k/100", "preload": 60.0, "force": [20.0, 80.0]},
-}  # fmt: skip
+}
 RODS = {
-    "kind": "parallel", "pose": {"xyz": [0, 0, 0.55]},
+    "kind": "parallel",
+    "pose": {"xyz": [0, 0, 0.55]},
     "legs": {
-        "chain": "PUS", "rail": "vertical", "rod": 0.5, "stiffness": "=k", "limits": [-0.07, 0.14],
-        "base": {"radius": 0.35, "half_angle": 0.2}, "turns": {"u1": [-0.16, 0.16]},
+        "chain": "PUS",
+        "rail": "vertical",
+        "rod": 0.5,
+        "stiffness": "=k",
+        "limits": [-0.07, 0.14],
+        "base": {"radius": 0.35, "half_angle": 0.2},
+        "turns": {"u1": [-0.16, 0.16]},
         "diameter": 0.055,
         "platform": {"radius": 0.15, "half_angle": 0.2},
     },
-}  # fmt: skip
+}
 # How far poses are from the first one, and the load that is carried.
 MACHINES: dict[str, tuple[dict[str, Any], list[float], list[float] | None]] = {
     "six": (SIX, [0.1, 0.1, 0.1, 0.2, 0.2, 0.4], LOAD),
     "given": (GIVEN, [0.1, 0.1, 0.1, 0.2, 0.2, 0.4], None),
     "eight": (EIGHT, [0.01, 0.01, 0.01, 0.02, 0.02, 0.02], [0.0, 1.0, 0.0, 10.0, 0.0, -60.0]),
     "rods": (RODS, [0.06, 0.06, 0.06, 0.12, 0.12, 0.12], None),
-}  # fmt: skip
+}
 
 
 @dataclass
@@ -123,8 +147,13 @@ def test_the_page(machine):
 
 
 def test_a_map(machine, tmp_path):
-    compute_map(machine.elastic, Trajectory(machine.q), ["translation_held_min"],
-                tmp_path / "m.zarr", wrench=machine.load)  # fmt: skip
+    compute_map(
+        machine.elastic,
+        Trajectory(machine.q),
+        ["translation_held_min"],
+        tmp_path / "m.zarr",
+        wrench=machine.load,
+    )
     state = open_map(tmp_path / "m.zarr").load()["state"]
     known = state.attrs["flag_meanings"].split()
     beyond = [known[int(x)] == "beyond-limits" for x in state.values.ravel()]
@@ -132,14 +161,20 @@ def test_a_map(machine, tmp_path):
 
 
 def test_a_study(machine):
-    found = cartstiff.design({
-        "mechanism": str(machine.path), "variables": {"k": {"values": [1e7]}},
-        "poses": {"outside": "leave-out",
-                  "random": {"ranges": machine.ranges, "count": COUNT, "seed": SEED}},
-        "cases": {"its": {} if machine.load is None else {"wrench": machine.load}},
-        "objectives": {"kept": {"quantity": "translation_held_min", "of": "reached",
-                                "case": "its"}},
-    })  # fmt: skip
+    found = cartstiff.design(
+        {
+            "mechanism": str(machine.path),
+            "variables": {"k": {"values": [1e7]}},
+            "poses": {
+                "outside": "leave-out",
+                "random": {"ranges": machine.ranges, "count": COUNT, "seed": SEED},
+            },
+            "cases": {"its": {} if machine.load is None else {"wrench": machine.load}},
+            "objectives": {
+                "kept": {"quantity": "translation_held_min", "of": "reached", "case": "its"}
+            },
+        }
+    )
     kept = np.mean([not one for one in machine.said])
     assert found.table("kept").tolist() == [pytest.approx(kept)]
 

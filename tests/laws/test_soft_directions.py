@@ -111,8 +111,9 @@ def test_an_unsymmetric_compliance_is_answered_where_the_load_makes_it_large(pat
     away = np.array([0.02, -0.07, 0.04, 0.09, -0.03, 0.05])
     elastic = elastic.with_springs(rest=elastic.q + away)
     q = elastic.q + np.random.default_rng(4).uniform(-3.0, 3.0, (400, 6))
-    fast, engine = (analyse_many(elastic, q, outputs=["compliance_A"], path=p)
-                    for p in (path, "engine"))  # fmt: skip
+    fast, engine = (
+        analyse_many(elastic, q, outputs=["compliance_A"], path=p) for p in (path, "engine")
+    )
     assert fast.counts() == engine.counts() == {"regular": 400}
     C = engine["compliance_A"]
     condition = np.linalg.cond(C)

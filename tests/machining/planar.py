@@ -25,9 +25,15 @@ def arm(limits: float | np.ndarray = np.pi, lengths: np.ndarray = LENGTHS) -> El
     for i, length in enumerate(lengths):
         placement = pin.SE3(translation(at, 0.0, 0.0))
         parent = model.addJoint(
-            parent, pin.JointModelRZ(), placement, f"j{i + 1}", np.array([1e3]), np.array([1e3]),
-            np.array([-bound[i]]), np.array([bound[i]]),
-        )  # fmt: skip
+            parent,
+            pin.JointModelRZ(),
+            placement,
+            f"j{i + 1}",
+            np.array([1e3]),
+            np.array([1e3]),
+            np.array([-bound[i]]),
+            np.array([bound[i]]),
+        )
         model.appendBodyToJoint(parent, pin.Inertia.Random(), pin.SE3.Identity())
         at = length
     tip = pin.SE3(translation(lengths[-1], 0.0, 0.0))

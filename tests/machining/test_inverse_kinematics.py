@@ -205,9 +205,12 @@ def test_cost_is_smallest_along_the_self_motion():
     arm, force = planar.arm(), np.array([30.0, 50.0])
     point = np.array([0.55, 0.35])
     found = inverse_kinematics(
-        arm, planar.poses(point[None])[0], 12, free="z",
+        arm,
+        planar.poses(point[None])[0],
+        12,
+        free="z",
         cost=lambda q: planar.deflection(q, force),
-    )  # fmt: skip
+    )
     yaw = np.linspace(-np.pi, np.pi, 4001)
     curve = planar.deflection(planar.inverse(*point, yaw), force)
     best = planar.deflection(found, force).min()

@@ -105,10 +105,23 @@ def test_columns_by_name(run, seam, tmp_path):
 def test_stiffness_along_a_direction(run, seam):
     data = json.loads(
         run(
-            "hexapod", seam, "--criterion", "along_free", "--direction", "0,0,1", "--axes", "world",
-            "--stiffness", "1e6", "--max-step", "0.3", "--singular", "0.01", "--json",
+            "hexapod",
+            seam,
+            "--criterion",
+            "along_free",
+            "--direction",
+            "0,0,1",
+            "--axes",
+            "world",
+            "--stiffness",
+            "1e6",
+            "--max-step",
+            "0.3",
+            "--singular",
+            "0.01",
+            "--json",
         )
-    )  # fmt: skip
+    )
     assert data["criterion"]["unit"] == "N/m"
     platform = cartstiff.load("hexapod").with_springs(1e6)
     C = cartstiff.analyse(platform, data["q"][1]).compliances["B"]

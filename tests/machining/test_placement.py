@@ -137,7 +137,12 @@ def test_regions_that_are_none(region, match):
 def test_progress_is_told():
     told = []
     best_placement(
-        planar.arm(), seam(), {"x": [0.5, 0.6]}, halvings=0, refine=False,
-        progress=lambda done, total: told.append((done, total)), **LOOSE,
-    )  # fmt: skip
+        planar.arm(),
+        seam(),
+        {"x": [0.5, 0.6]},
+        halvings=0,
+        refine=False,
+        progress=lambda done, total: told.append((done, total)),
+        **LOOSE,
+    )
     assert told == [(1, 2), (2, 2)]

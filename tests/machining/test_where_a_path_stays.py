@@ -77,9 +77,10 @@ def test_a_path_without_collisions():
 def test_a_point_that_collides_in_every_posture():
     with pytest.raises(UndefinedError, match="links collide") as refusal:
         optimise_path(
-            arm(), ToolPath(planar.poses(np.array([[0.35, 0.0]]), 0.0), [0, 0, 0, 1, 0, 0]),
+            arm(),
+            ToolPath(planar.poses(np.array([[0.35, 0.0]]), 0.0), [0, 0, 0, 1, 0, 0]),
             collisions=Collisions(arm()),
-        )  # fmt: skip
+        )
     assert refusal.value.code == "path-colliding"
 
 
@@ -128,10 +129,12 @@ def test_what_is_refused(options, error, match):
     ("text", "match"),
     [
         (urdf("", ""), "no shapes"),
-        (urdf(first="<collision><geometry><mesh filename='no.stl'/></geometry></collision>"),
-         "no.stl is missing"),
+        (
+            urdf(first="<collision><geometry><mesh filename='no.stl'/></geometry></collision>"),
+            "no.stl is missing",
+        ),
     ],
-)  # fmt: skip
+)
 def test_robots_whose_collisions_are_not_known(text, match):
     with pytest.raises(InputError, match=match):
         Collisions(arm(text))

@@ -32,10 +32,20 @@ def softest(elastic: ElasticMechanism, q: np.ndarray, wrench: object = None) -> 
 
 # A mechanism that is computed posture by posture, so that there is time to interrupt it.
 COMMAND = (
-    "map", "delta", "--grid", "leg1/motor=0.3:0.5:4,leg2/motor=0.3:0.5:6,leg3/motor=0.3:0.5:6",
-    "--quantity", "compliance_translation_free_max", "--chunk", "4", "--length", "0.1",
-    "--threads", "1", "--json",
-)  # fmt: skip
+    "map",
+    "delta",
+    "--grid",
+    "leg1/motor=0.3:0.5:4,leg2/motor=0.3:0.5:6,leg3/motor=0.3:0.5:6",
+    "--quantity",
+    "compliance_translation_free_max",
+    "--chunk",
+    "4",
+    "--length",
+    "0.1",
+    "--threads",
+    "1",
+    "--json",
+)
 
 
 def start(*words: str, **environment: str) -> subprocess.Popen[str]:

@@ -37,9 +37,19 @@ def scheduler(tmp_path_factory):
     """A scheduler on this machine, and its address."""
     folder = tmp_path_factory.mktemp("scheduler")
     about = folder / "scheduler.json"
-    process = start("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
-                     "--no-dashboard", "--dashboard-address", "127.0.0.1:0",
-                     "--scheduler-file", str(about))  # fmt: skip
+    process = start(
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+        "--dashboard-address",
+        "127.0.0.1:0",
+        "--scheduler-file",
+        str(about),
+    )
     try:
         for _ in range(3000):
             with contextlib.suppress(OSError, ValueError):
@@ -58,9 +68,19 @@ def worker(scheduler, tmp_path):
     started = []
 
     def one_more():
-        process = start("-m", "distributed.cli.dask_worker", scheduler, "--no-nanny",
-                         "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard",
-                         "--local-directory", str(tmp_path))  # fmt: skip
+        process = start(
+            "-m",
+            "distributed.cli.dask_worker",
+            scheduler,
+            "--no-nanny",
+            "--nthreads",
+            "1",
+            "--host",
+            "127.0.0.1",
+            "--no-dashboard",
+            "--local-directory",
+            str(tmp_path),
+        )
         started.append(process)
         return process
 
@@ -72,9 +92,10 @@ def worker(scheduler, tmp_path):
 def test_designs_on_workers_are_those_of_one_process(scheduler, worker):
     worker(), worker()
     asked = {
-        "mechanism": "inclined-hexapod", "variables": {"sz": {"values": [0.4, 0.5, 0.6, 0.7]}},
+        "mechanism": "inclined-hexapod",
+        "variables": {"sz": {"values": [0.4, 0.5, 0.6, 0.7]}},
         "objectives": {"stiff": {"quantity": "translation_held_min"}},
-    }  # fmt: skip
+    }
     for _ in range(300):
         with contextlib.suppress(InputError):
             shared = cartstiff.design(asked, scheduler=scheduler)
@@ -117,9 +138,11 @@ def test_processes_of_this_machine_listen_to_nobody_and_one_that_dies_costs_its_
     own = psutil.Process(process.pid)
     everyone = [own, *own.children(recursive=True)]
     listening = [
-        c for one in everyone for c in one.net_connections("all")
+        c
+        for one in everyone
+        for c in one.net_connections("all")
         if c.status == "LISTEN" or (c.family.name == "AF_UNIX" and c.laddr)
-    ]  # fmt: skip
+    ]
     computing = [one for one in own.children() if "spawn_main" in " ".join(one.cmdline())]
     assert len(computing) == 2
     computing[0].kill()

@@ -38,8 +38,9 @@ def test_a_map_over_commands_is_the_analysis_after_each(tmp_path: Path, capsys) 
         for j, b in enumerate((0.0, 2e-5)):
             words = f"leg1={a},leg4={b},leg2=1e-6"
             load = ",".join(map(str, LOAD))
-            assert run("analyse", "flexure-hexapod", "--command", words, "--load", load,
-                       "--json") == 0  # fmt: skip
+            assert (
+                run("analyse", "flexure-hexapod", "--command", words, "--load", load, "--json") == 0
+            )
             here = json.loads(capsys.readouterr().out)
             cell = found.isel(command_leg1=i, command_leg4=j)
             assert np.abs(cell.q.values - here["q"]).max() < 1e-12
@@ -81,8 +82,9 @@ def test_a_command_beyond_what_a_leg_can_bear_gives_no_numbers(tmp_path: Path) -
     file.write_text(text.rstrip() + "\n  force: [50, 250]\n", encoding="utf-8")
     machine = cartstiff.load(file)
     grid = CommandGrid({"leg1": (-0.02, 0.0, 2)}, machine)
-    found = cartstiff.compute_map(machine, grid, ["translation_free_min"], tmp_path / "c.zarr",
-                                  wrench=[0, 0, 0, 0, 0, -10.0])  # fmt: skip
+    found = cartstiff.compute_map(
+        machine, grid, ["translation_free_min"], tmp_path / "c.zarr", wrench=[0, 0, 0, 0, 0, -10.0]
+    )
     names = found.state.attrs["flag_meanings"].split()
     assert [names[i] for i in found.state.values] == ["beyond-limits", "regular"]
     assert np.isnan(found.translation_free_min.values).tolist() == [True, False]
@@ -96,8 +98,9 @@ def test_what_cannot_be_told_is_refused(tmp_path: Path) -> None:
         CommandGrid({"leg9": (0.0, 1.0, 2)}, machine)
     grid = CommandGrid({"leg1/slide": (0.0, 1e-3, 2)}, machine)
     with pytest.raises(InputError, match="twice"):
-        cartstiff.compute_map(machine, grid, ["condition"], tmp_path / "d.zarr",
-                              told={"leg1/slide": 1e-3})  # fmt: skip
+        cartstiff.compute_map(
+            machine, grid, ["condition"], tmp_path / "d.zarr", told={"leg1/slide": 1e-3}
+        )
 
 
 @pytest.mark.parametrize(
@@ -117,9 +120,21 @@ def test_options_that_do_not_fit(words: list[str], said: str, tmp_path: Path, ca
 
 def test_degrees_and_slices_reach_the_drives(tmp_path: Path, capsys) -> None:
     """Motors of 6-rus turn: 1 deg told is 0.01745... rad."""
-    words = ["map", "6-rus", "--units", "mm,deg", "--command", "leg1/crank=0:1:2", "--quantity",
-             "translation_free_min", "-o", str(tmp_path / "f.zarr"), "--slice",
-             "command_leg1/crank=1", "--json"]  # fmt: skip
+    words = [
+        "map",
+        "6-rus",
+        "--units",
+        "mm,deg",
+        "--command",
+        "leg1/crank=0:1:2",
+        "--quantity",
+        "translation_free_min",
+        "-o",
+        str(tmp_path / "f.zarr"),
+        "--slice",
+        "command_leg1/crank=1",
+        "--json",
+    ]
     assert run(*words) == 0
     json.loads(capsys.readouterr().out)
     axis = cartstiff.open_map(tmp_path / "f.zarr")["command_leg1.crank"]

@@ -26,14 +26,20 @@ def _branched():
     joint = np.array([[[0.0, 2.0], [0.1, 2.1], [0.2, 5.0], [0.3, 0.0]]])
     data = xarray.Dataset(
         {
-            "stiffness": (("x", "z", "branch"), values,
-                          {"units": "m", "better": "smaller", "long_name": "give"}),
-            "state": (("x", "z", "branch"), np.zeros((1, 4, 2), np.uint8),
-                      {"flag_values": [0, 255], "flag_meanings": "regular not-computed"}),
+            "stiffness": (
+                ("x", "z", "branch"),
+                values,
+                {"units": "m", "better": "smaller", "long_name": "give"},
+            ),
+            "state": (
+                ("x", "z", "branch"),
+                np.zeros((1, 4, 2), np.uint8),
+                {"flag_values": [0, 255], "flag_meanings": "regular not-computed"},
+            ),
             "q": (("x", "z", "branch", "joint"), joint[..., None]),
         },
         {"x": [0.0], "z": [0.0, 1.0, 2.0, 3.0], "joint": ["j"]},
-    )  # fmt: skip
+    )
     data.attrs = {"mechanism": "made up", "length_unit": "m"}
     return data
 
@@ -143,8 +149,19 @@ def test_the_command(tmp_path, capfd):
 
     a, b, picture = tmp_path / "a.zarr", tmp_path / "b.zarr", tmp_path / "p.png"
     for file, stiffness in ((a, "1e5"), (b, "2e5")):
-        run("map", "hexapod", "--grid", "x=-0.01:0.01:2,y=-0.01:0.01:2", "--quantity",
-            "translation_free_min", "--stiffness", stiffness, "-o", file, "--json")  # fmt: skip
+        run(
+            "map",
+            "hexapod",
+            "--grid",
+            "x=-0.01:0.01:2,y=-0.01:0.01:2",
+            "--quantity",
+            "translation_free_min",
+            "--stiffness",
+            stiffness,
+            "-o",
+            file,
+            "--json",
+        )
     told = json.loads(run("compare", a, b, "--json", "--picture", picture))
     assert told["smallest"] == pytest.approx(0.5)
     assert told["largest"] == pytest.approx(0.5)
@@ -152,8 +169,18 @@ def test_the_command(tmp_path, capfd):
     assert "mean 0.5" in run("compare", a, b)
     assert "unknown quantity" in run("compare", a, b, "--quantity", "x", code=2)
     assert "c.zarr" in run("compare", a, tmp_path / "c.zarr", code=2)
-    refused = run("map", "hexapod", "--grid", "x=-0.01:0.01:2", "--quantity", "condition",
-                  "--single-branch", "-o", tmp_path / "d.zarr", code=2)  # fmt: skip
+    refused = run(
+        "map",
+        "hexapod",
+        "--grid",
+        "x=-0.01:0.01:2",
+        "--quantity",
+        "condition",
+        "--single-branch",
+        "-o",
+        tmp_path / "d.zarr",
+        code=2,
+    )
     assert "--single-branch" in refused
 
 
@@ -161,8 +188,20 @@ def test_the_place_of_a_slice_is_told(tmp_path, capsys):
     maps = [str(tmp_path / f"{name}.zarr") for name in "ab"]
     for path in maps:
         with pytest.raises(SystemExit):
-            main(["map", "ur5", "--grid", "elbow_joint=0.2:2:4,wrist_1_joint=0:1:3", "-o", path,
-                  "--quantity", "condition", "--slice", "elbow_joint=0.85"])  # fmt: skip
+            main(
+                [
+                    "map",
+                    "ur5",
+                    "--grid",
+                    "elbow_joint=0.2:2:4,wrist_1_joint=0:1:3",
+                    "-o",
+                    path,
+                    "--quantity",
+                    "condition",
+                    "--slice",
+                    "elbow_joint=0.85",
+                ]
+            )
         assert "nearest places to the slice: elbow_joint 0.8 rad" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["compare", *maps, "--slice", "elbow_joint=0.85"])

@@ -171,8 +171,11 @@ def test_exchanged_files(elastic, whole, tmp_path, what):
                     found = chunks(name)
                     _exchange(found[0], found[1])
         elif what == "axes":
-            names = [p.name for p in folder.iterdir()
-                     if p.is_dir() and p.name in (*sampling.axes, "time")]  # fmt: skip
+            names = [
+                p.name
+                for p in folder.iterdir()
+                if p.is_dir() and p.name in (*sampling.axes, "time")
+            ]
             for name in names:
                 (path,) = chunks(name)
                 path.write_bytes(first.read_bytes())
@@ -384,6 +387,9 @@ class Life(RuleBasedStateMachine):
 
 TestLife = Life.TestCase
 TestLife.settings = settings(
-    max_examples=5, stateful_step_count=8, deadline=None,
-    suppress_health_check=list(HealthCheck), derandomize=True,
-)  # fmt: skip
+    max_examples=5,
+    stateful_step_count=8,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    derandomize=True,
+)

@@ -91,8 +91,18 @@ def test_limits_are_those_of_the_largest_share():
 def test_map_explains_itself(tmp_path):
     pytest.importorskip("llvmlite")
     pytest.importorskip("zarr")
-    words = ["map", "hexapod", "--grid", "x=-0.01:0.01:60", "--grid", "y=-0.01:0.01:50",
-             "--quantity", "translation_free_min", "-o", str(tmp_path / "m.zarr")]  # fmt: skip
+    words = [
+        "map",
+        "hexapod",
+        "--grid",
+        "x=-0.01:0.01:60",
+        "--grid",
+        "y=-0.01:0.01:50",
+        "--quantity",
+        "translation_free_min",
+        "-o",
+        str(tmp_path / "m.zarr"),
+    ]
     ran = CliRunner().invoke(command, [*words, "--explain", "--json"], catch_exceptions=False)
     told = json.loads(ran.output)["explained"]
     by_name = {share["what"]: share for share in told["shares"]}
@@ -106,8 +116,18 @@ def test_map_explains_itself(tmp_path):
 
 def test_cartesian_map_tells_what_its_places_took(tmp_path):
     pytest.importorskip("zarr")
-    words = ["map", "ur5", "--cartesian", "x=0.3:0.4:3,y=0:0.1:2,z=0.4:0.4:1", "--branches", "1",
-             "--quantity", "condition", "-o", str(tmp_path / "m.zarr")]  # fmt: skip
+    words = [
+        "map",
+        "ur5",
+        "--cartesian",
+        "x=0.3:0.4:3,y=0:0.1:2,z=0.4:0.4:1",
+        "--branches",
+        "1",
+        "--quantity",
+        "condition",
+        "-o",
+        str(tmp_path / "m.zarr"),
+    ]
     ran = CliRunner().invoke(command, [*words, "--explain", "--json"], catch_exceptions=False)
     shares = json.loads(ran.output)["explained"]["shares"]
     counts = {share["what"]: share["postures"] for share in shares}

@@ -72,8 +72,9 @@ def test_grid_holds_the_analysis_of_each_posture(elastic, tmp_path):
             pose = elastic.mechanism.at(q).pose
             np.testing.assert_allclose(cell["position"].values, pose[:3, 3], atol=1e-12)
             assert int(cell["state"]) == 0
-    np.testing.assert_array_equal(data["q"].values, _grid(elastic).postures(
-        (slice(0, 4), slice(0, 5))).reshape(4, 5, 6))  # fmt: skip
+    np.testing.assert_array_equal(
+        data["q"].values, _grid(elastic).postures((slice(0, 4), slice(0, 5))).reshape(4, 5, 6)
+    )
     assert [str(j) for j in data["joint"].values] == list(elastic.names)
 
 
@@ -198,11 +199,15 @@ def test_redundancy_is_resolved_towards_the_best(tmp_path):
     seven = arm("RRRRRRR", 5)
     found = {}
     for redundancy in ("nearest", "best"):
-        sampling = CartesianGrid(
-            {}, seven, seven.q, branches=3, starts=3, redundancy=redundancy
-        )  # fmt: skip
-        data = compute_map(seven, sampling, ["deflection"], tmp_path / f"{redundancy}.zarr",
-                           deflect=[0, 0, 0, 1, 2, 3], wrench=np.zeros(6))  # fmt: skip
+        sampling = CartesianGrid({}, seven, seven.q, branches=3, starts=3, redundancy=redundancy)
+        data = compute_map(
+            seven,
+            sampling,
+            ["deflection"],
+            tmp_path / f"{redundancy}.zarr",
+            deflect=[0, 0, 0, 1, 2, 3],
+            wrench=np.zeros(6),
+        )
         found[redundancy] = data.load()
     nearest, best_ = found["nearest"], found["best"]
     np.testing.assert_allclose(nearest["q"].values[0, 0, 0, 0], seven.q, atol=1e-4)
@@ -215,9 +220,15 @@ def test_redundancy_is_resolved_towards_the_best(tmp_path):
 
 def test_file_says_what_it_is(elastic, tmp_path):
     data = compute_map(
-        elastic, _grid(elastic), ["along_free"], tmp_path / "m.zarr", direction=[0, 0, 2],
-        world=True, connection="K", command="cartstiff map ...",
-    )  # fmt: skip
+        elastic,
+        _grid(elastic),
+        ["along_free"],
+        tmp_path / "m.zarr",
+        direction=[0, 0, 2],
+        world=True,
+        connection="K",
+        command="cartstiff map ...",
+    )
     a = data.attrs
     assert a["mechanism"] == elastic.name
     assert (a["frame"], a["connection"], a["length_unit"]) == ("tip", "K", "m")
@@ -307,8 +318,13 @@ def _stamps(folder):
     ],
 )
 def test_another_map_s_file_is_refused(elastic, tmp_path, change, words):
-    given = {"elastic": elastic, "sampling": _grid(elastic), "quantities": [QUANTITY],
-             "file": tmp_path / "m.zarr", "length": 0.3}  # fmt: skip
+    given = {
+        "elastic": elastic,
+        "sampling": _grid(elastic),
+        "quantities": [QUANTITY],
+        "file": tmp_path / "m.zarr",
+        "length": 0.3,
+    }
     compute_map(**given)
     before = _stamps(tmp_path)
     with pytest.raises(InputError, match=words) as refusal:

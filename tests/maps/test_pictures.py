@@ -36,13 +36,19 @@ def _made_up(values, state=None, better="larger"):
             "position": (("a", "b", "xyz"), np.random.default_rng(0).random((*values.shape, 3))),
             "q": (("a", "b", "joint"), np.zeros((*values.shape, 2))),
         },
-        {"a": np.arange(float(values.shape[0])), "b": np.arange(float(values.shape[1])),
-         "joint": ["a", "b"], "xyz": ["x", "y", "z"]},
-    )  # fmt: skip
+        {
+            "a": np.arange(float(values.shape[0])),
+            "b": np.arange(float(values.shape[1])),
+            "joint": ["a", "b"],
+            "xyz": ["x", "y", "z"],
+        },
+    )
     data["stiffness"].attrs = {"units": "N/m", "long_name": "stiffness", "better": better}
     data["a"].attrs["units"] = data["b"].attrs["units"] = "rad"
-    data["state"].attrs = {"flag_values": [0, 1, 255],
-                           "flag_meanings": "regular serial-singularity not-computed"}  # fmt: skip
+    data["state"].attrs = {
+        "flag_values": [0, 1, 255],
+        "flag_meanings": "regular serial-singularity not-computed",
+    }
     data.attrs = {"mechanism": "made up", "length_unit": "m"}
     return data
 
@@ -79,8 +85,9 @@ def test_the_kind_follows_the_dimensions(cube):
 
 
 def test_heat_map_shows_the_numbers_and_names_the_rest():
-    data = _made_up([[1, 2, 3], [4, np.nan, 6], [np.nan, np.inf, 9]],
-                    [[0, 0, 0], [0, 1, 0], [0, 0, 0]])  # fmt: skip
+    data = _made_up(
+        [[1, 2, 3], [4, np.nan, 6], [np.nan, np.inf, 9]], [[0, 0, 0], [0, 1, 0], [0, 0, 0]]
+    )
     figure = draw_map(data, "stiffness", "heat")
     mesh = figure.axes[0].collections[0]
     assert mesh.get_cmap().name == "cividis"
@@ -165,8 +172,11 @@ def test_a_level_is_a_line_and_a_share():
 
     data = _made_up([[1, 2, 3], [2, 3, np.nan]], better="smaller")
     assert share_within(data, "stiffness", 2) == {
-        "limit": 2, "reached": 5, "within": 3, "share": 0.6,
-    }  # fmt: skip
+        "limit": 2,
+        "reached": 5,
+        "within": 3,
+        "share": 0.6,
+    }
     assert share_within(data, "stiffness", 3, below=False)["within"] == 2
     drawn = draw_map(data, "stiffness", "heat", level=2.0).axes[0]
     bare = draw_map(data, "stiffness", "heat").axes[0]

@@ -177,9 +177,14 @@ def test_under_each_kind_of_load_a_map_says_what_the_analysis_says(name, kind, a
     load = {"wrench": W, "load_kind": kind, "load_at": at}
     load |= {} if W is None else {"load_axes": axes}
     settings = Settings(
-        "load", LENGTH, DIRECTION, None if W is not None else DEFLECT, False, LoadKind(kind, at),
+        "load",
+        LENGTH,
+        DIRECTION,
+        None if W is not None else DEFLECT,
+        False,
+        LoadKind(kind, at),
         is_loaded=W is not None,
-    )  # fmt: skip
+    )
     names = [n for n in FROM_MATRICES if n not in ("manipulability", "singular_value_ratio")]
     chosen = choose_quantities(names, settings, elastic)
     outputs = tuple({o for quantity in chosen for o in quantity.outputs(settings)} | {"pose"})
@@ -197,8 +202,10 @@ def test_under_each_kind_of_load_a_map_says_what_the_analysis_says(name, kind, a
             expected[f"along_{others}"] = given["along"][others]
             expected[f"about_{others}"] = given["about"][others]
         twist = direct["deflection"]["twist"]
-        expected |= {"deflection": np.linalg.norm(twist[3:]),
-                     "deflection_angle": np.linalg.norm(twist[:3])}  # fmt: skip
+        expected |= {
+            "deflection": np.linalg.norm(twist[3:]),
+            "deflection_angle": np.linalg.norm(twist[:3]),
+        }
         # An independent way to the same: the tangent and its inverse by plain linear algebra.
         K = result.tangent
         C = np.linalg.inv(K)
@@ -258,8 +265,15 @@ def test_a_motion_that_costs_nothing_has_no_stiffness():
     """A free translation beside a stiffness that has no inverse: zero, as in the analysis."""
     K = np.diag([1.0, 2.0, 3.0, 0.0, 5.0, 6.0])
     C = np.full((1, 6, 6), np.nan)
-    names = ["translation_free_min", "translation_free_max", "translation_held_min", "condition",
-             "isotropy", "along_free", "rotation_free_min"]  # fmt: skip
+    names = [
+        "translation_free_min",
+        "translation_free_max",
+        "translation_held_min",
+        "condition",
+        "isotropy",
+        "along_free",
+        "rotation_free_min",
+    ]
     found = _evaluate(names, K[None], C, direction=(0.0, 1.0, 0.0))
     shown = summarise({"B": K}, np.zeros(6), compliance=None)["ellipsoids"]["stiffness"]
     assert shown["translation"]["free"]["eigenvalues"] == pytest.approx([0.0, 5.0, 6.0], abs=0)
@@ -282,8 +296,12 @@ def test_a_soft_motion_beside_stiff_ones_is_read_from_a_root():
     assert abs(soft @ K @ soft - 0.7) > 1.0
     assert stiffness_of_motion(soft, K, G) == pytest.approx(0.7, rel=1e-6)
     assert stiffness_of_motion(soft, K) is None
-    arrays = {"pose": np.eye(4)[None], "stiffness_B": K[None],
-              "compliance_B": (G @ G.T)[None], "root_held_B": G[None]}  # fmt: skip
+    arrays = {
+        "pose": np.eye(4)[None],
+        "stiffness_B": K[None],
+        "compliance_B": (G @ G.T)[None],
+        "root_held_B": G[None],
+    }
     found = evaluate([QUANTITIES["along_held"]], arrays, Settings(direction=tuple(U[:, 2])))
     assert found["along_held"] == pytest.approx([0.7], rel=1e-6)
 
@@ -303,8 +321,11 @@ def test_only_a_compliance():
 def test_nan_rows_leave_the_others_alone():
     K = np.stack([np.diag([1.0, 2, 3, 4, 5, 6]), np.full((6, 6), np.nan), 2 * np.eye(6)])
     found = _evaluate(["condition", "translation_held_max", "determinant"], K)
-    for name, expected in (("condition", [6, np.nan, 1]), ("translation_held_max", [6, np.nan, 2]),
-                           ("determinant", [720, np.nan, 64])):  # fmt: skip
+    for name, expected in (
+        ("condition", [6, np.nan, 1]),
+        ("translation_held_max", [6, np.nan, 2]),
+        ("determinant", [720, np.nan, 64]),
+    ):
         assert found[name] == pytest.approx(expected, nan_ok=True)
     assert row_by_row.scale_lengths(K[:1], np.array([2.0]))[0, 0, 0] == pytest.approx(0.25)
 

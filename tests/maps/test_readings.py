@@ -47,14 +47,21 @@ ROUNDING = 1e-12
 
 def _asked(connection: str, load: LoadKind, is_loaded: bool) -> Settings:
     return Settings(
-        connection, LENGTH, (0.0, 0.6, 0.8), (1.0, 0.0, 0.0, 0.0, 20.0, -50.0), True, load,
-        (0.1, 0.0, 0.0), is_loaded,
-    )  # fmt: skip
+        connection,
+        LENGTH,
+        (0.0, 0.6, 0.8),
+        (1.0, 0.0, 0.0, 0.0, 20.0, -50.0),
+        True,
+        load,
+        (0.1, 0.0, 0.0),
+        is_loaded,
+    )
 
 
 def _readings(names: tuple[str, ...], s: Settings) -> Readings:
-    return Readings(names, s.connection, s.length, s.direction, s.deflect, s.deflect_at, s.world,
-                    s.load)  # fmt: skip
+    return Readings(
+        names, s.connection, s.length, s.direction, s.deflect, s.deflect_at, s.world, s.load
+    )
 
 
 @pytest.mark.parametrize(
@@ -163,8 +170,13 @@ def test_frequencies_of_any_arm_are_those_of_the_modes(seed):
         model.inertias[j] = pinocchio.Inertia(rng.uniform(0.1, 5.0), lever, moments)
     model.armature = rng.uniform(0.0, 2.0, n)
     springs = JointSprings(rng.uniform(1e3, 5e4, n), np.full(n, np.nan))
-    elastic = ElasticMechanism(kinds, Chain(plain_tree(model), "tip"), np.zeros(n), springs,
-                               gravity=rng.uniform(-9.0, 9.0, 3))  # fmt: skip
+    elastic = ElasticMechanism(
+        kinds,
+        Chain(plain_tree(model), "tip"),
+        np.zeros(n),
+        springs,
+        gravity=rng.uniform(-9.0, 9.0, 3),
+    )
     wrench = np.array([0.0, 0.0, 0.0, *rng.uniform(-50.0, 50.0, 3)])
     names = tuple(frequency_name(i) for i in range(6))
     reader = Reader(elastic, Readings(names, length=0.3), (), wrench, path="portable")

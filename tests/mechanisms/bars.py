@@ -39,7 +39,13 @@ def load_bar(folder: Path, give: dict[str, Any], hinged: tuple[str, ...] = ()) -
     free = {name: {"stiffness": 0.0, "rest": 0.0} for name in hinged}
     return load(
         write_file(
-            folder, "bar", kind="serial", model="bar.urdf", frame="tip", locked=locked,
-            springs=free, flexible={"bar": give},
+            folder,
+            "bar",
+            kind="serial",
+            model="bar.urdf",
+            frame="tip",
+            locked=locked,
+            springs=free,
+            flexible={"bar": give},
         )
-    )  # fmt: skip
+    )

@@ -60,9 +60,14 @@ class Frame:
         return rows + [_unit(3 + i) for i in range(3)]
 
     def beam(
-        self, start: list[np.ndarray], end: list[np.ndarray], a: np.ndarray, b: np.ndarray,
-        section: dict[str, float], pieces: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        start: list[np.ndarray],
+        end: list[np.ndarray],
+        a: np.ndarray,
+        b: np.ndarray,
+        section: dict[str, float],
+        pieces: int = 1,
+    ) -> None:
         """A straight beam in the x-y plane from a to b, in equal elements."""
         along = (b - a) / np.linalg.norm(b - a)
         R = np.stack([along, np.cross([0, 0, 1], along), [0, 0, 1]])

@@ -61,9 +61,12 @@ def test_six_legs_add():
     parts = []
     for s in range(6):
         one = replace(
-            whole.springs, anchors=whole.springs.anchors[[s]], points=whole.springs.points[[s]],
-            stiffness=k[[s]], rest_length=rest[[s]],
-        )  # fmt: skip
+            whole.springs,
+            anchors=whole.springs.anchors[[s]],
+            points=whole.springs.points[[s]],
+            stiffness=k[[s]],
+            rest_length=rest[[s]],
+        )
         parts.append(analyse(replace(whole, springs=None, potentials=(one,))))
     assert relative_error(sum(p.wrench for p in parts), result.wrench) <= SUM
     assert abs(sum(p.energy for p in parts) - result.energy) <= SUM * result.energy

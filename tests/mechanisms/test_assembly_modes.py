@@ -34,9 +34,11 @@ MA_ANGELES = ROOT / "cases" / "ma-angeles-architecture" / "mechanism.yaml"
 def _elastic(platform: Platform, q: np.ndarray) -> ElasticMechanism:
     m = len(platform.points)
     springs = LineSprings(
-        anchors=platform.anchors, points=platform.points, stiffness=np.ones(m),
+        anchors=platform.anchors,
+        points=platform.points,
+        stiffness=np.ones(m),
         rest_length=np.full(m, np.nan),
-    )  # fmt: skip
+    )
     return ElasticMechanism("test", platform, q, springs)
 
 
@@ -56,9 +58,11 @@ def test_dietmaiers_platform_has_its_forty_real_postures():
     assert found.is_complete
     for mode in found:
         lengths = np.linalg.norm(
-            elastic.mechanism.points @ mode.pose[:3, :3].T + mode.pose[:3, 3]
-            - elastic.mechanism.anchors, axis=1,
-        )  # fmt: skip
+            elastic.mechanism.points @ mode.pose[:3, :3].T
+            + mode.pose[:3, 3]
+            - elastic.mechanism.anchors,
+            axis=1,
+        )
         assert np.allclose(lengths, LENGTHS, rtol=0, atol=1e-14)
         assert np.allclose(se3.inverse(mode.pose) @ mode.pose, np.eye(4), atol=1e-14)
         assert mode.stable
@@ -127,14 +131,20 @@ ONE_POINT = np.array([[0.3, 0.1, 0.0]] * 4 + [[1.0, 0, 0], [0, 1.0, 0.2]])
 @pytest.mark.parametrize(
     ("base", "points", "name"),
     [
-        (np.vstack([TRIANGLE, SIDES]), 0.6 * np.vstack([SIDES, np.roll(TRIANGLE, -1, axis=0)]),
-         "Griffis and Duffy"),
+        (
+            np.vstack([TRIANGLE, SIDES]),
+            0.6 * np.vstack([SIDES, np.roll(TRIANGLE, -1, axis=0)]),
+            "Griffis and Duffy",
+        ),
         (HEXAGON, 0.6 * HEXAGON, "Ma and Angeles"),
         (np.random.default_rng(1).normal(size=(6, 3)), ONE_POINT, "four legs meet"),
-        (np.random.default_rng(1).normal(size=(6, 3)), np.outer(np.arange(6.0), [1.0, 2.0, 0.5]),
-         "on a line"),
+        (
+            np.random.default_rng(1).normal(size=(6, 3)),
+            np.outer(np.arange(6.0), [1.0, 2.0, 0.5]),
+            "on a line",
+        ),
     ],
-)  # fmt: skip
+)
 def test_singular_architectures_are_named(base, points, name):
     platform = Platform(base, points)
     assert name in architecture_of(platform).name
@@ -169,9 +179,8 @@ def test_det_times_leg_lengths_is_a_cubic_of_the_position(seed):
     def monomials(p: np.ndarray) -> list[float]:
         x, y, z = p
         return [
-            x**i * y**j * z**k
-            for i in range(4) for j in range(4 - i) for k in range(4 - i - j)
-        ]  # fmt: skip
+            x**i * y**j * z**k for i in range(4) for j in range(4 - i) for k in range(4 - i - j)
+        ]
 
     centre = -(platform.points @ platform.at(np.append(np.zeros(3), turn)).pose[:3, :3].T).mean(0)
     places = rng.normal(size=(60, 3))

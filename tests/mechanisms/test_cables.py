@@ -25,10 +25,14 @@ def _cross(folder, k=7000.0, t=150.0, length=0.8, **legs):
     legs = legs or {"stiffness": k, "preload": t}
     return load(
         write_file(
-            folder, kind="springs", unilateral=True, base=length * CORNERS,
-            platform=np.zeros((4, 3)), legs=legs,
+            folder,
+            kind="springs",
+            unilateral=True,
+            base=length * CORNERS,
+            platform=np.zeros((4, 3)),
+            legs=legs,
         )
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,10 +88,14 @@ def _crane(folder):
     ring = lambda a: np.stack([np.cos(a), np.sin(a), np.zeros(6)], axis=1)  # noqa: E731
     return load(
         write_file(
-            folder, kind="springs", unilateral=True, base=ring(top) + np.array([0, 0, 1.5]),
-            platform=0.4 * ring(low), legs={"stiffness": 1e4},
+            folder,
+            kind="springs",
+            unilateral=True,
+            base=ring(top) + np.array([0, 0, 1.5]),
+            platform=0.4 * ring(low),
+            legs={"stiffness": 1e4},
         )
-    )  # fmt: skip
+    )
 
 
 def test_redundant_cables_share_a_load():

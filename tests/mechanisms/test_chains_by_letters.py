@@ -12,28 +12,38 @@ from cartstiff.errors import InputError
 
 EXACT = 1e-10
 SIX: dict[str, Any] = {
-    "base": {"radius": 0.3, "half_angle": 0.25}, "platform": {"radius": 0.12, "half_angle": 0.25},
+    "base": {"radius": 0.3, "half_angle": 0.25},
+    "platform": {"radius": 0.12, "half_angle": 0.25},
     "stiffness": 1e6,
-}  # fmt: skip
+}
 THREE: dict[str, Any] = {
-    "base": {"radius": 0.3}, "platform": {"radius": 0.15}, "stiffness": 1e6,
-}  # fmt: skip
+    "base": {"radius": 0.3},
+    "platform": {"radius": 0.15},
+    "stiffness": 1e6,
+}
 ROD = {"rod": 0.5}
 CRANK = {"crank": 0.2, "rod": 0.5, "mode": "minus"}
 #: Legs, height, and how many freedoms the body has.
 CHAINS: dict[str, tuple[dict[str, Any], float, int]] = {
-    "UPS": (SIX, 0.5, 6), "SPS": (SIX, 0.5, 6), "UCU": (SIX, 0.5, 6),
-    "PUS": ({**SIX, **ROD, "rail": [-1, 0.3, 1]}, 0.5, 6), "PSS": ({**SIX, **ROD}, 0.5, 6),
+    "UPS": (SIX, 0.5, 6),
+    "SPS": (SIX, 0.5, 6),
+    "UCU": (SIX, 0.5, 6),
+    "PUS": ({**SIX, **ROD, "rail": [-1, 0.3, 1]}, 0.5, 6),
+    "PSS": ({**SIX, **ROD}, 0.5, 6),
     "RUS": ({**SIX, **CRANK, "axis": "radial"}, 0.5, 6),
     "RSS": ({**SIX, **CRANK, "axis": [0.5, 1, 0.2]}, 0.5, 6),
-    "RPS": (THREE, 0.5, 3), "SPR": (THREE, 0.5, 3), "UPU": (THREE, 0.5, 3),
-    "PRS": ({**THREE, **ROD}, 0.5, 3), "PSR": ({**THREE, **ROD}, 0.5, 3),
-    "PUU": ({**THREE, **ROD}, 0.5, 3), "RUU": ({**THREE, **CRANK}, 0.5, 3),
+    "RPS": (THREE, 0.5, 3),
+    "SPR": (THREE, 0.5, 3),
+    "UPU": (THREE, 0.5, 3),
+    "PRS": ({**THREE, **ROD}, 0.5, 3),
+    "PSR": ({**THREE, **ROD}, 0.5, 3),
+    "PUU": ({**THREE, **ROD}, 0.5, 3),
+    "RUU": ({**THREE, **CRANK}, 0.5, 3),
     "RRS": ({**THREE, **CRANK}, 0.5, 3),
     "RRR": ({**THREE, "crank": 0.2, "rod": 0.2}, 0.0, 3),
     "RPR": ({**THREE, "platform": {"radius": 0.1, "angles": [0.4]}, "symmetry": 3}, 0.0, 3),
     "PRR": ({**THREE, "rod": 0.25, "rail": "tangential"}, 0.0, 3),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("chain", CHAINS)
@@ -66,9 +76,11 @@ def test_struts_are_the_lines_of_a_platform() -> None:
     """A hexapod's legs as UPS chains, with springs along them only, are its line springs."""
     lines = cartstiff.load("hexapod")
     legs = {
-        "chain": "UPS", "base": {"points": lines.mechanism.anchors},
-        "platform": {"points": lines.mechanism.points_P}, "stiffness": 2.0e6,
-    }  # fmt: skip
+        "chain": "UPS",
+        "base": {"points": lines.mechanism.anchors},
+        "platform": {"points": lines.mechanism.points_P},
+        "stiffness": 2.0e6,
+    }
     struts = cartstiff.parallel(legs, lines.q, name="struts")
     W = [30.0, -25.0, 18.0, 200.0, -300.0, -500.0]
     a, b = cartstiff.analyse(lines, wrench=W), cartstiff.analyse(struts, wrench=W)
@@ -81,14 +93,24 @@ def test_delta_by_name_is_the_delta_of_links() -> None:
     """Cranks and forearms that give, against the bundled machine made of a URDF."""
     links = cartstiff.load("delta")
     beam = {
-        "E": 7.0e10, "G": 5.0e9, "length": 0.45, "area": 3.45575e-05, "Iy": 5.27002e-10,
-        "Iz": 5.27002e-10, "J": 1.054e-09,
-    }  # fmt: skip
+        "E": 7.0e10,
+        "G": 5.0e9,
+        "length": 0.45,
+        "area": 3.45575e-05,
+        "Iy": 5.27002e-10,
+        "Iz": 5.27002e-10,
+        "J": 1.054e-09,
+    }
     pose = links.mechanism.at(links.q).pose
     legs = {
-        "chain": "RUU", "base": {"radius": 0.15}, "platform": {"radius": 0.05}, "crank": 0.2,
-        "rod": 0.45, "stiffness": 1500.0, "flexible": {"rod": {"beam": beam}},
-    }  # fmt: skip
+        "chain": "RUU",
+        "base": {"radius": 0.15},
+        "platform": {"radius": 0.05},
+        "crank": 0.2,
+        "rod": 0.45,
+        "stiffness": 1500.0,
+        "flexible": {"rod": {"beam": beam}},
+    }
     named = cartstiff.parallel(legs, [0, 0, pose[2, 3], 0, 0, 0])
     W = [0.0, 0.0, 0.0, 5.0, -3.0, -40.0]
     for wrench in (None, W):

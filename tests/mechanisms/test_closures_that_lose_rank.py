@@ -19,10 +19,18 @@ SAME = 1e-10
 def _closed(folder, urdf, closures, q=None, springs=None, frame="tip", actuated=(), **more):
     return load(
         write_file(
-            folder, urdf.stem, kind="closed-chain", model=urdf.name, frame=frame, q=q or {},
-            closures=closures, springs=springs or {}, actuated=list(actuated), **more,
+            folder,
+            urdf.stem,
+            kind="closed-chain",
+            model=urdf.name,
+            frame=frame,
+            q=q or {},
+            closures=closures,
+            springs=springs or {},
+            actuated=list(actuated),
+            **more,
         )
-    )  # fmt: skip
+    )
 
 
 def _tie(a, b, p, q, kind="point"):
@@ -43,9 +51,13 @@ def _parallelogram(folder, crank=0.3, coupler=0.5, q=None, kind="point"):
         end, where = "pinned", [0, 0, 0]
     urdf = write_urdf(folder, *joints, name=f"four-bar-{kind}")
     return _closed(
-        folder, urdf, [_tie("tip", end, [coupler, 0, 0], where, kind)], q=q,
-        springs={"left": {"stiffness": 12.0}}, actuated=["left"],
-    )  # fmt: skip
+        folder,
+        urdf,
+        [_tie("tip", end, [coupler, 0, 0], where, kind)],
+        q=q,
+        springs={"left": {"stiffness": 12.0}},
+        actuated=["left"],
+    )
 
 
 def test_flat_parallelogram(tmp_path):
@@ -196,10 +208,17 @@ def test_axes_that_are_not_quite_parallel_are_named(tmp_path, tilt, held):
     circle = {"base": {"radius": 0.4}, "platform": {"radius": 0.1}, "crank": 0.25, "rod": 0.25}
     legs = {"chain": "RRR", "symmetry": 4, "stiffness": 2e4, **circle}
     askew, straight = (
-        load(write_file(tmp_path, f"m{i}", kind="parallel", legs=legs,
-                        pose={"xyz": [0, 0, 0], "rpy": [roll, 0, 0.2]}))
+        load(
+            write_file(
+                tmp_path,
+                f"m{i}",
+                kind="parallel",
+                legs=legs,
+                pose={"xyz": [0, 0, 0], "rpy": [roll, 0, 0.2]},
+            )
+        )
         for i, roll in enumerate((tilt, 0.0))
-    )  # fmt: skip
+    )
     elastic = askew
     rest = equilibrium(elastic, DeadForce([1.0, -2.0, 0.0]))
     chain = elastic.mechanism.at(elastic.q)

@@ -22,22 +22,39 @@ SUM = 1e-10
 DIFFERENCES = 1e-9
 
 Q = {
-    "shoulder_pan_joint": 0.3, "shoulder_lift_joint": -1.1, "elbow_joint": 1.4,
-    "wrist_1_joint": -0.7, "wrist_2_joint": 0.9, "wrist_3_joint": 0.2,
-}  # fmt: skip
+    "shoulder_pan_joint": 0.3,
+    "shoulder_lift_joint": -1.1,
+    "elbow_joint": 1.4,
+    "wrist_1_joint": -0.7,
+    "wrist_2_joint": 0.9,
+    "wrist_3_joint": 0.2,
+}
 K = dict(zip(Q, (3.0e4, 3.0e4, 2.0e4, 5.0e3, 5.0e3, 4.0e3), strict=True))
 LINK = "upper_arm_link"
-BEAM = {"E": 7.0e10, "G": 2.6e10, "length": 0.425, "area": 8e-4, "Iy": 2.0e-7, "Iz": 3.0e-7,
-        "J": 4.0e-7}  # fmt: skip
+BEAM = {
+    "E": 7.0e10,
+    "G": 2.6e10,
+    "length": 0.425,
+    "area": 8e-4,
+    "Iy": 2.0e-7,
+    "Iz": 3.0e-7,
+    "J": 4.0e-7,
+}
 
 
 def _ur5(folder, name="arm", **more):
     return load(
         write_file(
-            folder, name, kind="serial", model="ur5", frame="tool0", q=Q,
-            springs={n: {"stiffness": k} for n, k in K.items()}, **more,
+            folder,
+            name,
+            kind="serial",
+            model="ur5",
+            frame="tool0",
+            q=Q,
+            springs={n: {"stiffness": k} for n, k in K.items()},
+            **more,
         )
-    )  # fmt: skip
+    )
 
 
 def _model():

@@ -109,9 +109,13 @@ def _finite_elements(pieces):
         on_body = frame.on_body(points[2] - body[:3, 3])
         frame.beam([GROUND] * 5 + [turn], elbow, points[0], points[1], leg.beams[0], pieces)
         frame.beam(
-            [*elbow[:5], elbow_turn], [*on_body[:5], wrist_turn], points[1], points[2],
-            leg.beams[1], pieces,
-        )  # fmt: skip
+            [*elbow[:5], elbow_turn],
+            [*on_body[:5], wrist_turn],
+            points[1],
+            points[2],
+            leg.beams[1],
+            pieces,
+        )
     R = np.kron(np.eye(2), body[:3, :3])
     return R.T @ frame.body_stiffness() @ R
 
@@ -166,13 +170,25 @@ def test_a_beam_that_does_not_lie_along_its_link_is_named(tmp_path, at, said):
         joint("j2", "upper", "tip", at=at, axis=(0, 1, 0)),
         name="arm",
     )
-    beam = {"E": 7e10, "G": 2.6e10, "length": 0.3, "area": 6e-4, "Iy": 4.5e-8, "Iz": 2e-8,
-            "J": 5e-8, "segments": 2}  # fmt: skip
+    beam = {
+        "E": 7e10,
+        "G": 2.6e10,
+        "length": 0.3,
+        "area": 6e-4,
+        "Iy": 4.5e-8,
+        "Iz": 2e-8,
+        "J": 5e-8,
+        "segments": 2,
+    }
     path = write_file(
-        tmp_path, "arm", kind="serial", model="arm.urdf", frame="tip",
+        tmp_path,
+        "arm",
+        kind="serial",
+        model="arm.urdf",
+        frame="tip",
         springs={"j1": {"stiffness": 1e4}, "j2": {"stiffness": 1e4}},
         flexible={"upper": {"beam": beam}},
-    )  # fmt: skip
+    )
     found = [n for n in load(path).notes if n.code == "beam-elsewhere"]
     assert bool(found) is said
     if said:

@@ -23,8 +23,9 @@ LOWER = {"axial": 1.2e8, "shear": 1.1e7, "bending": 33.0, "torsion": 236.0, "off
 UPPER = {"axial": 0.9e8, "shear": 2.1e7, "bending": 53.0, "torsion": 136.0, "offset": 0.005}
 LAYOUT = {
     "base": {"radius": 0.115, "half_angle": np.pi / 18, "height": 0.015},
-    "platform": {"radius": 0.09, "half_angle": np.pi / 18}, "height": 0.075,
-}  # fmt: skip
+    "platform": {"radius": 0.09, "half_angle": np.pi / 18},
+    "height": 0.075,
+}
 AXIAL = 2e7
 BODY = [0.01, -0.02, 0.06]
 
@@ -59,13 +60,20 @@ def _long(folder, short):
         )
         tip = se3.inverse(T_F_M) @ foot @ se3.pose(translation=[0, 0, low + bar])
         pose = {"xyz": foot[:3, 3], "rpy": se3.roll_pitch_yaw(foot)}
-        legs.append({
-            "kind": "serial", "model": f"leg{i}.urdf", "frame": "tip", "base": pose,
-            "grip": {"xyz": tip[:3, 3], "rpy": se3.roll_pitch_yaw(tip)},
-            "springs": {"slide": {"stiffness": AXIAL}},
-            "flexible": {"lower": {"stiffness": _matrix(LOWER)},
-                         "upper": {"stiffness": _matrix(UPPER)}},
-        })  # fmt: skip
+        legs.append(
+            {
+                "kind": "serial",
+                "model": f"leg{i}.urdf",
+                "frame": "tip",
+                "base": pose,
+                "grip": {"xyz": tip[:3, 3], "rpy": se3.roll_pitch_yaw(tip)},
+                "springs": {"slide": {"stiffness": AXIAL}},
+                "flexible": {
+                    "lower": {"stiffness": _matrix(LOWER)},
+                    "upper": {"stiffness": _matrix(UPPER)},
+                },
+            }
+        )
     return load(write_file(folder, "long", kind="parallel", legs=legs))
 
 
@@ -77,8 +85,9 @@ def test_it_is_the_machine_with_all_its_joints(tmp_path):
     loaded = []
     for rest in (0.0, 1e-4):
         rests = rest * np.array([1.0, -0.5, 2.0, 0.7, -1.0, 0.3])
-        told = short.with_springs(rest=dict(zip(short.spring_names, short.springs.made + rests,
-                                                strict=True)))  # fmt: skip
+        told = short.with_springs(
+            rest=dict(zip(short.spring_names, short.springs.made + rests, strict=True))
+        )
         one = cartstiff.equilibrium(told, cartstiff.DeadForce([30.0, -20.0, 300.0]))
         drives = {f"leg{i + 1}/slide": x for i, x in enumerate(rests)}
         full = long.with_springs(rest={n: drives.get(n, 0.0) for n in long.names})
@@ -102,8 +111,9 @@ def test_joints_of_a_published_platform_take_a_quarter_of_its_stiffness():
 def _one(axial=1e5, k=(1e6, 1e4, 3.0, 2.0), length=0.2, **keys):
     ends = [Flexure(*k), Flexure(*k)]
     T = se3.pose(translation=[0.0, 0.0, length])
-    return FlexureStruts.between(np.zeros((1, 3)), np.zeros((1, 3)), T, np.array([axial]), *ends,
-                                 np.array([length])), T  # fmt: skip
+    return FlexureStruts.between(
+        np.zeros((1, 3)), np.zeros((1, 3)), T, np.array([axial]), *ends, np.array([length])
+    ), T
 
 
 def test_a_strut_as_made_is_its_parts_in_a_row():
@@ -246,7 +256,7 @@ def test_other_units_tell_the_same(tmp_path):
         ({"lower": {"bending": 3.0}}, "torsion"),
         ({"axial": [1e7, 2e7]}, "6 numbers"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_strut_is_refused(tmp_path, change, words):
     strut = {"axial": AXIAL, "lower": LOWER, "upper": UPPER} | change
     path = write_file(tmp_path, kind="stewart-gough", layout=LAYOUT, legs={"strut": strut})
@@ -267,8 +277,11 @@ def test_more_than_the_flexures_hold_is_refused(tmp_path):
 
 
 def test_a_search_that_runs_away_is_refused_in_words(tmp_path, recwarn):
-    ends = {"base": {"radius": 0.235, "half_angle": 0.65},
-            "platform": {"radius": 1.9e-7, "half_angle": 1.0}, "height": -0.74}  # fmt: skip
+    ends = {
+        "base": {"radius": 0.235, "half_angle": 0.65},
+        "platform": {"radius": 1.9e-7, "half_angle": 1.0},
+        "height": -0.74,
+    }
     joint = {"axial": 1.2e8, "shear": 1e7, "bending": 3331, "torsion": 236}
     strut = {"axial": AXIAL, "lower": joint, "upper": joint | {"bending": 3.3e-3, "offset": 0.01}}
     elastic = load(

@@ -17,8 +17,10 @@ CASES = Path(__file__).parents[2] / "cases"
 SIMSCAPE = {
     "base": {"radius": 0.115, "half_angle": np.pi / 18, "height": 0.015},
     "platform": {"radius": 0.09, "half_angle": np.pi / 18, "height": -0.015},
-    "height": 0.09, "frame": {"xyz": [0, 0, 0.045]}, "legs": 20e6,
-}  # fmt: skip
+    "height": 0.09,
+    "frame": {"xyz": [0, 0, 0.045]},
+    "legs": 20e6,
+}
 # Case: cube's size and centre, the platform's height, the point over it.
 CUBES = {
     "cubic-centred": (0.1, 0.05, 0.1, -0.05),
@@ -39,8 +41,9 @@ def stiffness(elastic: cartstiff.ElasticMechanism) -> np.ndarray:
 def test_the_points_of_stewart_simscape() -> None:
     """Its documentation prints them; the strokes of its kinematic study follow."""
     elastic, published = (
-        cartstiff.hexapod(**SIMSCAPE), cartstiff.load(CASES / "simscape-stroke" / "mechanism.yaml")
-    )  # fmt: skip
+        cartstiff.hexapod(**SIMSCAPE),
+        cartstiff.load(CASES / "simscape-stroke" / "mechanism.yaml"),
+    )
     for name in ("anchors", "points", "T_P_M"):
         a, b = (getattr(e.mechanism, name) for e in (elastic, published))
         assert np.abs(a - b).max() < 1e-14
@@ -100,9 +103,11 @@ def test_rotations_of_an_isotropic_platform_are_one_to_four(
     if across < 0.05:
         return
     elastic = cartstiff.hexapod(
-        base={"radius": a, "half_angle": halves[0]}, height=height, legs=1.0,
+        base={"radius": a, "half_angle": halves[0]},
+        height=height,
+        legs=1.0,
         platform={"radius": b, "half_angle": halves[1]},
-    )  # fmt: skip
+    )
     K = stiffness(elastic)
     assert np.abs(K[3:, 3:] - 2 * np.eye(3)).max() < 1e-12
     # To the point of the axis where the coupling vanishes, by hand: K_rr - c^2 K_tt.
@@ -130,14 +135,18 @@ def test_angles_with_and_without_symmetry_say_the_same_as_pairs() -> None:
     third = 2 * np.pi / 3
     lower, upper = [-0.2, 0.2], [0.9 - third + 0.3, 0.9 - 0.3]
     thirds = cartstiff.hexapod(
-        base={"radius": 1.0, "angles": lower}, platform={"radius": 0.7, "angles": upper},
-        symmetry=3, height=0.5, legs=1.0,
-    )  # fmt: skip
+        base={"radius": 1.0, "angles": lower},
+        platform={"radius": 0.7, "angles": upper},
+        symmetry=3,
+        height=0.5,
+        legs=1.0,
+    )
     every = cartstiff.hexapod(
         base={"radius": 1.0, "angles": [x + i * third for i in range(3) for x in lower]},
         platform={"radius": 0.7, "angles": [x + i * third for i in range(3) for x in upper]},
-        height=0.5, legs=1.0,
-    )  # fmt: skip
+        height=0.5,
+        legs=1.0,
+    )
     for other in (thirds, every):
         assert np.abs(other.mechanism.points - pairs.mechanism.points).max() < 1e-15
         assert np.abs(other.mechanism.anchors - pairs.mechanism.anchors).max() < 1e-15
@@ -157,17 +166,22 @@ RING = {"radius": 1.0}
 REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"base": RING, "platform": RING}, "'height' is missing"),
     ({"base": RING, "height": 1.0}, "'radius' of platform is missing"),
-    ({"base": {"radius": -1.0}, "platform": RING, "height": 1.0},
-     r"layout.base.radius: .*above"),
+    ({"base": {"radius": -1.0}, "platform": RING, "height": 1.0}, r"layout.base.radius: .*above"),
     ({"base": RING | {"radus": 1.0}, "platform": RING, "height": 1.0}, "unknown key.*radius"),
-    ({"base": RING | {"half_angle": 0.1, "angles": [0] * 6}, "platform": RING, "height": 1.0},
-     "half_angle or angles, not both"),
+    (
+        {"base": RING | {"half_angle": 0.1, "angles": [0] * 6}, "platform": RING, "height": 1.0},
+        "half_angle or angles, not both",
+    ),
     ({"base": RING | {"angles": [0, 1]}, "platform": RING, "height": 1.0}, "angles must be 6"),
-    ({"base": RING | {"angles": [0] * 6}, "platform": RING, "height": 1.0, "symmetry": 3},
-     "angles must be 2 with symmetry 3"),
+    (
+        {"base": RING | {"angles": [0] * 6}, "platform": RING, "height": 1.0, "symmetry": 3},
+        "angles must be 2 with symmetry 3",
+    ),
     ({"base": RING, "platform": RING, "height": 1.0, "symmetry": 3}, "symmetry is for angles"),
-    ({"base": RING, "platform": RING | {"angles": [0] * 6}, "height": 1.0, "turn": 1.0},
-     "turn is for pairs"),
+    (
+        {"base": RING, "platform": RING | {"angles": [0] * 6}, "height": 1.0, "turn": 1.0},
+        "turn is for pairs",
+    ),
     ({"cubic": {"edge": 1.0, "size": 1.0}}, "exactly one of edge, size"),
     ({"cubic": {}}, "exactly one of edge, size"),
     ({"cubic": {"edge": 1.0}, "base": RING}, "base.radius is not for a cubic layout"),
@@ -175,7 +189,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"cubic": {"edge": 1.0}, "pose": {}}, "give layout or pose, not both"),
     ({"cubic": {"edge": 1.0, "centre": [0, 0]}}, "layout.cubic.centre"),
     ({"base": RING, "platform": RING, "height": 0.0, "turn": 0.0}, "zero length"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("keys", "words"), REFUSALS)

@@ -49,10 +49,13 @@ def test_distance_of_segments_is_the_least_of_all_pairs_of_points(seed):
 
 
 def test_angles_are_those_of_the_legs_from_their_axes(tmp_path):
-    elastic = _load(tmp_path, {
-        "base_joints": {"axis": [0, 0, 2.0], "angle": 0.1},
-        "platform_joints": {"axis": [0, 0, -1.0], "angle": [1.2] * 5 + [0.01]},
-    })  # fmt: skip
+    elastic = _load(
+        tmp_path,
+        {
+            "base_joints": {"axis": [0, 0, 2.0], "angle": 0.1},
+            "platform_joints": {"axis": [0, 0, -1.0], "angle": [1.2] * 5 + [0.01]},
+        },
+    )
     (note,) = _notes(elastic, "beyond-limits")
     platform = elastic.mechanism
     T = platform.pose_of(np.array(POSE))
@@ -119,9 +122,10 @@ def test_units_change_distances_and_leave_angles(tmp_path):
 
 def test_an_equilibrium_names_them_and_stops_at_lengths_only(tmp_path):
     legs = {
-        "rest_length": 0.9, "limits": [[0.1, 5.0]] * 6,
+        "rest_length": 0.9,
+        "limits": [[0.1, 5.0]] * 6,
         "base_joints": {"axis": [0, 0, 1], "angle": 0.1},
-    }  # fmt: skip
+    }
     found = cartstiff.equilibrium(_load(tmp_path, legs), wrench=[0, 0, 0, 0, 0, -10.0])
     assert "beyond-limits" in {note.code for note in found.notes}
 
@@ -178,8 +182,10 @@ def test_cables_do_not_push(tmp_path):
 
 
 def test_one_pair_of_lengths_stands_for_all_legs(tmp_path):
-    both = [_load(tmp_path, {"limits": given}).mechanism.limits
-            for given in ([0.5, 1.2], [[0.5, 1.2]] * 6)]  # fmt: skip
+    both = [
+        _load(tmp_path, {"limits": given}).mechanism.limits
+        for given in ([0.5, 1.2], [[0.5, 1.2]] * 6)
+    ]
     np.testing.assert_array_equal(*both)
     assert both[0].shape == (6, 2)
 

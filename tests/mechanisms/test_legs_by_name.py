@@ -212,10 +212,14 @@ def orthoglide() -> Formula:
 
     def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
         drives = [
-            on_rail(plus(plus(y, points[k]), base[k], -1), [int(i == k) for i in range(3)],
-                    legs["rod"], -1)
+            on_rail(
+                plus(plus(y, points[k]), base[k], -1),
+                [int(i == k) for i in range(3)],
+                legs["rod"],
+                -1,
+            )
             for k in range(3)
-        ]  # fmt: skip
+        ]
         return mp.eye(3), list(y), drives
 
     return formula
@@ -263,8 +267,11 @@ def four_rrr() -> Formula:
         R, p = rotation(2, yaw + y[2]), [y[0], y[1], mp.mpf(0)]
         drives = []
         for a in angles:
-            d = plus(carried(R, p, on_circle(legs["platform"]["radius"], a)),
-                     on_circle(legs["base"]["radius"], a), -1)  # fmt: skip
+            d = plus(
+                carried(R, p, on_circle(legs["platform"]["radius"], a)),
+                on_circle(legs["base"]["radius"], a),
+                -1,
+            )
             outwards, up = [mp.cos(a), mp.sin(a), 0], [-mp.sin(a), mp.cos(a), 0]
             drives.append(on_crank(d, outwards, up, legs["crank"], legs["rod"], 1))
         return R, p, drives
@@ -273,17 +280,29 @@ def four_rrr() -> Formula:
 
 
 MACHINES: dict[str, tuple[Callable[[], Formula], int]] = {
-    "6-pus": (six_pus, 6), "hexaglide": (hexaglide, 6), "6-rus": (six_rus, 6),
-    "3-rps": (three_rps, 3), "3-prs": (three_prs, 3), "orthoglide": (orthoglide, 3),
-    "tricept": (tricept, 3), "4-rrr": (four_rrr, 3), "delta": (delta, 3),
-}  # fmt: skip
+    "6-pus": (six_pus, 6),
+    "hexaglide": (hexaglide, 6),
+    "6-rus": (six_rus, 6),
+    "3-rps": (three_rps, 3),
+    "3-prs": (three_prs, 3),
+    "orthoglide": (orthoglide, 3),
+    "tricept": (tricept, 3),
+    "4-rrr": (four_rrr, 3),
+    "delta": (delta, 3),
+}
 
 
 def machine_of(name: str) -> Any:
     if name != "delta":
         return cartstiff.load(name)
-    legs = {"chain": "RUU", "base": {"radius": 0.15}, "platform": {"radius": 0.05}, "crank": 0.2,
-            "rod": 0.45, "stiffness": 1500.0}  # fmt: skip
+    legs = {
+        "chain": "RUU",
+        "base": {"radius": 0.15},
+        "platform": {"radius": 0.05},
+        "crank": 0.2,
+        "rod": 0.45,
+        "stiffness": 1500.0,
+    }
     return cartstiff.parallel(legs, [0, 0, DELTA_HEIGHT, 0, 0, 0])
 
 
@@ -304,8 +323,9 @@ def derivatives(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
         f0 = at()
         single = [(at(**{f"y{i}": 1}), at(**{f"y{i}": -1})) for i in range(n)]
-        slopes = np.array([[float((a - b) / (2 * STEP)) for a, b in zip(*pair, strict=True)]
-                           for pair in single]).T  # fmt: skip
+        slopes = np.array(
+            [[float((a - b) / (2 * STEP)) for a, b in zip(*pair, strict=True)] for pair in single]
+        ).T
         bends = np.zeros((len(f0), n, n))
         for i in range(n):
             for j in range(i + 1):
@@ -315,9 +335,10 @@ def derivatives(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                     both, none = at(**{f"y{i}": 1, f"y{j}": 1}), at(**{f"y{i}": -1, f"y{j}": -1})
                     second = [
                         (c + d - a - b - e - g + 2 * f) / 2
-                        for c, d, a, b, e, g, f in zip(both, none, *single[i], *single[j], f0,
-                                                       strict=True)
-                    ]  # fmt: skip
+                        for c, d, a, b, e, g, f in zip(
+                            both, none, *single[i], *single[j], f0, strict=True
+                        )
+                    ]
                 bends[:, i, j] = bends[:, j, i] = [float(x / STEP**2) for x in second]
         return np.array([float(x) for x in f0]), slopes, bends
 

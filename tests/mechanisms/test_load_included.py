@@ -43,8 +43,20 @@ def _loaded(name):
     return analyse(elastic, wrench=WRENCH)
 
 
-NAMES = ["3-rrr", "6-ups", "cable-robot", "cubic", "delta", "grasp", "hexapod", "panda",
-         "stewart-gough", "ur10", "ur5", "xarm7"]  # fmt: skip
+NAMES = [
+    "3-rrr",
+    "6-ups",
+    "cable-robot",
+    "cubic",
+    "delta",
+    "grasp",
+    "hexapod",
+    "panda",
+    "stewart-gough",
+    "ur10",
+    "ur5",
+    "xarm7",
+]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -82,9 +82,11 @@ def _urdf(folder, *more):
         name="twin",
     )
     bodies = {
-        "left_crank": (0.4, "0.1 0.02 0"), "left_coupler": (0.3, "0.15 0 0.01"),
-        "right_crank": (0.4, "0.1 0 0"), "right_coupler": (0.3, "0.15 0 0"),
-    }  # fmt: skip
+        "left_crank": (0.4, "0.1 0.02 0"),
+        "left_coupler": (0.3, "0.15 0 0.01"),
+        "right_crank": (0.4, "0.1 0 0"),
+        "right_coupler": (0.3, "0.15 0 0"),
+    }
     urdf = text.read_text()
     for link, (mass, at) in bodies.items():
         urdf = masses(urdf, **{link: mass}).replace(
@@ -127,15 +129,29 @@ def _files(tmp_path, xml, closures, gravity=None, **more):
     extra = {} if gravity is None else {"gravity": gravity}
     # The bystander has its own spring, so its place is balanced on its own.
     mjcf = write_file(
-        tmp_path, "from-mjcf", kind="closed-chain", model=xml.name, frame="left_coupler", q=Q,
-        locked={"aside": 0.0}, **extra,
-    )  # fmt: skip
+        tmp_path,
+        "from-mjcf",
+        kind="closed-chain",
+        model=xml.name,
+        frame="left_coupler",
+        q=Q,
+        locked={"aside": 0.0},
+        **extra,
+    )
     springs = {k: v for k, v in SPRINGS.items() if k != "aside_joint"}
     urdf = write_file(
-        tmp_path, "from-urdf", kind="closed-chain", model=_urdf(tmp_path, **more).name,
-        frame="left_coupler", q=Q, locked={"aside_joint": 0.0}, springs=springs,
-        passive=["right_elbow"], closures=closures, **extra,
-    )  # fmt: skip
+        tmp_path,
+        "from-urdf",
+        kind="closed-chain",
+        model=_urdf(tmp_path, **more).name,
+        frame="left_coupler",
+        q=Q,
+        locked={"aside_joint": 0.0},
+        springs=springs,
+        passive=["right_elbow"],
+        closures=closures,
+        **extra,
+    )
     return load(mjcf), load(urdf)
 
 
@@ -162,15 +178,27 @@ def test_weld(tmp_path):
     xml = _xml(tmp_path, WELD)
     mount = joint("mount", "left_coupler", "pad", at=(0.55, 0.2, 0), rpy=(0, 0, 1.9), kind="fixed")
     mjcf = write_file(
-        tmp_path, "from-mjcf", kind="closed-chain", model=xml.name, frame="left_coupler", q=Q,
+        tmp_path,
+        "from-mjcf",
+        kind="closed-chain",
+        model=xml.name,
+        frame="left_coupler",
+        q=Q,
         locked={"aside": 0.0},
-    )  # fmt: skip
+    )
     springs = {k: v for k, v in SPRINGS.items() if k != "aside_joint"}
     urdf = write_file(
-        tmp_path, "from-urdf", kind="closed-chain", model=_urdf(tmp_path, mount).name,
-        frame="left_coupler", q=Q, locked={"aside_joint": 0.0}, springs=springs,
-        passive=["right_elbow"], closures=[{"frames": ["pad", "right_coupler"], "type": "weld"}],
-    )  # fmt: skip
+        tmp_path,
+        "from-urdf",
+        kind="closed-chain",
+        model=_urdf(tmp_path, mount).name,
+        frame="left_coupler",
+        q=Q,
+        locked={"aside_joint": 0.0},
+        springs=springs,
+        passive=["right_elbow"],
+        closures=[{"frames": ["pad", "right_coupler"], "type": "weld"}],
+    )
     a, b = analyse(load(mjcf)), analyse(load(urdf))
     assert a.reduction.freedoms == 1
     _compare(a, b)

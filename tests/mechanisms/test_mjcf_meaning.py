@@ -32,9 +32,16 @@ ARM = """<mujoco><compiler angle="radian"/><option gravity="0 0 {g}"/>
 <site name="tcp" pos=".15 0 .02" euler=".1 .2 .3"/>{more}
 </body></body></body></body></body></body></worldbody>{end}</mujoco>"""
 PLAIN = {
-    "g": "-9.81", "default": 'stiffness="1000"', "lift": "0", "one": "", "two": "", "three": "",
-    "six": "", "more": "", "end": "",
-}  # fmt: skip
+    "g": "-9.81",
+    "default": 'stiffness="1000"',
+    "lift": "0",
+    "one": "",
+    "two": "",
+    "three": "",
+    "six": "",
+    "more": "",
+    "end": "",
+}
 FINGER = (
     '<body name="finger" pos=".1 .02 0"><joint name="f" type="slide" stiffness="50"/>'
     '<geom fromto="0 0 0 .05 0 0"/></body>'
@@ -143,9 +150,11 @@ def test_stiffness_of_arms_is_that_of_mujocos_forces(tmp_path, which, gravity):
     changes = {"g": gravity}
     if which != "springs everywhere":
         changes |= {
-            "lift": "0.7", "one": 'stiffness="700 30 20" springref=".2"', "two": 'ref=".3"',
+            "lift": "0.7",
+            "one": 'stiffness="700 30 20" springref=".2"',
+            "two": 'ref=".3"',
             "three": 'pos=".02 .01 0" springref="-.4" ref="-.1"',
-        }  # fmt: skip
+        }
     path = arm(tmp_path, **changes)
     elastic = load(path, frame="tcp")
     q = np.array([0.3, -0.5, 0.9, 0.4, 0.7, -0.2])

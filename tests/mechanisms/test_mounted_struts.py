@@ -117,10 +117,12 @@ def test_one_many_and_other_units_tell_the_same(tmp_path):
         ({"table": FLEXIBLE["base"]}, "table"),
         ({"base": {"stiffness": np.diag([1.0, 1, 1, 1, 1, 0]).tolist()}}, "hold the body"),
         ({"base": {"stiffness": np.triu(np.ones((6, 6))).tolist()}}, "symmetric"),
-        ({"base": {"beam": {"E": 1, "G": 1, "length": 1, "area": 1, "Iy": 1, "Iz": 1, "J": 1}}},
-         "a beam"),
+        (
+            {"base": {"beam": {"E": 1, "G": 1, "length": 1, "area": 1, "Iy": 1, "Iz": 1, "J": 1}}},
+            "a beam",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_give_as_a_spring_is_refused(tmp_path, flexible, words):
     with pytest.raises(InputError, match=words):
         _machine(tmp_path, flexible=flexible)
@@ -129,8 +131,18 @@ def test_what_does_not_give_as_a_spring_is_refused(tmp_path, flexible, words):
 def test_cables_hang_from_what_does_not_give(tmp_path):
     ends = np.random.default_rng(1).normal(size=(7, 3)).tolist()
     with pytest.raises(InputError, match="cables hang"):
-        load(write_file(tmp_path, "cables", kind="springs", base=ends, platform=ends[1:] + ends[:1],
-                        unilateral=True, legs={"stiffness": 1e4}, flexible=FLEXIBLE))  # fmt: skip
+        load(
+            write_file(
+                tmp_path,
+                "cables",
+                kind="springs",
+                base=ends,
+                platform=ends[1:] + ends[:1],
+                unilateral=True,
+                legs={"stiffness": 1e4},
+                flexible=FLEXIBLE,
+            )
+        )
 
 
 def test_mass_in_a_strut_is_mass_in_its_leg(tmp_path):

@@ -29,8 +29,19 @@ SLIDING = """<robot name='r'><link name='l0'/>
 <joint name='f' type='fixed'><parent link='l3'/><child link='tool0'/>
 <origin xyz='.1 .2 .3'/></joint></robot>"""
 
-NAMES = ["ur5", "panda", "delta", "stewart-gough", "hexapod", "cubic", "five-bar", "cable-robot",
-         "grasp", "finger", "sliding"]  # fmt: skip
+NAMES = [
+    "ur5",
+    "panda",
+    "delta",
+    "stewart-gough",
+    "hexapod",
+    "cubic",
+    "five-bar",
+    "cable-robot",
+    "grasp",
+    "finger",
+    "sliding",
+]
 
 
 def loaded(name: str):

@@ -139,9 +139,12 @@ def test_following_joints():
     mimic = '<mimic joint="j1" multiplier="-1.5" offset="0.2"/>'
     slide = '<mimic joint="j2" multiplier="0.1" offset="0.05"/>'
     text = _urdf(
-        _joint(1) + _joint(2, "revolute", "", "1 0 0") + _joint(3, "revolute", mimic, "0 0.6 0.8")
-        + _joint(4, "prismatic", slide, "0 1 0"), 5
-    )  # fmt: skip
+        _joint(1)
+        + _joint(2, "revolute", "", "1 0 0")
+        + _joint(3, "revolute", mimic, "0 0.6 0.8")
+        + _joint(4, "prismatic", slide, "0 1 0"),
+        5,
+    )
     model = pin.buildModelFromXML(text, True)
     assert model.nq == 2
     arm = cartstiff.load(model, frame="l4")
@@ -178,17 +181,23 @@ def test_loops_as_pinocchio_names_them():
         rod = model.frames[model.getFrameId(f"rod{leg}")]
         closures.append(
             pin.RigidConstraintModel(
-                pin.ContactType.CONTACT_3D, model,
-                platform.parentJoint, platform.placement * pin.SE3(np.eye(3), np.array(point)),
-                rod.parentJoint, rod.placement,
+                pin.ContactType.CONTACT_3D,
+                model,
+                platform.parentJoint,
+                platform.placement * pin.SE3(np.eye(3), np.array(point)),
+                rod.parentJoint,
+                rod.placement,
             )
-        )  # fmt: skip
+        )
     motors = [f"leg{i}_slide" for i in range(1, 7)]
     passive = {name: 0.0 for name in list(model.names)[1:] if name not in motors}
     machine = cartstiff.load(
-        model, frame="platform", closures=closures, actuated=motors,
+        model,
+        frame="platform",
+        closures=closures,
+        actuated=motors,
         stiffness=passive | dict.fromkeys(motors, 2e6),
-    )  # fmt: skip
+    )
     K = cartstiff.analyse(machine).B.matrix
     expected = cartstiff.analyse(cartstiff.load("6-ups")).B.matrix
     np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())
@@ -232,8 +241,9 @@ def test_joints_of_a_subtree_that_stand_apart():
     rng = np.random.default_rng(4)
     model = pin.Model()
     for i, parent in enumerate((0, 1, 1, 2, 3, 2), start=1):
-        model.addJoint(parent, pin.JointModelRY() if i % 2 else pin.JointModelRX(),
-                       pin.SE3.Random(), f"j{i}")  # fmt: skip
+        model.addJoint(
+            parent, pin.JointModelRY() if i % 2 else pin.JointModelRX(), pin.SE3.Random(), f"j{i}"
+        )
         model.appendBodyToJoint(
             i, pin.Inertia(i, rng.normal(size=3), np.eye(3)), pin.SE3.Identity()
         )

@@ -38,13 +38,15 @@ def six_rus(folder: Path, **keys: Any) -> Path:
             {
                 "model": "leg.urdf",
                 "frame": "tip",
-                "base": {"xyz": [RADIUS[0] * np.cos(a), RADIUS[0] * np.sin(a), 0],
-                         "rpy": [0, 0, a + np.pi / 2 * (-1) ** k]},
+                "base": {
+                    "xyz": [RADIUS[0] * np.cos(a), RADIUS[0] * np.sin(a), 0],
+                    "rpy": [0, 0, a + np.pi / 2 * (-1) ** k],
+                },
                 "grip": {"xyz": [RADIUS[1] * np.cos(b), RADIUS[1] * np.sin(b), 0]},
                 "springs": {"crank": {"stiffness": 2e3}},
                 "passive": ["u1", "u2", "s1", "s2", "s3"],
             }
-        )  # fmt: skip
+        )
     actuated = [f"leg{k + 1}/crank" for k in range(6)]
     return write_file(folder, "rus", kind="parallel", legs=legs, actuated=actuated, **keys)
 

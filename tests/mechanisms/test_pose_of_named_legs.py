@@ -19,11 +19,18 @@ from cartstiff.kinematics.inverse import inverse_kinematics
 EXACT = 1e-10
 #: What of a pose is free, by machine.
 FREE = {
-    "6-pus": "x y z roll pitch yaw", "hexaglide": "x y z roll pitch yaw",
-    "6-rus": "x y z roll pitch yaw", "3-rps": "z roll pitch", "3-prs": "z roll pitch",
-    "tricept": "x y z", "orthoglide": "x y z", "4-rrr": "x y yaw", "delta": "x y z",
-    "6-ups": "x y z roll pitch yaw", "five-bar": "x y",
-}  # fmt: skip
+    "6-pus": "x y z roll pitch yaw",
+    "hexaglide": "x y z roll pitch yaw",
+    "6-rus": "x y z roll pitch yaw",
+    "3-rps": "z roll pitch",
+    "3-prs": "z roll pitch",
+    "tricept": "x y z",
+    "orthoglide": "x y z",
+    "4-rrr": "x y yaw",
+    "delta": "x y z",
+    "6-ups": "x y z roll pitch yaw",
+    "five-bar": "x y",
+}
 
 
 def pose_numbers(T: np.ndarray) -> np.ndarray:
@@ -109,8 +116,18 @@ def test_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     answer = json.loads(out)
     assert answer["pose"][2][3] == pytest.approx(0.65, abs=EXACT)
     assert "pose-follows" in [note["code"] for note in answer["notes"]]
-    _, out, _ = _run(capsys, "analyse", "6-pus", "--pose", "10,0,550,5,0,0", "--units", "mm,deg",
-                     "--tcp", "0,0,100", "--json")  # fmt: skip
+    _, out, _ = _run(
+        capsys,
+        "analyse",
+        "6-pus",
+        "--pose",
+        "10,0,550,5,0,0",
+        "--units",
+        "mm,deg",
+        "--tcp",
+        "0,0,100",
+        "--json",
+    )
     # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees. JSON is in m.
     tool = [0.01, -0.1 * np.sin(np.pi / 36), 0.55 + 0.1 * np.cos(np.pi / 36)]
     assert np.array(json.loads(out)["pose"])[:3, 3] == pytest.approx(tool, abs=1e-11)

@@ -42,14 +42,16 @@ def _sps(folder, spin=None):
             springs["spin"] = spin
         legs.append(
             {
-                "model": leg.name, "frame": "rod", "contact": "point",
+                "model": leg.name,
+                "frame": "rod",
+                "contact": "point",
                 "base": {"xyz": a},
                 "grip": {"xyz": b, "rpy": Rotation.from_matrix(grip).as_euler("xyz")},
                 "q": {"u1": u1, "u2": u2, "slide": length},
                 "springs": springs,
                 "passive": ["u1", "u2"] + (["spin"] if spin is None else []),
             }
-        )  # fmt: skip
+        )
     return load(write_file(folder, kind="parallel", legs=legs))
 
 
@@ -169,9 +171,12 @@ def test_axes_that_meet_in_the_body(tmp_path):
         joint("c", "two", "tip"),
     )
     path = write_file(
-        tmp_path, kind="serial", model=wrist.name, frame="tip",
+        tmp_path,
+        kind="serial",
+        model=wrist.name,
+        frame="tip",
         springs={n: {"stiffness": 2.0, "rest": 0.0} for n in "abc"},
-    )  # fmt: skip
+    )
     for q in ([0.3, 0.4, 0.5], [0.1, 1.0, -0.7], [1.0, -0.5, 0.3]):
         result = analyse(load(path), q)
         assert result.posture.length == 1.0

@@ -22,9 +22,11 @@ def _aligned(delta=0.0):
     """Motor and elbow angles with couplers `delta` short of being in line, symmetric."""
     a = np.arccos((0.3 - 0.7 * np.cos(delta)) / 0.5)
     return {
-        "left_motor": a, "left_elbow": -a + delta, "right_motor": np.pi - a,
+        "left_motor": a,
+        "left_elbow": -a + delta,
+        "right_motor": np.pi - a,
         "right_elbow": a - delta,
-    }  # fmt: skip
+    }
 
 
 def test_five_bar_with_couplers_in_line():
@@ -67,11 +69,14 @@ def _hexagons(folder, turn, preload=0.0, small=0.5):
     ring, upper = (np.stack([np.cos(a), np.sin(a), 0 * a], axis=1) for a in (low, high))
     return load(
         write_file(
-            folder, kind="stewart-gough", base=ring, platform=small * upper,
+            folder,
+            kind="stewart-gough",
+            base=ring,
+            platform=small * upper,
             pose={"xyz": [0, 0, 0.8], "rpy": [0, 0, turn]},
             legs={"stiffness": 1e5, "preload": preload},
         )
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("turn", [np.pi / 2, -np.pi / 2])
@@ -97,9 +102,13 @@ def test_hexagons_joined_corner_to_corner(tmp_path):
     angles = np.deg2rad([10, 110, 130, 230, 250, 350])
     ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     path = write_file(
-        tmp_path, kind="stewart-gough", base=ring, platform=0.5 * ring,
-        pose={"xyz": [0, 0, 0.8], "rpy": [0, 0, 0.4]}, legs={"stiffness": 1e5},
-    )  # fmt: skip
+        tmp_path,
+        kind="stewart-gough",
+        base=ring,
+        platform=0.5 * ring,
+        pose={"xyz": [0, 0, 0.8], "rpy": [0, 0, 0.4]},
+        legs={"stiffness": 1e5},
+    )
     result = analyse(load(path))
     values = np.array(note(result, "type-2-singularity").values["singular_values"])
     assert np.sum(values > LOST * values[0]) == 3

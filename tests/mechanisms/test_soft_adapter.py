@@ -95,20 +95,37 @@ def test_links_before_the_adapter_do_not_feel_it(tmp_path: Path) -> None:
 def test_two_beams_in_a_row_are_one_of_two_segments(mass: float, tmp_path: Path) -> None:
     """Stiffness and weight of a cantilever, in one link and in two that are fixed together."""
     section = {
-        "E": 2e11, "G": 8e10, "area": 1e-4, "Iy": 1e-9, "Iz": 2e-9, "J": 2e-9, "density": mass,
-    }  # fmt: skip
-    whole = [joint("wall", "base", "bar", kind="fixed"),
-             joint("end", "bar", "tip", kind="fixed", at=(1, 0, 0))]  # fmt: skip
-    halves = [joint("wall", "base", "near", kind="fixed"),
-              joint("weld", "near", "far", kind="fixed", at=(0.5, 0, 0)),
-              joint("end", "far", "tip", kind="fixed", at=(0.5, 0, 0))]  # fmt: skip
+        "E": 2e11,
+        "G": 8e10,
+        "area": 1e-4,
+        "Iy": 1e-9,
+        "Iz": 2e-9,
+        "J": 2e-9,
+        "density": mass,
+    }
+    whole = [
+        joint("wall", "base", "bar", kind="fixed"),
+        joint("end", "bar", "tip", kind="fixed", at=(1, 0, 0)),
+    ]
+    halves = [
+        joint("wall", "base", "near", kind="fixed"),
+        joint("weld", "near", "far", kind="fixed", at=(0.5, 0, 0)),
+        joint("end", "far", "tip", kind="fixed", at=(0.5, 0, 0)),
+    ]
     give = {"bar": {"beam": {**section, "length": 1.0, "segments": 2}}}
     both = {name: {"beam": {**section, "length": 0.5}} for name in ("far", "near")}
     found = []
     for name, joints, flexible in (("one", whole, give), ("two", halves, both)):
         write_urdf(tmp_path, *joints, name=name)
-        path = write_file(tmp_path, name, kind="serial", model=f"{name}.urdf", frame="tip",
-                          gravity=[0, -3, -9.81], flexible=flexible)  # fmt: skip
+        path = write_file(
+            tmp_path,
+            name,
+            kind="serial",
+            model=f"{name}.urdf",
+            frame="tip",
+            gravity=[0, -3, -9.81],
+            flexible=flexible,
+        )
         rest = equilibrium(load(path), DeadForce([-200.0, 30.0, 50.0]))
         found.append((rest.pose, rest.stiffness.matrices["B"]))
     assert np.abs(found[0][0] - found[1][0]).max() <= 1e-10

@@ -65,8 +65,14 @@ def test_spring_of_a_beam_is_the_beam(matrix, tmp_path):
     ):
         end = joint("end", "bar", "tool", kind="fixed", at=(0.6, 0.1, 0))
         write_urdf(tmp_path, joint("wall", "base", "bar", kind="fixed"), end, name=name)
-        path = write_file(tmp_path, name, kind="serial", model=f"{name}.urdf", frame="tool",
-                          flexible={"bar": give})  # fmt: skip
+        path = write_file(
+            tmp_path,
+            name,
+            kind="serial",
+            model=f"{name}.urdf",
+            frame="tool",
+            flexible={"bar": give},
+        )
         found.append(analyse(load(path)).B.matrix)
     size = np.sqrt(np.outer(np.diag(found[0]), np.diag(found[0])))
     for other in found[1:]:
@@ -93,8 +99,9 @@ def test_files_that_are_refused(text, change, match, matrix, tmp_path):
         (tmp_path / "K.txt").write_text(text)
     write_urdf(tmp_path, joint("turn", "base", "bar"), name="arm")
     give = {"superelement": {"K": "K.txt", "nodes": NODES.tolist()} | change}
-    path = write_file(tmp_path, "arm", kind="serial", model="arm.urdf", frame="bar",
-                      flexible={"bar": give})  # fmt: skip
+    path = write_file(
+        tmp_path, "arm", kind="serial", model="arm.urdf", frame="bar", flexible={"bar": give}
+    )
     with pytest.raises(InputError, match=match) as error:
         load(path)
     assert "\n" not in str(error.value)

@@ -26,10 +26,18 @@ def _element(length):
     for k, size in ((0, m), (3, DENSITY * (IY + IZ) * length)):
         M[np.ix_([k, k + 6], [k, k + 6])] = size / 6 * np.array([[2, 1], [1, 2]])
     for rows, s in (([1, 5, 7, 11], length), ([2, 4, 8, 10], -length)):
-        M[np.ix_(rows, rows)] = m / 420 * np.array(
-            [[156, 22 * s, 54, -13 * s], [22 * s, 4 * s * s, 13 * s, -3 * s * s],
-             [54, 13 * s, 156, -22 * s], [-13 * s, -3 * s * s, -22 * s, 4 * s * s]]
-        )  # fmt: skip
+        M[np.ix_(rows, rows)] = (
+            m
+            / 420
+            * np.array(
+                [
+                    [156, 22 * s, 54, -13 * s],
+                    [22 * s, 4 * s * s, 13 * s, -3 * s * s],
+                    [54, 13 * s, 156, -22 * s],
+                    [-13 * s, -3 * s * s, -22 * s, 4 * s * s],
+                ]
+            )
+        )
     return M
 
 
@@ -60,10 +68,18 @@ def arm(tmp_path, matrices):
         end = joint("end", "bar", "tool", kind="fixed", at=tip)
         write_urdf(tmp_path, joint("wall", "base", "bar", kind=wall), end, name="arm")
         element = {"K": "K.txt", "M": "M.txt", "nodes": (NODES @ R.T).tolist()}
-        return cartstiff.load(write_file(
-            tmp_path, "arm", kind="serial", model="arm.urdf", frame="tool",
-            payload={"mass": HUNG}, flexible={"bar": {"superelement": element}}, **keys,
-        ))  # fmt: skip
+        return cartstiff.load(
+            write_file(
+                tmp_path,
+                "arm",
+                kind="serial",
+                model="arm.urdf",
+                frame="tool",
+                payload={"mass": HUNG},
+                flexible={"bar": {"superelement": element}},
+                **keys,
+            )
+        )
 
     return build
 
@@ -166,9 +182,16 @@ def test_negative_energy_is_refused(matrices):
     bent = np.zeros(24)
     bent[[7, 13]] = [1, -0.8]  # as a whole it stays the same body
     rigid = np.concatenate(
-        [np.vstack([np.hstack([np.eye(3), [[0, 0, 0], [0, 0, -x], [0, x, 0]]]),
-                    np.hstack([np.zeros((3, 3)), np.eye(3)])]) for x in NODES[:, 0]]
-    )  # fmt: skip
+        [
+            np.vstack(
+                [
+                    np.hstack([np.eye(3), [[0, 0, 0], [0, 0, -x], [0, x, 0]]]),
+                    np.hstack([np.zeros((3, 3)), np.eye(3)]),
+                ]
+            )
+            for x in NODES[:, 0]
+        ]
+    )
     bent -= rigid @ np.linalg.lstsq(rigid, bent, rcond=None)[0]
     wrong -= 5.0 * np.outer(bent, bent)
     with pytest.raises(InputError, match="negative energy"):

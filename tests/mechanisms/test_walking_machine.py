@@ -39,14 +39,17 @@ def solo(tmp_path):
     model = robot_file("solo_description/robots/solo12.urdf")
     return load(
         write_file(
-            tmp_path, "solo", kind="closed-chain", model=model, frame="base_link", floating=True,
+            tmp_path,
+            "solo",
+            kind="closed-chain",
+            model=model,
+            frame="base_link",
+            floating=True,
             closures=[{"frames": ["world", f"{leg}_FOOT"], "type": "point"} for leg in LEGS],
             q={f"{leg}_{j}": STANCE[leg][j] for leg in LEGS for j in JOINTS},
-            springs={
-                f"{leg}_{j}": {"stiffness": STIFFNESS[j]} for leg in LEGS for j in JOINTS
-            },
+            springs={f"{leg}_{j}": {"stiffness": STIFFNESS[j]} for leg in LEGS for j in JOINTS},
         )
-    )  # fmt: skip
+    )
 
 
 def _root(elastic):
@@ -175,12 +178,17 @@ def test_feet_too_far_apart_are_refused(tmp_path):
     """Two footholds five metres apart: the loops cannot be closed, and loading says so."""
     model = robot_file("solo_description/robots/solo12.urdf")
     path = write_file(
-        tmp_path, "split", kind="closed-chain", model=model, frame="base_link", floating=True,
+        tmp_path,
+        "split",
+        kind="closed-chain",
+        model=model,
+        frame="base_link",
+        floating=True,
         closures=[
             {"frames": ["world", f], "type": "point", "points": [[0, y, 0], [0, 0, 0]]}
             for f, y in (("FL_FOOT", 0.0), ("HR_FOOT", 5.0))
         ],
-    )  # fmt: skip
+    )
     with pytest.raises(InputError, match="cannot be assembled"):
         load(path)
 

@@ -149,12 +149,18 @@ def test_legs_that_hang_on_the_body(tmp_path: Path) -> None:
         name="hanging",
     )
     file = write_file(
-        tmp_path, "hanging", kind="closed-chain", model="hanging.urdf", frame="body",
-        closures=[{"frames": ["toe", "world"], "type": "point",
-                   "points": [[0, 0, 0], [0.3, -0.2, 0]]}],
-        actuated=["knee"], springs={"knee": {"stiffness": 100.0}},
+        tmp_path,
+        "hanging",
+        kind="closed-chain",
+        model="hanging.urdf",
+        frame="body",
+        closures=[
+            {"frames": ["toe", "world"], "type": "point", "points": [[0, 0, 0], [0.3, -0.2, 0]]}
+        ],
+        actuated=["knee"],
+        springs={"knee": {"stiffness": 100.0}},
         q={"x": 0.1, "y": 0.5, "turn": 0.2, "hip": -2.0, "knee": 0.9},
-    )  # fmt: skip
+    )
     machine = cartstiff.load(file)
     T = machine.mechanism.at(machine.q).pose
     found = inverse_kinematics(machine, T)

@@ -131,11 +131,21 @@ def test_singular_boundaries_agree_with_analyse(tmp_path):
 
 
 PUS = {
-    "chain": "PUS", "rail": "vertical", "rod": 0.5, "stiffness": 2e7, "limits": [-0.1, 0.3],
-    "base": {"radius": 0.35, "half_angle": 0.2}, "platform": {"radius": 0.15, "half_angle": 0.2},
-}  # fmt: skip
-RPS = {"chain": "RPS", "stiffness": 1e7, "limits": [0.5, 0.75], "base": {"radius": 0.3},
-       "platform": {"radius": 0.2}}  # fmt: skip
+    "chain": "PUS",
+    "rail": "vertical",
+    "rod": 0.5,
+    "stiffness": 2e7,
+    "limits": [-0.1, 0.3],
+    "base": {"radius": 0.35, "half_angle": 0.2},
+    "platform": {"radius": 0.15, "half_angle": 0.2},
+}
+RPS = {
+    "chain": "RPS",
+    "stiffness": 1e7,
+    "limits": [0.5, 0.75],
+    "base": {"radius": 0.3},
+    "platform": {"radius": 0.2},
+}
 
 
 @pytest.fixture(scope="module")
@@ -253,10 +263,13 @@ def test_the_nearest_singular_pose_is_that_of_a_general_optimiser():
     best = np.inf
     for start in rng.normal(size=(8, 6)):
         ends = minimize(
-            lambda x: x @ x, start, jac=lambda x: 2.0 * x, method="SLSQP",
+            lambda x: x @ x,
+            start,
+            jac=lambda x: 2.0 * x,
+            method="SLSQP",
             constraints={"type": "eq", "fun": lambda x: float(determinant(x)) / home},
             options={"maxiter": 300, "ftol": 1e-14},
-        )  # fmt: skip
+        )
         if ends.success and abs(determinant(ends.x)) < 1e-9 * abs(home):
             best = min(best, L * np.sqrt(ends.fun))
     assert np.isclose(found.distance, best, rtol=1e-8)
@@ -330,10 +343,13 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
     assert {name[:5] for name in middle.positions.shares()} == {"force"}
     lines = robot.mechanism.at(robot.q).lines.lines
     best = minimize(
-        lambda t: ((t - 62.5) ** 2).sum(), np.full(8, 62.5), jac=lambda t: 2 * (t - 62.5),
+        lambda t: ((t - 62.5) ** 2).sum(),
+        np.full(8, 62.5),
+        jac=lambda t: 2 * (t - 62.5),
         constraints={"type": "eq", "fun": lambda t: lines.T @ t - wrench, "jac": lambda _: lines.T},
-        method="SLSQP", options={"ftol": 1e-14},
-    )  # fmt: skip
+        method="SLSQP",
+        options={"ftol": 1e-14},
+    )
     assert np.allclose(middle.distribution["at_centre"], best.x, atol=1e-6)
     assert every.distribution["at_centre"] == middle.distribution["at_centre"]
     assert "nearest to the middle" in describe_workspace(middle)

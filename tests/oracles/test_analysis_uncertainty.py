@@ -47,9 +47,15 @@ def test_first_order_agrees_with_draws_on_the_cubic_platform() -> None:
     assert drawn["samples"] == 120
     assert drawn["failures"] == {}
     for name in (
-        "stiffness[0, 0]", "stiffness[3, 3]", "stiffness[0, 4]", "centres.stiffness[0]",
-        "centres.compliance[2]", "indices.determinant", f"{HELD}[0]", f"{HELD}[2]",
-    ):  # fmt: skip
+        "stiffness[0, 0]",
+        "stiffness[3, 3]",
+        "stiffness[0, 4]",
+        "centres.stiffness[0]",
+        "centres.compliance[2]",
+        "indices.determinant",
+        f"{HELD}[0]",
+        f"{HELD}[2]",
+    ):
         a, b = first["numbers"][name], drawn["numbers"][name]
         assert b["deviation"] == pytest.approx(a["deviation"], rel=0.15), name
         assert a["mean"] is None  # to first order there is none

@@ -45,19 +45,24 @@ def test_analysis_page_picture_and_map_read_the_same(loaded):
     arrays = {
         name: np.array(value)[None]
         for name, value in {
-            "stiffness_load": K, "compliance_load": loaded.tangent_compliance,
-            "compliance_B": loaded.compliances["B"], "wrench": loaded.wrench,
-            "pose": loaded.pose, "stiffness_A": loaded.matrices["A"],
+            "stiffness_load": K,
+            "compliance_load": loaded.tangent_compliance,
+            "compliance_B": loaded.compliances["B"],
+            "wrench": loaded.wrench,
+            "pose": loaded.pose,
+            "stiffness_A": loaded.matrices["A"],
         }.items()
-    }  # fmt: skip
+    }
     settings = Settings("load", load=loaded.load)
     for freedom, block in blocks.items():
         held = np.linalg.eigvalsh(0.5 * (K + K.T)[block, block])
         free = np.linalg.eigvalsh(0.5 * (C + C.T)[block, block])
         truth = {
-            ("stiffness", "held"): held, ("stiffness", "free"): np.sort(1.0 / free),
-            ("compliance", "held"): np.sort(1.0 / held), ("compliance", "free"): free,
-        }  # fmt: skip
+            ("stiffness", "held"): held,
+            ("stiffness", "free"): np.sort(1.0 / free),
+            ("compliance", "held"): np.sort(1.0 / held),
+            ("compliance", "free"): free,
+        }
         for (quantity, others), values in truth.items():
             near = pytest.approx(values, rel=1e-8)
             assert table[quantity][freedom][others]["eigenvalues"] == near

@@ -153,10 +153,13 @@ def _error(got, expected):
 def _promised(result, matrix="compliance"):
     """The relative error that the notes admit."""
     return max(
-        (n.values["relative_error"] for n in result.notes
-         if n.code == "lost-digits" and n.values["matrix"] == matrix),
+        (
+            n.values["relative_error"]
+            for n in result.notes
+            if n.code == "lost-digits" and n.values["matrix"] == matrix
+        ),
         default=0.0,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("distance", DISTANCES)
@@ -240,8 +243,14 @@ def test_what_is_free_near_a_singularity(distance):
     isotropy = float(np.exp(np.mean(-2 * np.log(softness))) / np.mean(np.power(softness, -2.0)))
     assert numbers["isotropy"] == pytest.approx(isotropy, rel=10 * known)
     # A map.
-    names = ("translation_free_min", "translation_free_max", "along_free", "condition", "isotropy",
-             "minimum")  # fmt: skip
+    names = (
+        "translation_free_min",
+        "translation_free_max",
+        "along_free",
+        "condition",
+        "isotropy",
+        "minimum",
+    )
     quantities = choose_quantities(names, settings, elastic)
     outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
     many = analyse_many(elastic, np.array([q, q]), outputs=outputs)
@@ -287,8 +296,15 @@ def test_principal_values_over_forty_decades(joints, loaded, distance):
     spread = 1e-16 * expected["all"][-1] / expected["all"][0]
     assert told or spread < 1e-6
     assert all("eigenscrews" in n["sections"] for n in told)
-    names = ("translation_held_min", "translation_held_max", "rotation_held_min",
-             "translation_free_max", "minimum", "condition", "unstable_directions")  # fmt: skip
+    names = (
+        "translation_held_min",
+        "translation_held_max",
+        "rotation_held_min",
+        "translation_free_max",
+        "minimum",
+        "condition",
+        "unstable_directions",
+    )
     settings = Settings("B", length)
     quantities = choose_quantities(names, settings, elastic)
     outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
@@ -327,8 +343,9 @@ def test_principal_compliances_at_a_singularity(loaded):
     with mp.workdps(2 * _DIGITS):
         C = J * mp.inverse(H) * J.T
         for freedom, own, other in (
-            ("translation", slice(3, 6), slice(0, 3)), ("rotation", slice(0, 3), slice(3, 6)),
-        ):  # fmt: skip
+            ("translation", slice(3, 6), slice(0, 3)),
+            ("rotation", slice(0, 3), slice(3, 6)),
+        ):
             free = [float(x) for x in sorted(mp.eigsy(C[own, own], eigvals_only=True))]
             left = C[own, own] - C[own, other] * mp.inverse(C[other, other]) * C[other, own]
             held = [float(x) for x in sorted(mp.eigsy(left, eigvals_only=True))]

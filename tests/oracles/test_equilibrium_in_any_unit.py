@@ -52,9 +52,12 @@ def unbalanced(elastic, R0, *x):
         pull = mp.mpf(float(k)) * (1 - mp.mpf(float(rest)) / mp.norm(along)) * along
         force += pull
         moment += mp.matrix(
-            [arm[1] * pull[2] - arm[2] * pull[1], arm[2] * pull[0] - arm[0] * pull[2],
-             arm[0] * pull[1] - arm[1] * pull[0]]
-        )  # fmt: skip
+            [
+                arm[1] * pull[2] - arm[2] * pull[1],
+                arm[2] * pull[0] - arm[0] * pull[2],
+                arm[0] * pull[1] - arm[1] * pull[0],
+            ]
+        )
     return [*force, *moment]
 
 
@@ -81,9 +84,10 @@ def test_rest_is_the_same_place_in_every_unit(place, stiffness, preload):
     with mp.workdps(60):
         R0, p0 = mp.matrix(pose[:3, :3].tolist()), pose[:3, 3].tolist()
         x = mp.findroot(
-            lambda *x: unbalanced(elastic, R0, *x), [*map(mp.mpf, p0), *[mp.mpf(0)] * 3],
+            lambda *x: unbalanced(elastic, R0, *x),
+            [*map(mp.mpf, p0), *[mp.mpf(0)] * 3],
             tol=mp.mpf(10) ** -60,
-        )  # fmt: skip
+        )
         turned = mp.expm(mp.matrix([[0, -x[5], x[4]], [x[5], 0, -x[3]], [-x[4], x[3], 0]])) * R0
         exact = np.eye(4)
         exact[:3, :3] = np.array(turned.tolist(), float)

@@ -68,12 +68,18 @@ def _cases() -> dict[str, Case]:
             pin.JointModelTranslation(), [x, y, z], [x, y, z], ["m.x", "m.y", "m.z"], [pri] * 3
         ),
         "planar": Case(
-            pin.JointModelPlanar(), [x, y, a], [x, y, *turn], ["m.x", "m.y", "m.angle"],
+            pin.JointModelPlanar(),
+            [x, y, a],
+            [x, y, *turn],
+            ["m.x", "m.y", "m.angle"],
             [pri, pri, rev],
         ),
         "free flyer": Case(
-            pin.JointModelFreeFlyer(), [x, y, z, a, b, c], [x, y, z, *ball],
-            ["m.x", "m.y", "m.z", "m.rx", "m.ry", "m.rz"], [pri] * 3 + [rev] * 3,
+            pin.JointModelFreeFlyer(),
+            [x, y, z, a, b, c],
+            [x, y, z, *ball],
+            ["m.x", "m.y", "m.z", "m.rx", "m.ry", "m.rz"],
+            [pri] * 3 + [rev] * 3,
         ),
         "unbounded x": Case(pin.JointModelRUBX(), [a], turn, ["m"], [rev]),
         "unbounded y": Case(pin.JointModelRUBY(), [a], turn, ["m"], [rev]),
@@ -84,10 +90,13 @@ def _cases() -> dict[str, Case]:
         ),
         "prismatic": Case(pin.JointModelPrismaticUnaligned(skewed), [x], [x], ["m"], [pri]),
         "composite": Case(
-            composite, [a, y, a, b, c], [a, y, *ball],
-            ["m.1", "m.2", "m.3.x", "m.3.y", "m.3.z"], [rev, pri, rev, rev, rev],
+            composite,
+            [a, y, a, b, c],
+            [a, y, *ball],
+            ["m.1", "m.2", "m.3.x", "m.3.y", "m.3.z"],
+            [rev, pri, rev, rev, rev],
         ),
-    }  # fmt: skip
+    }
 
 
 CASES = list(_cases())

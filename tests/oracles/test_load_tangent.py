@@ -24,9 +24,12 @@ WRENCHES = {
 }
 #: Mechanism, a length of its size, and a force that it bears: serial, redundant, platform, chains.
 MECHANISMS = {
-    "ur5": (0.1, 100.0), "panda": (0.1, 20.0), "cubic": (0.1, 200.0), "hexapod": (0.1, 20.0),
+    "ur5": (0.1, 100.0),
+    "panda": (0.1, 20.0),
+    "cubic": (0.1, 200.0),
+    "hexapod": (0.1, 20.0),
     "6-ups": (0.1, 20.0),
-}  # fmt: skip
+}
 
 
 def _crossed_bars(moment: np.ndarray, size: float) -> list[DeadForce]:

@@ -133,21 +133,32 @@ class Platform:
 def platform(tmp_path_factory):
     elastic = load(
         write_file(
-            tmp_path_factory.mktemp("rest"), "platform", kind="stewart-gough", base=BASE.tolist(),
-            platform=TOP.tolist(), pose={"xyz": [0.03, -0.02, 0.8], "rpy": [0.05, -0.1, 0.1]},
+            tmp_path_factory.mktemp("rest"),
+            "platform",
+            kind="stewart-gough",
+            base=BASE.tolist(),
+            platform=TOP.tolist(),
+            pose={"xyz": [0.03, -0.02, 0.8], "rpy": [0.05, -0.1, 0.1]},
             body={"mass": MASS, "com": CENTRE, "inertia": TURNING.tolist()},
             legs={"stiffness": K_LEGS, "rest_length": REST},
         )
-    )  # fmt: skip
+    )
     state = equilibrium(elastic, DeadForce(FORCE, AT))
     with mp.workdps(DIGITS):
         return state, sensitivities(state), Platform(state)
 
 
 @pytest.mark.parametrize(
-    "name", ["base.leg2.x", "base.leg5.z", "platform.leg3.y", "stiffness.leg4", "rest.leg6",
-             "mass.platform"],
-)  # fmt: skip
+    "name",
+    [
+        "base.leg2.x",
+        "base.leg5.z",
+        "platform.leg3.y",
+        "stiffness.leg4",
+        "rest.leg6",
+        "mass.platform",
+    ],
+)
 def test_platform_at_rest(platform, name):
     """The rest moves with the parameter, and stiffness and frequencies with the rest."""
     state, known, exact = platform
@@ -156,8 +167,9 @@ def test_platform_at_rest(platform, name):
         x, h = exact.values[name], STEP
         more, less, here = (exact.rest(name, y) for y in (x + h, x - h, x))
         slopes = [(a - b) / (2 * h) for a, b in zip(more, less, strict=True)]
-        turn, place, dK, f = (np.array(d.tolist(), float) for d in (
-            slopes[0] * here[0].T, *slopes[1:]))  # fmt: skip
+        turn, place, dK, f = (
+            np.array(d.tolist(), float) for d in (slopes[0] * here[0].T, *slopes[1:])
+        )
         hertz = np.array(here[3].tolist(), float).ravel()
     assert modes(state).frequencies == pytest.approx(hertz, rel=1e-10)
     check(known.frequencies[i], f.ravel())
@@ -236,8 +248,10 @@ def test_arm_that_is_held(name):
 
         def stiffness(x):
             own = list(k)
-            places = [mp.matrix(T.tolist()) for T in
-                      (*tree.placements(), arm.elastic.mechanism.body.T_j_f)]  # fmt: skip
+            places = [
+                mp.matrix(T.tolist())
+                for T in (*tree.placements(), arm.elastic.mechanism.body.T_j_f)
+            ]
             if where == "stiffness":
                 own[tree.model.getJointId(axis) - 1] += x
             else:
@@ -274,8 +288,9 @@ def light_arm():
     for i, (joint, (mass, centre)) in enumerate(zip(axes, LINKS, strict=True)):
         place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.uniform(0.1, 0.4, 3))
         parent = model.addJoint(parent, joint(), place, f"j{i + 1}")
-        model.appendBodyToJoint(parent, pin.Inertia(mass, np.array(centre), np.zeros((3, 3))),
-                                pin.SE3.Identity())  # fmt: skip
+        model.appendBodyToJoint(
+            parent, pin.Inertia(mass, np.array(centre), np.zeros((3, 3))), pin.SE3.Identity()
+        )
         model.addFrame(pin.Frame(f"link{i + 1}", parent, pin.SE3.Identity(), pin.FrameType.BODY))
     tip = pin.SE3(pin.exp3(rng.normal(size=3)), np.array([0.1, 0.3, 0.2]))
     model.addFrame(pin.Frame("tip", parent, tip, pin.FrameType.OP_FRAME))
@@ -284,9 +299,9 @@ def light_arm():
 
 
 @pytest.mark.parametrize(
-    "name", ["placement.j2.y", "placement.j3.rx", "frame.z", "stiffness.j1", "rest.j2",
-             "mass.link2"],
-)  # fmt: skip
+    "name",
+    ["placement.j2.y", "placement.j3.rx", "frame.z", "stiffness.j1", "rest.j2", "mass.link2"],
+)
 def test_arm_at_rest(name):
     """Frequencies and pose of an arm that gives way to a force, from its energy alone."""
     elastic = light_arm()
@@ -298,8 +313,9 @@ def test_arm_at_rest(name):
         axes, f = [mp.eye(3)[:, i] for i in range(3)], vector(ARM_FORCE)
 
         def rest(x):
-            places = [mp.matrix(T.tolist()) for T in
-                      (*tree.placements(), elastic.mechanism.body.T_j_f)]  # fmt: skip
+            places = [
+                mp.matrix(T.tolist()) for T in (*tree.placements(), elastic.mechanism.body.T_j_f)
+            ]
             k, q0, m = vector(ARM_K), vector(ARM_Q), [mp.mpf(mass) for mass, _ in LINKS]
             own = {"stiffness": k, "rest": q0, "mass": m}.get(where)
             if own is not None:
@@ -316,8 +332,12 @@ def test_arm_at_rest(name):
 
             def slopes(q):
                 h, e = mp.mpf(10) ** -8, mp.eye(3)
-                g = mp.matrix([(energy(q + h * e[:, i]) - energy(q - h * e[:, i])) / (2 * h)
-                               for i in range(3)])  # fmt: skip
+                g = mp.matrix(
+                    [
+                        (energy(q + h * e[:, i]) - energy(q - h * e[:, i])) / (2 * h)
+                        for i in range(3)
+                    ]
+                )
                 return g
 
             q = vector(state.q)

@@ -29,16 +29,19 @@ def skew(p):
 def strut_stiffness(i, pose, values):
     """A strut's compliance is the sum of its springs': hinges and slides about two middles."""
     R, place = mp.matrix(pose[:3, :3].tolist()), mp.matrix(pose[:3, 3].tolist())
-    a, b = (mp.matrix([values[f"{body}.leg{i}.{x}"] for x in "xyz"])
-            for body in ("base", "platform"))  # fmt: skip
+    a, b = (
+        mp.matrix([values[f"{body}.leg{i}.{x}"] for x in "xyz"]) for body in ("base", "platform")
+    )
     foot, head = R.T * (a - place), b - mp.matrix(MIDDLE)  # in M
     z = head - foot
     z /= mp.sqrt(sum(x * x for x in z))
     line = z * z.T
     across, slides = mp.eye(3) - line, line / values[f"stiffness.leg{i}"]
     C = mp.zeros(6)
-    for end, at in (("lower", foot + values["offset.lower"] * z),
-                    ("upper", head - values["offset.upper"] * z)):  # fmt: skip
+    for end, at in (
+        ("lower", foot + values["offset.lower"] * z),
+        ("upper", head - values["offset.upper"] * z),
+    ):
         axial, shear, bending, torsion = (
             values[f"stiffness.{end}.{word}"] for word in ("axial", "shear", "bending", "torsion")
         )
@@ -80,13 +83,22 @@ def test_struts_by_complex_steps(struts):
 def test_all_springs_by_one_factor(tmp_path):
     """Springs of struts and of the base beneath them, all stiffer by a factor: K by the same."""
     end = {"axial": 1.2e8, "shear": 1.1e7, "bending": 33, "torsion": 236}
-    result = cartstiff.analyse(cartstiff.load(write_file(
-        tmp_path, "mounted", kind="stewart-gough",
-        layout={"base": {"radius": 0.115, "half_angle": 0.2}, "height": 0.06,
-                "platform": {"radius": 0.09, "half_angle": 0.2}},
-        flexible={"base": {"stiffness": np.diag([2e5, 3e5, 1e5, 2e7, 3e7, 4e7]).tolist()}},
-        legs={"strut": {"axial": 2e7, "lower": end, "upper": end}},
-    )))  # fmt: skip
+    result = cartstiff.analyse(
+        cartstiff.load(
+            write_file(
+                tmp_path,
+                "mounted",
+                kind="stewart-gough",
+                layout={
+                    "base": {"radius": 0.115, "half_angle": 0.2},
+                    "height": 0.06,
+                    "platform": {"radius": 0.09, "half_angle": 0.2},
+                },
+                flexible={"base": {"stiffness": np.diag([2e5, 3e5, 1e5, 2e7, 3e7, 4e7]).tolist()}},
+                legs={"strut": {"axial": 2e7, "lower": end, "upper": end}},
+            )
+        )
+    )
     home = Home(result)
     names = [n for n in home.parameters.nominal if n.startswith("stiffness.")]
     assert "stiffness.base (link)" in names
@@ -120,9 +132,10 @@ def test_all_lengths_by_one_factor():
     result = cartstiff.analyse(cartstiff.load("6-rus"))
     home = Home(result)
     lengths = {
-        name: x for name, x in home.parameters.nominal.items()
+        name: x
+        for name, x in home.parameters.nominal.items()
         if name.partition(".")[0] in PLACED and not Placements.is_angle(name) and abs(x) > 1e-12
-    }  # fmt: skip
+    }
     found = sum(x * home.row(name, None).matrices for name, x in lengths.items())
     powers = np.add.outer(*[np.repeat([0.0, -1.0], 3)] * 2)
     for letter, slope in zip(MATRICES, found, strict=True):

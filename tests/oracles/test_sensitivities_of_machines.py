@@ -91,8 +91,10 @@ class Legs:
         """Coordinates with which all legs hold one body."""
         q, rows = list(self.q), {i: c for c, i in enumerate(self.passive)}
         for _ in range(steps):
-            every = [self.leg(leg, grip, places, q)
-                     for leg, grip in zip(self.legs, self.grips, strict=True)]  # fmt: skip
+            every = [
+                self.leg(leg, grip, places, q)
+                for leg, grip in zip(self.legs, self.grips, strict=True)
+            ]
             A, b = mp.zeros(len(rows)), mp.zeros(len(rows), 1)
             for j in range(1, len(self.legs)):
                 T = inverse(every[0][0]) * every[j][0]
@@ -137,8 +139,9 @@ def cantilever(beam):
     """Compliance (6, 6) of a slender beam's end, along its own x axis."""
     L, s = mp.mpf(beam.length), beam.section
     y, z = (mp.mpf(float(b)) for b in s.bending)
-    C = mp.diag([L / mp.mpf(s.torsion), L / y, L / z,
-                 L / mp.mpf(s.axial), L**3 / 3 / z, L**3 / 3 / y])  # fmt: skip
+    C = mp.diag(
+        [L / mp.mpf(s.torsion), L / y, L / z, L / mp.mpf(s.axial), L**3 / 3 / z, L**3 / 3 / y]
+    )
     C[2, 4] = C[4, 2] = L**2 / 2 / z
     C[1, 5] = C[5, 1] = -(L**2) / 2 / y
     return C
@@ -148,10 +151,19 @@ def cantilever(beam):
     ("name", "parameters"),
     [
         ("6-pus", ["leg1/slide.x", "leg2/slide.ry", "leg3/s1.x"]),
-        ("delta", ["leg1/motor.x", "leg2/motor.rx", "leg1/elbow_swing.x", "leg3/elbow_tilt.rx",
-                   "leg2/wrist_swing.rz", "leg3/wrist_swing.y"]),
+        (
+            "delta",
+            [
+                "leg1/motor.x",
+                "leg2/motor.rx",
+                "leg1/elbow_swing.x",
+                "leg3/elbow_tilt.rx",
+                "leg2/wrist_swing.rz",
+                "leg3/wrist_swing.y",
+            ],
+        ),
     ],
-)  # fmt: skip
+)
 def test_bodies_on_legs(name, parameters):
     elastic = cartstiff.load(name)
     result = cartstiff.analyse(elastic)
@@ -173,8 +185,10 @@ def cables(values, R, place):
     """Rows (8, 6) of cables on the body, and their stiffnesses per tension and per elongation."""
     G, each = mp.zeros(8, 6), []
     for i in range(8):
-        a, b = (mp.matrix([values[f"{body}.leg{i + 1}.{x}"] for x in "xyz"])
-                for body in ("base", "platform"))  # fmt: skip
+        a, b = (
+            mp.matrix([values[f"{body}.leg{i + 1}.{x}"] for x in "xyz"])
+            for body in ("base", "platform")
+        )
         along = b - R.T * (a - place)
         length = mp.sqrt(mp.fdot(along, along))
         u, D, turned = along / length, mp.zeros(3, 6), mp.zeros(6)

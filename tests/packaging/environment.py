@@ -75,8 +75,9 @@ def make(folder: Path) -> Path:
     )
     for needed in closure().values():
         source = Path(str(needed.locate_file("")))
-        names = {n.partition("/")[0] if owners[n.partition("/")[0]] == 1 else n
-                 for n in _files(needed)}  # fmt: skip
+        names = {
+            n.partition("/")[0] if owners[n.partition("/")[0]] == 1 else n for n in _files(needed)
+        }
         for name in names:
             _link(site / name, source / name)
     return python_of(folder)
@@ -101,6 +102,10 @@ def run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run there, with nothing of this environment in the way."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "CARTSTIFF"))}
     return subprocess.run(
-        [str(part) for part in command], cwd=cwd, env=kept, capture_output=True, text=True,
+        [str(part) for part in command],
+        cwd=cwd,
+        env=kept,
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )

@@ -20,9 +20,20 @@ EXTRAS = ["", *PROJECT["optional-dependencies"]]
 
 # Permissive: to keep their notices is all they ask of who uses the package.
 PERMISSIVE = {
-    "0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD", "BSD-2-Clause", "BSD-3-Clause",
-    "BSL-1.0", "CC0-1.0", "ISC", "MIT", "MIT-CMU", "PSF-2.0", "Zlib",
-}  # fmt: skip
+    "0BSD",
+    "Apache-2.0",
+    "Apache-2.0 WITH LLVM-exception",
+    "BSD",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "BSL-1.0",
+    "CC0-1.0",
+    "ISC",
+    "MIT",
+    "MIT-CMU",
+    "PSF-2.0",
+    "Zlib",
+}
 # Words that packages use for them.
 WORDS = {
     "Apache 2.0": "Apache-2.0",
@@ -130,8 +141,10 @@ def test_an_audit_that_was_not_answered_is_no_good_news() -> None:
 
 
 def test_every_direct_dependency_has_a_lower_bound_that_is_audited() -> None:
-    names = [text.partition("==")[0] for text in
-             runpy.run_path(str(ROOT / "tools" / "check_release.py"))["bounds"]()]  # fmt: skip
+    names = [
+        text.partition("==")[0]
+        for text in runpy.run_path(str(ROOT / "tools" / "check_release.py"))["bounds"]()
+    ]
     wanted = [*PROJECT["dependencies"]]
     wanted += [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
     assert {Requirement(text).name for text in wanted} <= set(names)

@@ -76,14 +76,23 @@ def test_installed_wheel_analyses_the_platform_from_elsewhere(
     installed: Path, tmp_path: Path
 ) -> None:
     where = run(
-        sys.executable, "-c", "import cartstiff; print(cartstiff.__file__)",
-        cwd=tmp_path, PYTHONPATH=str(installed),
-    )  # fmt: skip
+        sys.executable,
+        "-c",
+        "import cartstiff; print(cartstiff.__file__)",
+        cwd=tmp_path,
+        PYTHONPATH=str(installed),
+    )
     assert Path(where.strip()).is_relative_to(installed)  # and not the checkout
     out = run(
-        sys.executable, "-m", "cartstiff", "analyse", "stewart-gough", "--json",
-        cwd=tmp_path, PYTHONPATH=str(installed),
-    )  # fmt: skip
+        sys.executable,
+        "-m",
+        "cartstiff",
+        "analyse",
+        "stewart-gough",
+        "--json",
+        cwd=tmp_path,
+        PYTHONPATH=str(installed),
+    )
     data = json.loads(out)
     assert data["schema"] == "cartstiff/1"
     assert data["mechanism"]["name"] == "stewart-gough"
@@ -92,9 +101,14 @@ def test_installed_wheel_analyses_the_platform_from_elsewhere(
 
 def test_installed_wheel_lists_its_bundled_mechanisms(installed: Path, tmp_path: Path) -> None:
     out = run(
-        sys.executable, "-m", "cartstiff", "models", "--json",
-        cwd=tmp_path, PYTHONPATH=str(installed),
-    )  # fmt: skip
+        sys.executable,
+        "-m",
+        "cartstiff",
+        "models",
+        "--json",
+        cwd=tmp_path,
+        PYTHONPATH=str(installed),
+    )
     stems = [Path(name).stem for name in ROBOTS if name.endswith(".yaml")]
     assert sorted(json.loads(out)["bundled"]) == sorted(stems)
 

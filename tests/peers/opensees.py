@@ -46,9 +46,18 @@ def frame_bar(
     """Elastic beam elements between successive nodes."""
     for i, (a, b) in enumerate(pairwise(nodes)):
         ops.element(
-            "elasticBeamColumn", first + i, a, b, section["area"], section["E"], section["G"],
-            section["J"], section["Iy"], section["Iz"], transformation,
-        )  # fmt: skip
+            "elasticBeamColumn",
+            first + i,
+            a,
+            b,
+            section["area"],
+            section["E"],
+            section["G"],
+            section["J"],
+            section["Iy"],
+            section["Iz"],
+            transformation,
+        )
 
 
 def solved(ops: Any, steps: int = 10, tolerance: float = 1e-10) -> None:

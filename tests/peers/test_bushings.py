@@ -64,10 +64,15 @@ def test_a_link_that_gives_is_three_slides_and_three_hinges(bushings, tmp_path):
     k = np.concatenate([bushings.ROTATIONAL, bushings.TRANSLATIONAL])
     elastic = load(
         write_file(
-            tmp_path, "bushing", kind="closed-chain", model="bushing.urdf", frame="tool",
-            locked={"bolts": 0}, flexible={"body": {"stiffness": np.diag(k).tolist()}},
+            tmp_path,
+            "bushing",
+            kind="closed-chain",
+            model="bushing.urdf",
+            frame="tool",
+            locked={"bolts": 0},
+            flexible={"body": {"stiffness": np.diag(k).tolist()}},
         )
-    )  # fmt: skip
+    )
     turn = bushings.hinges(Rotation.from_matrix(bushings.POSE[:3, :3]))
     result = analyse(elastic, np.concatenate([bushings.POSE[:3, 3], turn]))
     assert np.abs(result.pose - bushings.POSE).max() <= ROUNDING

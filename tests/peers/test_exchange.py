@@ -101,10 +101,15 @@ def test_mujoco_has_the_stiffness(tmp_path):
     body = {"mass": 3.0, "com": [1.0, 2.0, -3.0], "inertia": np.diag([2e4, 3e4, 4e4]).tolist()}
     ring = {"radius": 200.0, "half_angle": 0.2}
     platform = cartstiff.hexapod(
-        base=ring, platform={**ring, "radius": 120.0}, height=250.0, body=body, turn=0.8,
+        base=ring,
+        platform={**ring, "radius": 120.0},
+        height=250.0,
+        body=body,
+        turn=0.8,
         legs={"stiffness": 2e3, "preload": [100.0, -50.0, 30.0, 20.0, 10.0, -70.0]},
-        units={"length": "mm", "force": "N"}, frame={"xyz": [3.0, -2.0, 10.0]},
-    )  # fmt: skip
+        units={"length": "mm", "force": "N"},
+        frame={"xyz": [3.0, -2.0, 10.0]},
+    )
     q = platform.q + np.array([5.0, -3.0, 4.0, 0.1, 0.05, -0.2])
     result = cartstiff.analyse(platform, q)
     write_result(result, tmp_path / "machine.xml")
@@ -274,8 +279,13 @@ def test_springs_of_nastran_add_up_to_the_stiffness(tmp_path):
             ends.append([int(card[8 * i : 8 * i + 8]) for i in (2, 3, 4)])
     # Bulk data alone: it can be included in any deck, and is read as it is.
     assert {card[:8].strip() for card in cards if card[0] != "$"} == {
-        "GRID*", "*", "PBUSH*", "CBUSH", "RBE2", ""
-    }  # fmt: skip
+        "GRID*",
+        "*",
+        "PBUSH*",
+        "CBUSH",
+        "RBE2",
+        "",
+    }
     rigid = "".join(c[8:] for c in cards[cards.index(next(c for c in cards if "RBE2" in c)) :])
     assert rigid.split()[:9] == ["7", "13", "123456", "7", "8", "9", "10", "11", "12"]
     K = np.zeros((6, 6))

@@ -34,10 +34,15 @@ def tip(count, force=(0.0, 0.0), moment=0.0, shear=SHEAR):
     for a, b in pairwise(nodes):
         system.AddObject(
             items.ObjectBeamGeometricallyExact2D(
-                nodeNumbers=[a, b], length=1 / count, massPerLength=1.0, crossSectionInertia=1.0,
-                bendingStiffness=EI, axialStiffness=AXIAL, shearStiffness=shear,
+                nodeNumbers=[a, b],
+                length=1 / count,
+                massPerLength=1.0,
+                crossSectionInertia=1.0,
+                bendingStiffness=EI,
+                axialStiffness=AXIAL,
+                shearStiffness=shear,
             )
-        )  # fmt: skip
+        )
     ground = system.AddMarker(
         items.MarkerNodeCoordinate(nodeNumber=system.AddNode(items.NodePointGround()), coordinate=0)
     )

@@ -183,9 +183,13 @@ def test_loop(tmp_path, kind):
         for n in names
     }
     elastic = _read(
-        tmp_path, LOOP, kind="closed-chain", springs=springs, gravity=[0.0, 0.0, -9.81],
+        tmp_path,
+        LOOP,
+        kind="closed-chain",
+        springs=springs,
+        gravity=[0.0, 0.0, -9.81],
         q={n: s["rest"] for n, s in springs.items()},
-    )  # fmt: skip
+    )
     state = equilibrium(elastic, _ours(plane))
     # From where cartstiff came to rest, and a little beside it.
     start = np.zeros(peer.model.nq)

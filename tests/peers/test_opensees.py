@@ -124,12 +124,15 @@ def test_portal_of_clamped_columns(tmp_path, segments, tolerance):
     beam = {**PLAIN, "length": 1.0, "segments": segments}
     legs = [
         {
-            "model": "bar.urdf", "frame": "tip", "locked": {"foot": 0.0, "end": 0.0},
+            "model": "bar.urdf",
+            "frame": "tip",
+            "locked": {"foot": 0.0, "end": 0.0},
             "base": {"xyz": [x, 0.0, -1.0], "rpy": upright},
-            "grip": {"xyz": [x, 0.0, 0.0], "rpy": upright}, "flexible": {"bar": {"beam": beam}},
+            "grip": {"xyz": [x, 0.0, 0.0], "rpy": upright},
+            "flexible": {"bar": {"beam": beam}},
         }
         for x in (-HALF, HALF)
-    ]  # fmt: skip
+    ]
     portal = load(write_file(tmp_path, "portal", kind="parallel", legs=legs))
     state = equilibrium(portal, DeadForce(FORCE))
     peer = extrapolated(_portal(20), _portal(40))

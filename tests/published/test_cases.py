@@ -81,14 +81,18 @@ def _changed(tmp_path, name, old, new, file="case.yaml"):
     ("name", "old", "new", "file"),
     [
         # a sign, a unit, an order; of the inputs, of what is printed, of the answer
-        ("cubic-point-above", "[-0.14, 0.0, 0.0, 0.0, 0.025, 0.0]",
-         "[0.14, 0.0, 0.0, 0.0, 0.025, 0.0]", "case.yaml"),
+        (
+            "cubic-point-above",
+            "[-0.14, 0.0, 0.0, 0.0, 0.025, 0.0]",
+            "[0.14, 0.0, 0.0, 0.0, 0.025, 0.0]",
+            "case.yaml",
+        ),
         ("simscape-compliance", "stiffness: 2.0e7", "stiffness: 2.0e4", "mechanism.yaml"),
         ("simscape-compliance", "[3, 4, 5, 0, 1, 2]", "[0, 1, 2, 3, 4, 5]", "answer.py"),
         ("simscape-stroke", "last_digit: 0.1", "last_digit: 0.0001", "case.yaml"),
         ("zefran-kumar-printed-coordinates", "printed:", "printed: &p", "case.yaml"),
     ],
-)  # fmt: skip
+)
 def test_wrong_cases_fail(tmp_path, name, old, new, file):
     folder = _changed(tmp_path, name, old, new, file)
     outcomes = run_case(folder, read_case(folder))
@@ -97,8 +101,9 @@ def test_wrong_cases_fail(tmp_path, name, old, new, file):
 
 
 def test_command_tells_and_fails(tmp_path):
-    run = CliRunner().invoke(main, [str(FOLDER / "cubic-centred"), "--with",
-                                    str(FOLDER / "plain_numpy.py")])  # fmt: skip
+    run = CliRunner().invoke(
+        main, [str(FOLDER / "cubic-centred"), "--with", str(FOLDER / "plain_numpy.py")]
+    )
     assert run.exit_code == 0
     assert "printed digits  printed digits" in run.output
     folder = _changed(tmp_path, "cubic-centred", "0.015, 0.0, 0.0]", "0.016, 0.0, 0.0]")
@@ -119,8 +124,11 @@ def test_a_case_without_inputs_is_told_and_says_what_is_missing(tmp_path):
 def test_as_a_program():
     done = subprocess.run(
         [sys.executable, "-m", "cartstiff.cases", "--only", "no-such-case"],
-        capture_output=True, text=True, env={"PYTHONPATH": str(ROOT / "src")}, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        env={"PYTHONPATH": str(ROOT / "src")},
+        check=False,
+    )
     assert done.returncode == 2
     assert done.stderr == "Error: --only: no such case, got no-such-case\n"
 
@@ -152,8 +160,9 @@ def test_a_case_without_an_answer_is_refused(tmp_path):
     (folder / "answer.py").unlink()
     with pytest.raises(InputError, match="case has no answer"):
         run_case(folder, read_case(folder))
-    bad = _changed(tmp_path, "cubic-small-above", "answered_as: cubic-centred",
-                   "answered_as: ../elsewhere")  # fmt: skip
+    bad = _changed(
+        tmp_path, "cubic-small-above", "answered_as: cubic-centred", "answered_as: ../elsewhere"
+    )
     with pytest.raises(InputError, match="answered_as"):
         read_case(bad)
 

@@ -113,10 +113,26 @@ def test_eulers_load_however_stiff_the_bar_is_along_its_axis(tmp_path, axial, se
         '<joint name="end" type="fixed"><parent link="bar"/><child link="tip"/>'
         '<origin xyz="1 0 0"/></joint></robot>'
     )
-    beam = {"E": 1e6, "G": 4e5, "length": 1.0, "area": axial / 1e6, "Iy": 1e-6, "Iz": 2e-6,
-            "J": 2e-6, "segments": segments}  # fmt: skip
-    column = load(write_file(tmp_path, "column", kind="serial", model="bar.urdf", frame="tip",
-                             flexible={"bar": {"beam": beam}}))  # fmt: skip
+    beam = {
+        "E": 1e6,
+        "G": 4e5,
+        "length": 1.0,
+        "area": axial / 1e6,
+        "Iy": 1e-6,
+        "Iz": 2e-6,
+        "J": 2e-6,
+        "segments": segments,
+    }
+    column = load(
+        write_file(
+            tmp_path,
+            "column",
+            kind="serial",
+            model="bar.urdf",
+            frame="tip",
+            flexible={"bar": {"beam": beam}},
+        )
+    )
     (critical,) = load_curve(column, DeadForce([-1.0, 0.0, 0.0]), to=3.0).critical
     rigid = np.pi**2 / 4
     expected = 2 * rigid / (1 + np.sqrt(1 - 4 * rigid / axial))

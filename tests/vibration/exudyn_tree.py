@@ -37,8 +37,10 @@ class ExudynTree:
         root = ET.fromstring(xml)
         self.names: list[str] = []
         self.at: dict[str, tuple[int, np.ndarray]] = {}
-        self._links: dict[str, list[Any]] = {key: [] for key in (
-            "types", "parents", "turns", "offsets", "inertias", "centres", "masses")}  # fmt: skip
+        self._links: dict[str, list[Any]] = {
+            key: []
+            for key in ("types", "parents", "turns", "offsets", "inertias", "centres", "masses")
+        }
         self.k: list[float] = []
         self.rest: list[float] = []
         self.armature: list[float] = []
@@ -96,24 +98,38 @@ class ExudynTree:
         n = len(self.names)
         self.container = exu.SystemContainer()
         self.system = self.container.AddSystem()
-        node = self.system.AddNode(items.NodeGenericODE2(
-            referenceCoordinates=[0.0] * n, initialCoordinates=[0.0] * n,
-            initialCoordinates_t=[0.0] * n, numberOfODE2Coordinates=n,
-        ))  # fmt: skip
-        tree = self.system.AddObject(items.ObjectKinematicTree(
-            nodeNumber=node, jointTypes=rows["types"], linkParents=rows["parents"],
-            jointTransformations=exu.Matrix3DList(rows["turns"]),
-            jointOffsets=exu.Vector3DList(rows["offsets"]),
-            linkInertiasCOM=exu.Matrix3DList(rows["inertias"]),
-            linkCOMs=exu.Vector3DList(rows["centres"]), linkMasses=rows["masses"],
-            baseOffset=[0.0, 0.0, 0.0], gravity=list(gravity),
-        ))  # fmt: skip
+        node = self.system.AddNode(
+            items.NodeGenericODE2(
+                referenceCoordinates=[0.0] * n,
+                initialCoordinates=[0.0] * n,
+                initialCoordinates_t=[0.0] * n,
+                numberOfODE2Coordinates=n,
+            )
+        )
+        tree = self.system.AddObject(
+            items.ObjectKinematicTree(
+                nodeNumber=node,
+                jointTypes=rows["types"],
+                linkParents=rows["parents"],
+                jointTransformations=exu.Matrix3DList(rows["turns"]),
+                jointOffsets=exu.Vector3DList(rows["offsets"]),
+                linkInertiasCOM=exu.Matrix3DList(rows["inertias"]),
+                linkCOMs=exu.Vector3DList(rows["centres"]),
+                linkMasses=rows["masses"],
+                baseOffset=[0.0, 0.0, 0.0],
+                gravity=list(gravity),
+            )
+        )
 
         def load(link: int, point: np.ndarray, force: Any) -> int:
-            marker = self.system.AddMarker(items.MarkerKinematicTreeRigid(
-                objectNumber=tree, linkNumber=link, localPosition=list(point)))  # fmt: skip
-            return self.system.AddLoad(items.LoadForceVector(
-                markerNumber=marker, loadVector=list(map(float, force))))  # fmt: skip
+            marker = self.system.AddMarker(
+                items.MarkerKinematicTreeRigid(
+                    objectNumber=tree, linkNumber=link, localPosition=list(point)
+                )
+            )
+            return self.system.AddLoad(
+                items.LoadForceVector(markerNumber=marker, loadVector=list(map(float, force)))
+            )
 
         load(*self.at["tip"], dead)
         self.pulls = [[load(link, point, np.zeros(3)) for link, point in tie] for tie in self.ties]

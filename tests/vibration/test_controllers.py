@@ -61,9 +61,10 @@ def test_damping_that_was_asked_for():
     assert np.abs(upper) ** 2 == pytest.approx(squares)
     assert -upper.real / np.abs(upper) == pytest.approx(ratios)
     for bad, words in (
-        ((-M, K), "mass is not positive definite"), ((M, -K), "not positive semidefinite"),
+        ((-M, K), "mass is not positive definite"),
+        ((M, -K), "not positive semidefinite"),
         ((M, K + np.triu(np.ones((6, 6)), 1)), "not symmetric"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=words):
             double_diagonalisation(*bad)
     with pytest.raises(InputError, match="damping ratios"):

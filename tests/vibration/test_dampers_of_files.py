@@ -73,9 +73,10 @@ def test_an_mjcf_s_balls_are_damped_about_each_turn(tmp_path):
     """A ball on springs, in the file's orientation: MuJoCo damps all turns alike."""
     pytest.importorskip("mujoco")
     (tmp_path / "a.xml").write_text(
-        MJCF.replace('type="hinge" axis="0 0 1"\nstiffness="500" damping="2.5"',
-                     'type="ball" damping="0.5"')
-    )  # fmt: skip
+        MJCF.replace(
+            'type="hinge" axis="0 0 1"\nstiffness="500" damping="2.5"', 'type="ball" damping="0.5"'
+        )
+    )
     names = cartstiff.load(tmp_path / "a.xml").names
     assert len(names) == 3
     springs = ", ".join(f"{name}: {{stiffness: 80}}" for name in names)

@@ -31,17 +31,22 @@ def peer(platform, springs, q, force):
     system = exu.SystemContainer().AddSystem()
     centre = platform.mass_centre  # in P, which is M here
     R = Rotation.from_euler("xyz", q[3:]).as_matrix()
-    c = np.array([[0, -centre[2], centre[1]], [centre[2], 0, -centre[0]],
-                  [-centre[1], centre[0], 0]])  # fmt: skip
+    c = np.array(
+        [[0, -centre[2], centre[1]], [centre[2], 0, -centre[0]], [-centre[1], centre[0], 0]]
+    )
     about = platform.body_inertia[:3, :3] + platform.mass * c @ c
-    node = system.AddNode(items.NodeRigidBodyRxyz(
-        referenceCoordinates=[*(R @ centre + q[:3]), *tools.RotationMatrix2RotXYZ(R)],
-    ))  # fmt: skip
-    body = system.AddObject(items.ObjectRigidBody(
-        mass=float(platform.mass),
-        inertia=[float(about[i, j]) for i, j in _ORDER],
-        nodeNumber=node,
-    ))  # fmt: skip
+    node = system.AddNode(
+        items.NodeRigidBodyRxyz(
+            referenceCoordinates=[*(R @ centre + q[:3]), *tools.RotationMatrix2RotXYZ(R)],
+        )
+    )
+    body = system.AddObject(
+        items.ObjectRigidBody(
+            mass=float(platform.mass),
+            inertia=[float(about[i, j]) for i, j in _ORDER],
+            nodeNumber=node,
+        )
+    )
     ground = system.AddObject(items.ObjectGround())
     for k, rest, a, b in zip(
         springs.stiffness, springs.rest_length, platform.anchors, platform.points, strict=True
@@ -50,9 +55,14 @@ def peer(platform, springs, q, force):
             system.AddMarker(items.MarkerBodyPosition(bodyNumber=n, localPosition=list(p)))
             for n, p in ((ground, a), (body, b - centre))
         ]
-        system.AddObject(items.ObjectConnectorSpringDamper(
-            markerNumbers=ends, referenceLength=rest, stiffness=k, damping=0.0,
-        ))  # fmt: skip
+        system.AddObject(
+            items.ObjectConnectorSpringDamper(
+                markerNumbers=ends,
+                referenceLength=rest,
+                stiffness=k,
+                damping=0.0,
+            )
+        )
     at = system.AddMarker(items.MarkerBodyPosition(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
     system.AddLoad(items.LoadForceVector(markerNumber=at, loadVector=list(map(float, force))))
     system.Assemble()
@@ -63,9 +73,11 @@ def peer(platform, springs, q, force):
 @pytest.mark.parametrize(("seed", "force"), LOADS)
 def test_platforms(seed, force):
     elastic = legs_as_platform(
-        general_legs(seed), mass=6.0, mass_centre=[0.03, -0.02, 0.05],
+        general_legs(seed),
+        mass=6.0,
+        mass_centre=[0.03, -0.02, 0.05],
         inertia=np.diag([0.4, 0.5, 0.7]),
-    )  # fmt: skip
+    )
     state = equilibrium(elastic, DeadForce(force, elastic.mechanism.mass_centre))
     found = modes(state).frequencies
     hertz = peer(elastic.mechanism, elastic.springs, state.q, force)
@@ -79,8 +91,9 @@ def _against_the_tree(folder, xml, force, kind):
         name: {"stiffness": k, "rest": rest}
         for name, k, rest in zip(peer.names, peer.k, peer.rest, strict=True)
     }
-    elastic = _loaded(folder, xml, kind=kind, springs=springs, q=dict(
-        zip(peer.names, peer.rest, strict=True)))  # fmt: skip
+    elastic = _loaded(
+        folder, xml, kind=kind, springs=springs, q=dict(zip(peer.names, peer.rest, strict=True))
+    )
     state = equilibrium(elastic, DeadForce(force))
     q = dict(zip(elastic.names, state.q, strict=True))
     squares, left = peer.squares(np.array([q[name] for name in peer.names]))

@@ -65,8 +65,9 @@ def test_a_body_that_carries_all_mass_swings_by_its_compliance(tmp_path):
         columns = list(getattr(elastic.mechanism, "held", range(6)))
         q = np.tile(elastic.q, (4, 1))
         q[:, columns] += step * np.random.default_rng(1).standard_normal((4, len(columns)))
-        data = compute_map(elastic, Trajectory(q), ["frequency_1", "frequency_3"],
-                           tmp_path / f"{path.stem}.zarr")  # fmt: skip
+        data = compute_map(
+            elastic, Trajectory(q), ["frequency_1", "frequency_3"], tmp_path / f"{path.stem}.zarr"
+        )
         found = analyse_many(elastic, q, outputs=["compliance_B"])
         quick = ManyModes(elastic, found.q, compliances=found["compliance_B"]).frequencies(3)
         slow = ManyModes(elastic, found.q).frequencies(3)
@@ -108,8 +109,12 @@ def test_springs_alone_need_no_stiffness_at_the_body(name, kind):
     n = len(elastic.q)
     for q in [*rng.uniform(-2, 2, (3, n)), np.zeros(n)]:
         for size in (0.0, 200.0):
-            acting = {"wrench": size * rng.normal(size=6), "load_kind": kind,
-                      "load_at": (0.0, 0.0, 0.1), "load_axes": "world"}  # fmt: skip
+            acting = {
+                "wrench": size * rng.normal(size=6),
+                "load_kind": kind,
+                "load_at": (0.0, 0.0, 0.1),
+                "load_axes": "world",
+            }
             quick, whole = modes(elastic, q, **acting), modes(analyse(elastic, q, **acting))
             assert quick.squares == pytest.approx(whole.squares, rel=1e-12)
             assert quick.as_dict()["notes"] == whole.as_dict()["notes"]

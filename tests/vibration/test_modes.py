@@ -46,8 +46,15 @@ def _without_struts(platform):
 
 def _hexapod(tmp_path, **more):
     rng = np.random.default_rng(3)
-    legs = {"mass": {"fixed": 0.4, "moving": [0.2, 0.3, 0.2, 0.1, 0.2, 0.25], "fixed_com": 0.15,
-                     "moving_com": 0.1, "radius": 0.02}}  # fmt: skip
+    legs = {
+        "mass": {
+            "fixed": 0.4,
+            "moving": [0.2, 0.3, 0.2, 0.1, 0.2, 0.25],
+            "fixed_com": 0.15,
+            "moving_com": 0.1,
+            "radius": 0.02,
+        }
+    }
     angles = np.deg2rad([0, 20, 120, 140, 240, 260])
     base = np.stack([np.cos(angles), np.sin(angles), 0 * angles], 1) + rng.uniform(
         -0.1, 0.1, (6, 3)
@@ -55,14 +62,22 @@ def _hexapod(tmp_path, **more):
     top = 0.5 * np.stack([np.cos(angles + 1), np.sin(angles + 1), 0 * angles], 1)
     return load(
         write_file(
-            tmp_path, "hexapod", kind="stewart-gough", base=base.tolist(), platform=top.tolist(),
+            tmp_path,
+            "hexapod",
+            kind="stewart-gough",
+            base=base.tolist(),
+            platform=top.tolist(),
             pose={"xyz": [0.05, -0.1, 0.8], "rpy": [0.1, 0.2, -0.1]},
             frame={"xyz": [0.02, 0, 0.1], "rpy": [0.3, 0, 0]},
-            body={"mass": 3.0, "com": [0.01, 0.02, 0.03],
-                  "inertia": [[0.2, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.4]]},
-            legs={"stiffness": 2e5, **legs}, **more,
+            body={
+                "mass": 3.0,
+                "com": [0.01, 0.02, 0.03],
+                "inertia": [[0.2, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.4]],
+            },
+            legs={"stiffness": 2e5, **legs},
+            **more,
         )
-    )  # fmt: skip
+    )
 
 
 def _masses(platform, pose):
@@ -97,12 +112,15 @@ def test_kinetic_energy_of_legs_is_that_of_their_points(tmp_path):
     at, weights = _masses(platform, posture.pose)
     rates = np.stack(
         [
-            (_masses(platform, posture.pose @ exp_reference(h * e))[0]
-             - _masses(platform, posture.pose @ exp_reference(-h * e))[0]) / (2 * h)
+            (
+                _masses(platform, posture.pose @ exp_reference(h * e))[0]
+                - _masses(platform, posture.pose @ exp_reference(-h * e))[0]
+            )
+            / (2 * h)
             for e in np.eye(6)
         ],
         axis=-1,
-    )  # fmt: skip
+    )
     assert relative_error(np.einsum("kia,kib,k->ab", rates, rates, weights), M) < 1e-8
     linear = np.einsum("kia,k->ia", rates, weights)
     angular = np.einsum("kia,k->ia", np.cross(at[:, :, None], rates, axis=1), weights)
@@ -256,12 +274,26 @@ def test_free_beam_of_lumped_segments_converges(tmp_path):
     E, area, inertia, density = 2e11, 1e-4, 1e-10, 8000.0
     errors = []
     for segments in (6, 12):
-        beam = {"E": E, "G": 8e10, "length": 1.0, "area": area, "Iy": inertia, "Iz": inertia,
-                "J": 2e-10, "density": density, "segments": segments}  # fmt: skip
+        beam = {
+            "E": E,
+            "G": 8e10,
+            "length": 1.0,
+            "area": area,
+            "Iy": inertia,
+            "Iz": inertia,
+            "J": 2e-10,
+            "density": density,
+            "segments": segments,
+        }
         rod = write_file(
-            tmp_path, "rod", kind="closed-chain", model="rod.urdf", frame="tip", floating=True,
+            tmp_path,
+            "rod",
+            kind="closed-chain",
+            model="rod.urdf",
+            frame="tip",
+            floating=True,
             flexible={"bar": {"beam": beam}},
-        )  # fmt: skip
+        )
         found = modes(load(rod))
         assert (found.squares[:6] == 0.0).all()
         beta = (density * area * found.squares[6:12:2] / (E * inertia)) ** 0.25

@@ -29,10 +29,23 @@ def test_the_load_stands_beside_none():
 def test_everything_at_once(tmp_path):
     csv, plot = tmp_path / "h.csv", tmp_path / "h.png"
     arguments = [
-        "five-bar", "--compare", "energy,F", "--sensitivities", "--tolerance", "0.1",
-        "--response", "0:50:20", "--damping", "0.02", "--direction", "1,0,0", "--csv", str(csv),
-        "--plot", str(plot),
-    ]  # fmt: skip
+        "five-bar",
+        "--compare",
+        "energy,F",
+        "--sensitivities",
+        "--tolerance",
+        "0.1",
+        "--response",
+        "0:50:20",
+        "--damping",
+        "0.02",
+        "--direction",
+        "1,0,0",
+        "--csv",
+        str(csv),
+        "--plot",
+        str(plot),
+    ]
     data = json.loads(run(*arguments, "--json"))
     assert {"compare", "sensitivities", "intervals", "response"} <= set(data)
     assert len(csv.read_text().splitlines()) == 21
@@ -43,8 +56,17 @@ def test_everything_at_once(tmp_path):
 
 
 def test_lobes_by_both_theories(tmp_path):
-    arguments = ["stewart-simscape", "--damping", "0.02", "--milling", "6e8,0.3,3,0,1.5708",
-                 "--tip", "0,0,0.05", "--lobes", "14000:15000:2"]  # fmt: skip
+    arguments = [
+        "stewart-simscape",
+        "--damping",
+        "0.02",
+        "--milling",
+        "6e8,0.3,3,0,1.5708",
+        "--tip",
+        "0,0,0.05",
+        "--lobes",
+        "14000:15000:2",
+    ]
     csv, picture = tmp_path / "lobes.csv", tmp_path / "lobes.svg"
     told = json.loads(run(*arguments, "--csv", csv, "--plot", picture, "--json"))["lobes"]
     head, *rows = csv.read_text().splitlines()

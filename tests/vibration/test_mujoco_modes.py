@@ -83,10 +83,15 @@ def test_arms(tmp_path, kinds, seed):
 # -- platforms ------------------------------------------------------------------------------------
 
 BASE = [[np.cos(a), np.sin(a), 0.0] for a in np.deg2rad([5, 115, 125, 235, 245, 355])]
-TOP = [[0.5 * np.cos(a), 0.5 * np.sin(a), 0.02 * i] for i, a in enumerate(
-    np.deg2rad([50, 70, 170, 190, 290, 310]))]  # fmt: skip
-BODY = {"mass": 8.0, "com": [0.02, -0.01, 0.05],
-        "inertia": [[0.3, 0.01, 0.0], [0.01, 0.4, 0.02], [0.0, 0.02, 0.6]]}  # fmt: skip
+TOP = [
+    [0.5 * np.cos(a), 0.5 * np.sin(a), 0.02 * i]
+    for i, a in enumerate(np.deg2rad([50, 70, 170, 190, 290, 310]))
+]
+BODY = {
+    "mass": 8.0,
+    "com": [0.02, -0.01, 0.05],
+    "inertia": [[0.3, 0.01, 0.0], [0.01, 0.4, 0.02], [0.0, 0.02, 0.6]],
+}
 STIFFNESS = [9e3, 8e3, 11e3, 7e3, 10e3, 12e3]
 FIXED, MOVING = (0.6, 0.2), (0.4, 0.15)  # kg, m
 STRUTS = {"fixed": 0.6, "moving": 0.4, "fixed_com": 0.2, "moving_com": 0.15}
@@ -95,11 +100,17 @@ STRUTS = {"fixed": 0.6, "moving": 0.4, "fixed_com": 0.2, "moving_com": 0.15}
 def _platform(folder, **legs):
     return load(
         write_file(
-            folder, "platform", kind="stewart-gough", base=BASE, platform=TOP, body=BODY,
-            pose={"xyz": [0.05, -0.03, 0.9], "rpy": [0.05, -0.1, 0.2]}, gravity=[0.0, 0.0, -9.81],
+            folder,
+            "platform",
+            kind="stewart-gough",
+            base=BASE,
+            platform=TOP,
+            body=BODY,
+            pose={"xyz": [0.05, -0.03, 0.9], "rpy": [0.05, -0.1, 0.2]},
+            gravity=[0.0, 0.0, -9.81],
             legs={"stiffness": STIFFNESS, "rest_length": 1.0, **legs},
         )
-    )  # fmt: skip
+    )
 
 
 def _body_xml(sites):
@@ -220,10 +231,12 @@ def test_closed_chains(tmp_path, xml, force):
     peer = Vibrating(mujoco, xml, force)
     names = [peer.model.joint(j).name for j in range(peer.model.njnt)]
     springs = {
-        n: {"stiffness": float(peer.model.joint(n).stiffness[0]),
-            "rest": float(peer.model.qpos_spring[peer.model.joint(n).qposadr[0]])}
+        n: {
+            "stiffness": float(peer.model.joint(n).stiffness[0]),
+            "rest": float(peer.model.qpos_spring[peer.model.joint(n).qposadr[0]]),
+        }
         for n in names
-    }  # fmt: skip
+    }
     q = {n: s["rest"] for n, s in springs.items()}
     elastic = _loaded(tmp_path, xml, kind="closed-chain", springs=springs, q=q)
     state = equilibrium(elastic, DeadForce(force))

@@ -43,8 +43,9 @@ CASES = {
         ["stiffness.elbow_joint", "placement.wrist_1_joint.z"],
     ),
     "platform": (
-        lambda: analyse(_uneven(), wrench=[3.0, 1.0, -2.0, 100.0, -50.0, -2000.0],
-                        load_kind="conservative"),
+        lambda: analyse(
+            _uneven(), wrench=[3.0, 1.0, -2.0, 100.0, -50.0, -2000.0], load_kind="conservative"
+        ),
         ["stiffness.leg2", "base.leg3.x", "platform.leg5.z"],
     ),
     "six legs": (
@@ -55,7 +56,7 @@ CASES = {
         lambda: analyse(load("five-bar")),
         ["stiffness.left_motor", "placement.left_elbow.x", "closure.right_tip.y"],
     ),
-}  # fmt: skip
+}
 
 
 def _uneven():
@@ -143,10 +144,12 @@ def test_intervals_of_repeated_modes_hold_for_both():
     found = modes(elastic)
     band = intervals(found, Tolerances(stiffness=0.02))
     assert band.deviations[0] == pytest.approx(band.deviations[1])
-    drawn = np.array([
-        modes(elastic.with_springs(20e6 * (1 + 0.02 * rng.normal(size=6)))).frequencies
-        for _ in range(400)
-    ])  # fmt: skip
+    drawn = np.array(
+        [
+            modes(elastic.with_springs(20e6 * (1 + 0.02 * rng.normal(size=6)))).frequencies
+            for _ in range(400)
+        ]
+    )
     sd = np.sqrt(((drawn - found.frequencies) ** 2).mean(axis=0))
     assert (sd < 1.1 * band.deviations).all()
     assert (sd > 0.5 * band.deviations).all()
@@ -161,16 +164,26 @@ def test_measured_springs_give_intervals_by_themselves(tmp_path):
     """Covariances in the file, also of a tie, against differences of the modes."""
     names = ["shoulder_lift_joint", "elbow_joint"]
     tied = [["wrist_1_joint"] * 2 + [1.0], ["wrist_2_joint"] * 2 + [1.0]]
-    compliances = [*({"name": n, "value": 1e-5} for n in names),
-                   {"name": "wrists", "value": 1e-4, "elements": tied}]  # fmt: skip
+    compliances = [
+        *({"name": n, "value": 1e-5} for n in names),
+        {"name": "wrists", "value": 1e-4, "elements": tied},
+    ]
     roots = np.array([[1e-6, 0.0, 0.0], [4e-7, 8e-7, 0.0], [3e-6, -2e-6, 5e-6]])
     springs = {n: {"stiffness": 1e5} for n in load("ur5").names}
     springs |= {n: {"stiffness": 1e4} for n in ("wrist_1_joint", "wrist_2_joint")}
     file = write_file(
-        tmp_path, "measured", kind="serial", model="ur5", springs=springs,
-        identified={"compliances": compliances, "covariance": (roots @ roots.T).tolist(),
-                    "degrees": 20.0, "level": 0.9},
-    )  # fmt: skip
+        tmp_path,
+        "measured",
+        kind="serial",
+        model="ur5",
+        springs=springs,
+        identified={
+            "compliances": compliances,
+            "covariance": (roots @ roots.T).tolist(),
+            "degrees": 20.0,
+            "level": 0.9,
+        },
+    )
     arm, W = load(file), [0.0, 20.0, 0.0, 0.0, 300.0, -500.0]
     band = intervals(modes(arm, wrench=W))
     variance = sum(

@@ -20,16 +20,31 @@ CLOSE = 1e-8
 @pytest.fixture
 def bar(tmp_path):
     """A link that gives on the wall, with a weight, and a line along x that pulls at it."""
-    path = write_urdf(tmp_path, joint("wall", "base", "bar", kind="fixed"),
-                      joint("end", "bar", "tool", kind="fixed"), name="bar")  # fmt: skip
+    path = write_urdf(
+        tmp_path,
+        joint("wall", "base", "bar", kind="fixed"),
+        joint("end", "bar", "tool", kind="fixed"),
+        name="bar",
+    )
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace('<link name="tool"/>', BODY))
-    line = {"frames": ["world", "tool"], "points": [[-1, 0, 0], [0, 0, 0]], "stiffness": LINE,
-            "rest_length": 1.0}  # fmt: skip
-    return cartstiff.load(write_file(
-        tmp_path, "bar", kind="serial", model="bar.urdf", frame="tool",
-        flexible={"bar": {"stiffness": K6.tolist()}}, lines=[line],
-    ))  # fmt: skip
+    line = {
+        "frames": ["world", "tool"],
+        "points": [[-1, 0, 0], [0, 0, 0]],
+        "stiffness": LINE,
+        "rest_length": 1.0,
+    }
+    return cartstiff.load(
+        write_file(
+            tmp_path,
+            "bar",
+            kind="serial",
+            model="bar.urdf",
+            frame="tool",
+            flexible={"bar": {"stiffness": K6.tolist()}},
+            lines=[line],
+        )
+    )
 
 
 def test_stiffness_grows_by_the_line_and_with_the_link(bar):

@@ -49,9 +49,11 @@ def refused(capfd, tmp_path, monkeypatch):
 def test_view_serves_until_it_is_told_to_end(interrupt):
     process = subprocess.Popen(
         [sys.executable, "-m", "cartstiff", "view", "stewart-gough", "--no-open"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, "PYTHONPATH": SOURCE, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
+    )
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
@@ -97,14 +99,27 @@ def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatc
     sources = []
     monkeypatch.setattr(export, "export_page", lambda source, **_: sources.append(source) or "")
     legs = {"stiffness": 1e7, "limits": [0.4, 0.8]}
-    layout = {"base": {"radius": 0.35, "half_angle": 0.2}, "height": 0.5,
-              "platform": {"radius": 0.2, "half_angle": 0.2}}  # fmt: skip
+    layout = {
+        "base": {"radius": 0.35, "half_angle": 0.2},
+        "height": 0.5,
+        "platform": {"radius": 0.2, "half_angle": 0.2},
+    }
     load = [0.0, 0.0, 0.0, 0.0, 0.0, -1000.0]
     for forces in ({}, {"force": [-260, 400]}):
         written = {"kind": "stewart-gough", "layout": layout, "legs": legs | forces}
         (tmp_path / "machine.yaml").write_text(json.dumps(written))
-        assert run("export", str(tmp_path / "machine.yaml"), "--workspace", "--load",
-                   "0,0,0,0,0,-1000", "-o", str(tmp_path / "page.html")) == 0  # fmt: skip
+        assert (
+            run(
+                "export",
+                str(tmp_path / "machine.yaml"),
+                "--workspace",
+                "--load",
+                "0,0,0,0,0,-1000",
+                "-o",
+                str(tmp_path / "page.html"),
+            )
+            == 0
+        )
         elastic = cartstiff.load(tmp_path / "machine.yaml")
         reached = cartstiff.workspace(elastic, wrench=load if forces else None, fits=False)
         cloud = sources.pop().cloud

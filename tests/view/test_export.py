@@ -122,8 +122,14 @@ def test_a_trajectory_is_the_frames():
 
 def test_the_state_of_a_tab_is_exported():
     arm = cartstiff.load("cubic")
-    state = ViewState(q=[0.01, 0, 0, 0, 0, 0.1], stiffness=[2e6] * 6, connection="A", theme="dark",
-                  load=(0, 0, 0, 0, 0, -500), point=(0.0, 0.0, 0.1))  # fmt: skip
+    state = ViewState(
+        q=[0.01, 0, 0, 0, 0, 0.1],
+        stiffness=[2e6] * 6,
+        connection="A",
+        theme="dark",
+        load=(0, 0, 0, 0, 0, -500),
+        point=(0.0, 0.0, 0.1),
+    )
     data, _ = held(export_page(Source(arm), frames=2, state=state))
     springs = arm.with_springs(2e6)
     expected = cartstiff.analyse(springs, state.q, wrench=state.load, load_at=state.point).as_dict()
@@ -155,8 +161,11 @@ def test_the_pictures_are_those_that_are_drawn(platform_page):
     frame = data["frames"][5]
     state = ViewState(q=frame["result"]["q"], connection="B")
     picture.draw(cartstiff.analyse(elastic, state.q), state)
-    drawn = {path: packed for (kind, path, _), packed in picture.everything_by_path().items()
-             if kind == "set_transform"}  # fmt: skip
+    drawn = {
+        path: packed
+        for (kind, path, _), packed in picture.everything_by_path().items()
+        if kind == "set_transform"
+    }
     compared = 0
     for n in frame["pictures"]["stiffness/B"]:
         if n >= count:

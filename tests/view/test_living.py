@@ -34,8 +34,17 @@ from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
 from cartstiff.page.state import ViewState
 
-MECHANISMS = ("ur5", "ur10", "panda", "xarm7", "cubic", "hexapod", "inclined-hexapod",
-              "stewart-gough", "stewart-simscape")  # fmt: skip
+MECHANISMS = (
+    "ur5",
+    "ur10",
+    "panda",
+    "xarm7",
+    "cubic",
+    "hexapod",
+    "inclined-hexapod",
+    "stewart-gough",
+    "stewart-simscape",
+)
 STATES = 25
 
 node = shutil.which("node")
@@ -68,18 +77,22 @@ def states(name: str, count: int = STATES) -> list[ViewState]:
     found = []
     for k in range(count):
         load = draw.normal(size=6) * force if k % 3 else None
-        found.append(ViewState(
-            q=(elastic.q + wide * draw.uniform(-1, 1, n)).tolist(),
-            connection=("load", "A", "B", "K", "F", "+")[k % 6],
-            quantity=("stiffness", "compliance")[k % 2],
-            axes=("body", "inertial")[k // 2 % 2],
-            point=tuple(draw.normal(size=3) * 0.1) if k % 4 else (0.0, 0.0, 0.0),
-            load=None if load is None else tuple(load.tolist()),
-            load_axes=("body", "inertial")[k % 5 % 2],
-            load_kind=("dead", "follower", "conservative")[k // 3 % 3],
-            load_at=(0.01, -0.02, 0.03) if k % 7 == 1 and load is not None else None,
-            stiffness=(sizes * draw.uniform(0.5, 2, len(sizes))).tolist() if k % 5 == 2 else None,
-        ))  # fmt: skip
+        found.append(
+            ViewState(
+                q=(elastic.q + wide * draw.uniform(-1, 1, n)).tolist(),
+                connection=("load", "A", "B", "K", "F", "+")[k % 6],
+                quantity=("stiffness", "compliance")[k % 2],
+                axes=("body", "inertial")[k // 2 % 2],
+                point=tuple(draw.normal(size=3) * 0.1) if k % 4 else (0.0, 0.0, 0.0),
+                load=None if load is None else tuple(load.tolist()),
+                load_axes=("body", "inertial")[k % 5 % 2],
+                load_kind=("dead", "follower", "conservative")[k // 3 % 3],
+                load_at=(0.01, -0.02, 0.03) if k % 7 == 1 and load is not None else None,
+                stiffness=(sizes * draw.uniform(0.5, 2, len(sizes))).tolist()
+                if k % 5 == 2
+                else None,
+            )
+        )
     assert session.elastic is elastic
     return found
 
@@ -140,7 +153,7 @@ def asked(name: str, wanted: list[ViewState], what: str) -> list[Any]:
         f"const living = new Living({json.dumps(made.data)}, globalThis.cartstiffTapes);\n"
         f"const found = {inputs}.map((state) => {{ try {{ return {what}; }} "
         "catch (error) { if (error.message !== NOT_PLAIN) throw error; return null; } });"
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -186,9 +199,12 @@ def test_matrices_of_the_page_have_twelve_digits_or_it_says_how_many(name):
         for connection in "ABKF":
             for mine, theirs, known in (
                 (found["K"][connection], result.matrices[connection], 1e-12),
-                (found["C"][connection], result.compliances[connection],
-                 max(1e-12, found["sure"][connection])),
-            ):  # fmt: skip
+                (
+                    found["C"][connection],
+                    result.compliances[connection],
+                    max(1e-12, found["sure"][connection]),
+                ),
+            ):
                 if mine is None:
                     assert theirs is None
                     continue
@@ -197,10 +213,13 @@ def test_matrices_of_the_page_have_twelve_digits_or_it_says_how_many(name):
 
 @pytest.mark.parametrize(
     ("name", "start", "coordinate", "singular"),
-    [("ur5", (0.3, -1.1, 1.3, -0.7, 0.9, 0.2), 2, 0.0),
-     ("ur5", (0.3, -1.1, 1.3, -0.7, 0.9, 0.2), 4, 0.0),
-     ("cubic", None, 5, math.pi / 2), ("stewart-simscape", None, 5, math.pi / 2)],
-)  # fmt: skip
+    [
+        ("ur5", (0.3, -1.1, 1.3, -0.7, 0.9, 0.2), 2, 0.0),
+        ("ur5", (0.3, -1.1, 1.3, -0.7, 0.9, 0.2), 4, 0.0),
+        ("cubic", None, 5, math.pi / 2),
+        ("stewart-simscape", None, 5, math.pi / 2),
+    ],
+)
 def test_near_singular_states_are_refused_by_both(name, start, coordinate, singular):
     """The page where the library has no matrix or tells of lost digits, and a decade before."""
     elastic, _ = living(name)
@@ -230,8 +249,12 @@ def test_singular_postures_are_not_answered():
     assert cartstiff.analyse(arm, straight).matrices["B"] is None
     assert "lost-digits" in [note.code for note in cartstiff.analyse(arm, near).notes]
     usual = ViewState(q=arm.q.tolist())
-    wanted = [usual, ViewState(q=straight), ViewState(q=near),
-              usual.model_copy(update={"stiffness": [1e-3, *[1e9] * 5]})]  # fmt: skip
+    wanted = [
+        usual,
+        ViewState(q=straight),
+        ViewState(q=near),
+        usual.model_copy(update={"stiffness": [1e-3, *[1e9] * 5]}),
+    ]
     found = asked("ur5", wanted, "living.result(state)")
     assert [one is None for one in found[:3]] == [False, True, True]
     whole = json.loads(json.dumps(cartstiff.analyse(arm).as_dict()))
@@ -268,12 +291,26 @@ def test_every_operation_is_that_of_numpy():
     x, y = tape.vector("x", 2)
     k = tape.input("k", 0)
     values = [
-        x + y, x - y, x * y, x / y, -x, square_root(absolute(x)), absolute(y), sine(x), cosine(y),
-        larger(x, y), copysign(x, y), copysign(y, -x), pick(x, y, k, 2.5e-300), x * 3.0 + k,
-        1.0 / x, pick(x, math.nan, 1.0, k),
-    ]  # fmt: skip
-    program = tape.program({"a": np.array(values[:5], object), "b": np.array(values[5:], object)},
-                           ["k"])  # fmt: skip
+        x + y,
+        x - y,
+        x * y,
+        x / y,
+        -x,
+        square_root(absolute(x)),
+        absolute(y),
+        sine(x),
+        cosine(y),
+        larger(x, y),
+        copysign(x, y),
+        copysign(y, -x),
+        pick(x, y, k, 2.5e-300),
+        x * 3.0 + k,
+        1.0 / x,
+        pick(x, math.nan, 1.0, k),
+    ]
+    program = tape.program(
+        {"a": np.array(values[:5], object), "b": np.array(values[5:], object)}, ["k"]
+    )
     draw = np.random.default_rng(3)
     rows = np.concatenate([draw.normal(size=(20, 2)), [[0.0, -0.0], [-0.0, 1.0], [1e300, 1e-300]]])
     out = {"a": np.empty((len(rows), 5)), "b": np.empty((len(rows), 11))}

@@ -82,9 +82,7 @@ def test_better_is_really_better(arm):
     """What the sentence says, by the equilibrium at the other posture."""
     W = [0, 0, 0, 0, 0, -200]
     said = words(report_page(arm, Q, wrench=W, load_axes="world", frames=2))
-    name, at, less = re.search(
-        r"(j\d) at (-?[\d.]+) deg instead, (\d+) % less", said
-    ).groups()  # fmt: skip
+    name, at, less = re.search(r"(j\d) at (-?[\d.]+) deg instead, (\d+) % less", said).groups()
     other = list(Q)
     other[int(name[1]) - 1] = np.radians(float(at))
 

@@ -82,8 +82,9 @@ def test_freedoms_held_and_free():
             legend = drawing.draw(connection="B", quantity=quantity, others=others)
             np.testing.assert_allclose(
                 legend["ellipsoids"][freedom]["eigenvalues"],
-                np.linalg.eigvalsh(0.5 * (expected + expected.T)), rtol=1e-8,
-            )  # fmt: skip
+                np.linalg.eigvalsh(0.5 * (expected + expected.T)),
+                rtol=1e-8,
+            )
 
 
 def test_logarithmic_radii_are_as_the_legend_says():
@@ -121,9 +122,10 @@ def test_the_reference_point_moves_the_ellipsoid_and_the_moment():
     K = X.T @ drawing.result.matrices["B"] @ X
     for freedom, block in BLOCKS.items():
         np.testing.assert_allclose(
-            legend["ellipsoids"][freedom]["eigenvalues"], np.linalg.eigvalsh(K[block, block]),
+            legend["ellipsoids"][freedom]["eigenvalues"],
+            np.linalg.eigvalsh(K[block, block]),
             rtol=1e-8,
-        )  # fmt: skip
+        )
     at = drawing.result.pose[:3, 3] + drawing.result.pose[:3, :3] @ p
     L = drawing.viewer.world(drawing.body("translation"))
     np.testing.assert_allclose(L[:3, 3], at, atol=ROUNDING)
@@ -233,8 +235,9 @@ def test_deflection_is_enlarged_by_the_factor_stated(connection, exaggeration):
     T = drawing.result.pose
     np.testing.assert_allclose(
         drawing.viewer.world(f"{ROOT}/deflection/frame"),
-        T @ expm(twist_matrix(factor * twist)), atol=1e-8,
-    )  # fmt: skip
+        T @ expm(twist_matrix(factor * twist)),
+        atol=1e-8,
+    )
     arrow = drawing.viewer.world(f"{ROOT}/deflection/displacement/arrow")
     np.testing.assert_allclose(arrow[:3, 0], factor * T[:3, :3] @ twist[3:], atol=1e-8)
 
@@ -257,9 +260,9 @@ def test_legs_join_their_points_and_show_their_tension():
     assert -low == high >= np.abs(tension).max()
     # Pulling is warm, pushing is cold.
     for i, t in enumerate(tension):
-        r, _, b, a = drawing.viewer.places[
-            f"{ROOT}/mechanism/legs/line {i + 1}/rod"
-        ].properties["color"]  # fmt: skip
+        r, _, b, a = drawing.viewer.places[f"{ROOT}/mechanism/legs/line {i + 1}/rod"].properties[
+            "color"
+        ]
         assert a == 1.0
         assert (r > b) == (t > 0.05 * high) or abs(t) < 0.05 * high
     body = drawing.viewer.world(f"{ROOT}/mechanism/body")
@@ -329,9 +332,10 @@ def test_eigenscrews_are_lines_of_reciprocal_action():
         twist = np.concatenate([n, np.cross(p, n) + row["pitch"] * n])
         wrench = K @ twist
         np.testing.assert_allclose(
-            wrench, row["value"] * np.concatenate([twist[3:], n]),
+            wrench,
+            row["value"] * np.concatenate([twist[3:], n]),
             atol=1e-6 * np.abs(wrench).max(),
-        )  # fmt: skip
+        )
         # In the middle is the point nearest to the body frame.
         middle = T[:3, :3].T @ (M[:3, 3] + 0.5 * M[:3, 0] - T[:3, 3])
         assert abs(middle @ n) < ROUNDING
@@ -452,8 +456,9 @@ def test_a_ghost_of_a_platform_and_one_that_cannot_be():
     drawing.draw(ghost=q)
     np.testing.assert_allclose(
         drawing.viewer.world(f"{ROOT}/ghost/body"),
-        drawing.elastic.mechanism.at(q).pose, atol=ROUNDING,
-    )  # fmt: skip
+        drawing.elastic.mechanism.at(q).pose,
+        atol=ROUNDING,
+    )
     drawing.draw()
     assert drawing.viewer.below(f"{ROOT}/ghost") == []
     with pytest.raises(InputError, match="ghost has the wrong count"):

@@ -239,9 +239,17 @@ def test_a_label_is_a_readable_png(vis, window):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0 N"), (6801.6, "6800 N"), (-511.36, "-511 N"), (12345.0, "1.23e4 N"),
-     (0.012345, "0.0123 N"), (1.5e-7, "1.50e-7 N"), (np.inf, "infinite N"), (9999.6, "1.00e4 N")],
-)  # fmt: skip
+    [
+        (0.0, "0 N"),
+        (6801.6, "6800 N"),
+        (-511.36, "-511 N"),
+        (12345.0, "1.23e4 N"),
+        (0.012345, "0.0123 N"),
+        (1.5e-7, "1.50e-7 N"),
+        (np.inf, "infinite N"),
+        (9999.6, "1.00e4 N"),
+    ],
+)
 def test_numbers(value, text):
     if value == 9999.6:  # rounds up to the next form; either is right
         assert number(value, "N") in ("1.00e4 N", "10000 N")
@@ -362,9 +370,16 @@ def test_rotations_to_any_direction():
 
 @pytest.mark.parametrize(
     ("size", "unit", "scale"),
-    [(1.0, "m", 1.0), (23.0, "cm", 0.1), (120.0, "cm", 0.01), (40.0, "mm", 0.01), (30.0, "m", 0.1),
-     (0.5, "parsec", 1.0), (0.0, "m", 1.0)],
-)  # fmt: skip
+    [
+        (1.0, "m", 1.0),
+        (23.0, "cm", 0.1),
+        (120.0, "cm", 0.01),
+        (40.0, "mm", 0.01),
+        (30.0, "m", 0.1),
+        (0.5, "parsec", 1.0),
+        (0.0, "m", 1.0),
+    ],
+)
 def test_scene_units(size, unit, scale):
     assert scene_units(size, unit) == pytest.approx(scale)
 
@@ -380,9 +395,12 @@ def test_drawing_loads_no_window_of_meshcat():
     )
     source = str(Path(cartstiff.__file__).parents[1])
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
         env={"PYTHONPATH": source},
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
 
 

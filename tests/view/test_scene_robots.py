@@ -107,9 +107,12 @@ def test_shapes_and_mesh_files_of_a_urdf(tmp_path, place):
     file = tmp_path / "pack" / "meshes" / "one.obj"
     file.parent.mkdir()
     file.write_text(OBJ, encoding="utf-8")
-    name = {"beside": "../meshes/one.obj", "absolute": str(file),
-            "package": "package://pack/meshes/one.obj",
-            "file": f"file://{file}"}[place]  # fmt: skip
+    name = {
+        "beside": "../meshes/one.obj",
+        "absolute": str(file),
+        "package": "package://pack/meshes/one.obj",
+        "file": f"file://{file}",
+    }[place]
     (folder / "r.urdf").write_text(URDF.format(mesh=name), encoding="utf-8")
     arm = cartstiff.load(folder / "r.urdf")
     pieces, missing = visuals_of(arm.mechanism)
@@ -228,8 +231,9 @@ def test_flexible_links_are_bones_too():
     viewer, _, _ = drawn(cartstiff.load("delta"))
     lengths = [
         float(np.linalg.norm(viewer.world(p)[:3, 0]))
-        for p in viewer.below(MECHANISM) if "/bone" in p
-    ]  # fmt: skip
+        for p in viewer.below(MECHANISM)
+        if "/bone" in p
+    ]
     assert sum(abs(length - 0.45) < 1e-9 for length in lengths) == 3
 
 

@@ -134,9 +134,20 @@ def test_sockets_from_other_pages_are_refused(page, origin):
 
 @pytest.mark.parametrize(
     "path",
-    ["", "../../../etc/passwd", "page/../server.py", "page/%2e%2e/server.py", "page/..%2fserver.py",
-     "..%5c..%5cwindows", "page/", "page", "%00", "page/main.js/x", "//etc/passwd"],
-)  # fmt: skip
+    [
+        "",
+        "../../../etc/passwd",
+        "page/../server.py",
+        "page/%2e%2e/server.py",
+        "page/..%2fserver.py",
+        "..%5c..%5cwindows",
+        "page/",
+        "page",
+        "%00",
+        "page/main.js/x",
+        "//etc/passwd",
+    ],
+)
 def test_no_path_is_a_file(page, path):
     token = urlsplit(page.url).path.strip("/")
     for start in (f"/{token}/", "/"):
@@ -161,9 +172,21 @@ def test_without_the_token_there_is_a_403_and_nothing_else(page, method):
     token = urlsplit(page.url).path.strip("/")
     assert len(token) >= 32
     wrong = token[:-1] + ("A" if token[-1] != "A" else "B")
-    for path in ("/", "/socket", "/page/main.js", "/viewer.js", f"/{wrong}/", f"/{wrong}/socket",
-                 f"/?token={token}", f"/x/{token}/", f"/{token[:-1]}", f"//{token}/", "/%00/",
-                 f"/{token.swapcase()}/", "/\xff/"):  # fmt: skip
+    for path in (
+        "/",
+        "/socket",
+        "/page/main.js",
+        "/viewer.js",
+        f"/{wrong}/",
+        f"/{wrong}/socket",
+        f"/?token={token}",
+        f"/x/{token}/",
+        f"/{token[:-1]}",
+        f"//{token}/",
+        "/%00/",
+        f"/{token.swapcase()}/",
+        "/\xff/",
+    ):
         answer = raw(page.url, f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         assert answer.startswith("HTTP/1.1 403 "), (path, answer)
         head, _, body = answer.partition("\r\n\r\n")
@@ -276,10 +299,14 @@ def test_too_many_waiting_questions_are_refused(tab):
 def test_refused_messages_leave_the_tab_open(tab):
     one = tab()
     for bad in (
-        "{", "[]", "\0", b"\xff\x00", "x" * 70_000,
+        "{",
+        "[]",
+        "\0",
+        b"\xff\x00",
+        "x" * 70_000,
         '{"id": 1, "do": "draw", "state": {"q": [NaN]}}',
         json.dumps({"id": 1, "do": "draw", "state": {"frame": "x"}}),
-    ):  # fmt: skip
+    ):
         answer = one.ask(bad)
         assert "refused" in answer["error"] or "too long" in answer["error"]
     assert one.ask({"id": 5, "do": "draw", "state": {"q": [0]}})["error"]
@@ -403,8 +430,11 @@ def test_fuzzed_messages_leave_the_server_serving(tab, page):
     for number in range(150):
         message = json.loads(json.dumps(good))
         for _ in range(random_.randint(1, 3)):
-            place = random_.choice([message, message["state"]]) if isinstance(
-                message.get("state"), dict) else message  # fmt: skip
+            place = (
+                random_.choice([message, message["state"]])
+                if isinstance(message.get("state"), dict)
+                else message
+            )
             place[random_.choice([*place, "extra", "ghost", "point", "stiffness"])] = (
                 random_.choice(odd)
             )

@@ -69,8 +69,9 @@ def test_a_drawn_posture_is_the_api_s(session):
 
 def test_the_load_may_be_given_along_the_axes_of_the_room(session):
     arm = cartstiff.load("ur5")
-    found = asked(session("ur5"), do="draw",
-                  state={"load": [0, 0, 0, 0, 0, -100], "load_axes": "inertial"})  # fmt: skip
+    found = asked(
+        session("ur5"), do="draw", state={"load": [0, 0, 0, 0, 0, -100], "load_axes": "inertial"}
+    )
     R = cartstiff.analyse(arm).pose[:3, :3]
     wrench = np.array(found["numbers"]["result"]["wrench"])
     assert np.allclose(R @ wrench[3:], [0, 0, -100], atol=1e-9)

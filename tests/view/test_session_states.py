@@ -44,14 +44,21 @@ class Tabs(RuleBasedStateMachine):
         assert answer.data["id"] == 7
         return answer.data
 
-    @rule(q=st.lists(_NUMBERS, min_size=6, max_size=6), connection=st.sampled_from("ABKF+"),
-          quantity=st.sampled_from(["stiffness", "compliance"]),
-          load=st.none() | st.lists(_NUMBERS, min_size=6, max_size=6))  # fmt: skip
+    @rule(
+        q=st.lists(_NUMBERS, min_size=6, max_size=6),
+        connection=st.sampled_from("ABKF+"),
+        quantity=st.sampled_from(["stiffness", "compliance"]),
+        load=st.none() | st.lists(_NUMBERS, min_size=6, max_size=6),
+    )
     def wish(
         self, q: list[float], connection: str, quantity: str, load: list[float] | None
     ) -> None:
-        self.state = {"q": [0.1 * x if self.name == "cubic" else x for x in q],
-                      "connection": connection, "quantity": quantity, "load": load}  # fmt: skip
+        self.state = {
+            "q": [0.1 * x if self.name == "cubic" else x for x in q],
+            "connection": connection,
+            "quantity": quantity,
+            "load": load,
+        }
 
     @rule(tab=st.integers(0, 1), do=st.sampled_from(["draw", "numbers"]))
     def numbers(self, tab: int, do: str) -> None:
@@ -98,13 +105,16 @@ class Tabs(RuleBasedStateMachine):
 
     @invariant()
     def frames_are_those_chosen(self) -> None:
-        for session, frame in zip(getattr(self, "tabs", []), getattr(self, "frames", []),
-                                  strict=True):  # fmt: skip
+        for session, frame in zip(
+            getattr(self, "tabs", []), getattr(self, "frames", []), strict=True
+        ):
             assert session.elastic.mechanism.frame == frame
 
 
 Tabs.TestCase.settings = settings(
-    max_examples=25, stateful_step_count=12, deadline=None,
+    max_examples=25,
+    stateful_step_count=12,
+    deadline=None,
     suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+)
 TestTabs = Tabs.TestCase

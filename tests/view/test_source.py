@@ -194,8 +194,13 @@ def test_a_workspace_of_tilts_is_no_cloud_of_positions():
     import cartstiff
     from cartstiff.page.source import cloud_of_workspace
 
-    legs = {"chain": "RPS", "stiffness": 1e7, "limits": [0.5, 0.75], "base": {"radius": 0.3},
-            "platform": {"radius": 0.2}}  # fmt: skip
+    legs = {
+        "chain": "RPS",
+        "stiffness": 1e7,
+        "limits": [0.5, 0.75],
+        "base": {"radius": 0.3},
+        "platform": {"radius": 0.2},
+    }
     machine = cartstiff.parallel(legs, [0, 0, 0.6, 0, 0, 0])
     reached = cartstiff.workspace(machine, directions=8, scan=6, fits=False)
     with pytest.raises(InputError, match="takes all positions, got z, roll, pitch"):

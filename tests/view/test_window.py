@@ -86,16 +86,25 @@ def test_what_is_no_part_of_a_picture_is_refused():
 
 _paths = st.sampled_from(["/a", "/a/b", "/a/b/c", "/ab", "/Grid", "/d/e"])
 _commands = st.one_of(
-    st.builds(lambda p, k: {"type": "set_transform", "path": p, "matrix": [float(k)] * 16},
-              _paths, st.integers(0, 9)),
-    st.builds(lambda p, k: {"type": "set_object", "path": p, "object": {"object": k}},
-              _paths, st.integers(0, 9)),
-    st.builds(lambda p, n, v: {"type": "set_property", "path": p, "property": n, "value": v},
-              st.sampled_from(["/a", "/a/b", "/a/b/<object>", "/Grid"]),
-              st.sampled_from(["visible", "color"]), st.integers(0, 3)),
+    st.builds(
+        lambda p, k: {"type": "set_transform", "path": p, "matrix": [float(k)] * 16},
+        _paths,
+        st.integers(0, 9),
+    ),
+    st.builds(
+        lambda p, k: {"type": "set_object", "path": p, "object": {"object": k}},
+        _paths,
+        st.integers(0, 9),
+    ),
+    st.builds(
+        lambda p, n, v: {"type": "set_property", "path": p, "property": n, "value": v},
+        st.sampled_from(["/a", "/a/b", "/a/b/<object>", "/Grid"]),
+        st.sampled_from(["visible", "color"]),
+        st.integers(0, 3),
+    ),
     st.builds(lambda p: {"type": "delete", "path": p}, st.sampled_from(["/a", "/a/b", "/d"])),
     st.just(None),
-)  # fmt: skip
+)
 
 
 @given(st.lists(_commands, max_size=40))

@@ -66,11 +66,9 @@ class Viewer:
     def state(self) -> dict[str, tuple[Any, ...]]:
         """Everything, for comparison."""
         return {
-            path: (
-                p.object, None if p.matrix is None else p.matrix.tolist(), p.properties, p.own
-            )
+            path: (p.object, None if p.matrix is None else p.matrix.tolist(), p.properties, p.own)
             for path, p in self.places.items()
-        }  # fmt: skip
+        }
 
     def world(self, path: str, root: str = "/meshcat/cartstiff") -> np.ndarray:
         """Motion of a place in its root: by default F, in the mechanism's unit."""
@@ -102,8 +100,9 @@ class Viewer:
 
     def below(self, path: str) -> list[str]:
         """Visible objects at a place and below."""
-        return [p for p in self.places if (p == path or p.startswith(path + "/"))
-                and self.visible(p)]  # fmt: skip
+        return [
+            p for p in self.places if (p == path or p.startswith(path + "/")) and self.visible(p)
+        ]
 
     def text(self, path: str) -> str:
         """What a visible label says."""

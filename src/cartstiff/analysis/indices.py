@@ -164,9 +164,10 @@ def spectrum(
     if any(v != v for v in values.tolist()):
         raise lost_digits(values, "the stiffness matrix")
     return (
-        values, x,
+        values,
+        x,
         _definiteness(K) if root is inverse is None else definiteness(values, zero=0.0),
-    )  # fmt: skip
+    )
 
 
 def _definiteness(K: Array) -> Definiteness:

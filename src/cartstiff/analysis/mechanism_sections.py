@@ -196,10 +196,14 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         rows = [
             {"name": leg, "elongation": e, "force": f, "energy": u, "share": s, "is_length": True}
             for leg, e, f, u, s in zip(
-                r.elastic.spring_names, legs.elongation.tolist(), legs.force.tolist(),
-                legs.energy.tolist(), legs.share.tolist(), strict=True,
+                r.elastic.spring_names,
+                legs.elongation.tolist(),
+                legs.force.tolist(),
+                legs.energy.tolist(),
+                legs.share.tolist(),
+                strict=True,
             )
-        ]  # fmt: skip
+        ]
         return {"kind": "springs", "shares": rows, "load_share": legs.load_share}
     coordinates = r.elastic.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:

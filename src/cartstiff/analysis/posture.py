@@ -119,13 +119,21 @@ def analyse_posture(
         name, stiffness = _matrices(r, here, connection)
         W = np.zeros(6) if here.wrench is None else here.wrench
         answer = summarise(
-            stiffness, W, length, connection=name, compliance=here.compliances[name],
+            stiffness,
+            W,
+            length,
+            connection=name,
+            compliance=here.compliances[name],
             inverse=here.pair(name, "held")[1],
             is_singular=stiffness[name] is not None and here.compliances[name] is None,
             roots={others: here.root(name, others) for others in ("held", "free")},
-            mass=mass, inertia=inertia, mass_centre=mass_centre, direction=direction,
-            threshold=threshold, springs=springs,
-        )  # fmt: skip
+            mass=mass,
+            inertia=inertia,
+            mass_centre=mass_centre,
+            direction=direction,
+            threshold=threshold,
+            springs=springs,
+        )
         notes = Notes()
         notes.entries = answer.pop("notes")
         answer["frame"] = here.T_M_N.tolist()
@@ -136,8 +144,11 @@ def analyse_posture(
         return answer, notes
 
     if samples and tolerances is None and result.elastic.identified is None:
-        raise InputError("samples need tolerances to draw from", expected="both, or none",
-                         got=f"samples={samples}")  # fmt: skip
+        raise InputError(
+            "samples need tolerances to draw from",
+            expected="both, or none",
+            got=f"samples={samples}",
+        )
     answer, notes = sections(result, springs)
     if answer["synthesis"] is not None or target is not None:
         section = None
@@ -246,9 +257,12 @@ def _uncertainty(
         if not np.isfinite(p.centre[i]):
             continue
         entry = {
-            "nominal": x, "mean": None if p.mean is None else p.mean[i],
-            "deviation": p.deviation[i], "lower": p.lower[i], "upper": p.upper[i],
-        }  # fmt: skip
+            "nominal": x,
+            "mean": None if p.mean is None else p.mean[i],
+            "deviation": p.deviation[i],
+            "lower": p.lower[i],
+            "upper": p.upper[i],
+        }
         if shares is not None and p.deviation[i] > 0:
             worst = int(np.argmax(shares[:, i]))
             entry |= {"main_parameter": list(named)[worst], "main_share": shares[worst, i]}

@@ -258,9 +258,12 @@ def _ellipsoids(
 
 
 def _directions(
-    K: Array | None, C: Array | None, root: Array | None, is_singular: bool,
+    K: Array | None,
+    C: Array | None,
+    root: Array | None,
+    is_singular: bool,
     axes: Mapping[str, Array],
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """Stiffness along and about lines through the origin, the other freedoms held and free.
 
     Held: the diagonal of K, see `stiffness_of_motion`; free: the inverse of the diagonal of C (see
@@ -287,9 +290,13 @@ def _directions(
 
 #: Sections that only the stiffness matrix is read for.
 _OF_K_ALONE = (
-    "centres", "normal_form", "decoupling_frame", "eigenscrews", "wrench_compliant_axes",
+    "centres",
+    "normal_form",
+    "decoupling_frame",
+    "eigenscrews",
+    "wrench_compliant_axes",
     "synthesis",
-)  # fmt: skip
+)
 _OF_STIFFNESS = (
     "definiteness",
     "centres",

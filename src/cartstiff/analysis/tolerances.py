@@ -127,13 +127,14 @@ class UncertainParameters:
         if elastic.springs is None:
             return {}
         if isinstance(elastic.springs, FlexureStruts):
-            return {n.removeprefix("stiffness."): k for n, k in self._of_struts.items()
-                    if n.startswith("stiffness.") and k > 0.0}  # fmt: skip
+            return {
+                n.removeprefix("stiffness."): k
+                for n, k in self._of_struts.items()
+                if n.startswith("stiffness.") and k > 0.0
+            }
         laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
         each = zip(elastic.spring_names, elastic.springs.stiffness.tolist(), strict=True)
-        return {
-            name: k for i, (name, k) in enumerate(each) if 0.0 < k < np.inf and i not in laws
-        }  # fmt: skip
+        return {name: k for i, (name, k) in enumerate(each) if 0.0 < k < np.inf and i not in laws}
 
     @cached_property
     def _of_struts(self) -> dict[str, float]:
@@ -284,8 +285,12 @@ class UncertainParameters:
             elastic = self.reread(parameters)
         if isinstance(elastic.springs, FlexureStruts):
             struts = with_strut_numbers(elastic.springs, elastic.spring_names, values)
-            rest = np.array([values.get(f"rest.{name}", x) for name, x in zip(
-                elastic.spring_names, struts.rest_length, strict=True)])  # fmt: skip
+            rest = np.array(
+                [
+                    values.get(f"rest.{name}", x)
+                    for name, x in zip(elastic.spring_names, struts.rest_length, strict=True)
+                ]
+            )
             elastic = replace(elastic, springs=struts.replaced(struts.stiffness, rest))
         elif elastic.springs is not None:
             k, rest = np.array(elastic.springs.stiffness), np.array(elastic.springs.rest)
@@ -330,9 +335,11 @@ class UncertainParameters:
             before, x, forces = there.q, posture.q, nominal.torque(there.q)
             rows = np.diag(posture.coordinate_lengths)
         elif (
-            isinstance(springs, LineSprings) and isinstance(nominal, LineSprings)
-            and isinstance(posture, PlatformPosture) and isinstance(there, PlatformPosture)
-        ):  # fmt: skip
+            isinstance(springs, LineSprings)
+            and isinstance(nominal, LineSprings)
+            and isinstance(posture, PlatformPosture)
+            and isinstance(there, PlatformPosture)
+        ):
             before, x = there.lines.lengths, posture.lines.lengths
             active = springs.stiffness > 0
             if nominal.unilateral:
@@ -353,9 +360,13 @@ class UncertainParameters:
         return analyse_at(replace(elastic, springs=springs), posture)
 
     def _change(
-        self, elastic: ElasticMechanism, posture: MechanismPosture, rows: Array, forces: Array,
+        self,
+        elastic: ElasticMechanism,
+        posture: MechanismPosture,
+        rows: Array,
+        forces: Array,
         active: Array,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Least change of the springs' forces (m,) by which they carry the nominal load.
 
         `rows` (m, n) is the way of each spring per natural coordinate.

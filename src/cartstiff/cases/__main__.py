@@ -28,9 +28,12 @@ def bundled() -> Path:
 )
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option(
-    "--with", "files", multiple=True, type=click.Path(path_type=Path),
+    "--with",
+    "files",
+    multiple=True,
+    type=click.Path(path_type=Path),
     help="Another tool: a Python file with a function answers(inputs, folder).",
-)  # fmt: skip
+)
 @click.option("--only", multiple=True, help="Name of a case; the others are left out.")
 def main(folder: Path | None, files: tuple[Path, ...], only: tuple[str, ...]) -> None:
     """Check published numbers about stiffness: FOLDER is one case, or holds many.

@@ -174,9 +174,11 @@ def read_case(folder: Path) -> Case:
             known = known[:-1]
         line = f", line {lines[known]}" if known else ""
         raise InputError(
-            "case cannot be used", where=f"{one_line(str(path))}{line}",
-            expected=errors[0]["msg"], got=".".join(map(str, keys)) or None,
-        ) from None  # fmt: skip
+            "case cannot be used",
+            where=f"{one_line(str(path))}{line}",
+            expected=errors[0]["msg"],
+            got=".".join(map(str, keys)) or None,
+        ) from None
 
 
 def read_cases(folder: Path) -> Iterator[tuple[Path, Case]]:

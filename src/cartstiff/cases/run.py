@@ -102,8 +102,11 @@ def own_tools(folder: Path, case: Case) -> dict[str, Tool]:
     home = folder.parent / case.answered_as if case.answered_as else folder
     tools = {name: tool(home / file) for file, name in OWN.items() if (home / file).is_file()}
     if case.asked and "cartstiff" not in tools:
-        raise InputError("case has no answer", where=one_line(str(folder)),
-                         expected=one_line(str(home / "answer.py")))  # fmt: skip
+        raise InputError(
+            "case has no answer",
+            where=one_line(str(folder)),
+            expected=one_line(str(home / "answer.py")),
+        )
     return tools
 
 

@@ -56,30 +56,47 @@ Examples:
 _options = option_group(
     json_option,
     option(
-        "-o", "--output", type=OutputFile("FILE", ".json", ".npz", ".nas", ".bdf", ".inp", ".mat",
-                                         ".tex", ".xml", ".dat", ".csv", ".urdf"),
+        "-o",
+        "--output",
+        type=OutputFile(
+            "FILE",
+            ".json",
+            ".npz",
+            ".nas",
+            ".bdf",
+            ".inp",
+            ".mat",
+            ".tex",
+            ".xml",
+            ".dat",
+            ".csv",
+            ".urdf",
+        ),
         help="Also write the result: .json, .npz, .mat (Matlab), .tex; its stiffness, and a "
         "platform's mass, for Nastran (.nas, .bdf) or Abaqus (.inp); the machine for MuJoCo "
         "(.xml), a platform on lines as springs of Nastran (.dat); the geometry as a table (.csv), "
         "or as a tree (.urdf) with a mechanism file beside it that closes its loops.",
     ),
     click.option(
-        "--relax", is_flag=True,
+        "--relax",
+        is_flag=True,
         help="If no wrench can balance the posture, move the joints until one can; the body stays.",
     ),
     click.option(
-        "--order", type=click.Choice(ORDERS),
+        "--order",
+        type=click.Choice(ORDERS),
         help="Also print the matrices as a controller has them: linear-angular is translation "
         "first.",
     ),
     click.option(
-        "--axes", type=click.Choice(("body", "base")),
+        "--axes",
+        type=click.Choice(("body", "base")),
         help="Also print the matrices along these axes, about the body frame's origin.",
     ),
     sensitivities_option,
     explain_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist."),
-)  # fmt: skip
+)
 
 
 @click.command(name="analyse", cls=UnitsCommand, epilog=_EPILOG)
@@ -209,9 +226,10 @@ def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str,
         for name, K in result.matrices.items()
     }
     return {
-        "order": order, "axes": axes,
+        "order": order,
+        "axes": axes,
         "stiffness": {name: None if K is None else K.tolist() for name, K in matrices.items()},
-    }  # fmt: skip
+    }
 
 
 def _matrices_text(shown: dict[str, Any]) -> list[str]:

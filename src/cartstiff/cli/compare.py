@@ -20,18 +20,31 @@ Examples:
 @click.command(name="compare", epilog=_EPILOG)
 @click.argument("first", metavar="FIRST.zarr", type=click.Path(path_type=Path))
 @click.argument("second", metavar="SECOND.zarr", type=click.Path(path_type=Path))
-@click.option("--quantity", metavar="NAME", help="What is compared; default the first that both "
-              "maps hold.")  # fmt: skip
-@click.option("--difference", is_flag=True, help="The first map minus the second, instead of "
-              "the first over the second.")  # fmt: skip
-@repeated_option("--slice", "cuts", type=Pairs("NAME=VALUE"),
-                 help="Only the part of both maps at this value of an axis.")  # fmt: skip
+@click.option(
+    "--quantity", metavar="NAME", help="What is compared; default the first that both maps hold."
+)
+@click.option(
+    "--difference",
+    is_flag=True,
+    help="The first map minus the second, instead of the first over the second.",
+)
+@repeated_option(
+    "--slice",
+    "cuts",
+    type=Pairs("NAME=VALUE"),
+    help="Only the part of both maps at this value of an axis.",
+)
 @option("--picture", type=PICTURE, help="Draw it to a .png, .svg or .pdf file.")
 @json_option
 def command(
-    first: Path, second: Path, quantity: str | None, difference: bool, cuts: dict[str, float],
-    picture: Path | None, as_json: bool,
-) -> None:  # fmt: skip
+    first: Path,
+    second: Path,
+    quantity: str | None,
+    difference: bool,
+    cuts: dict[str, float],
+    picture: Path | None,
+    as_json: bool,
+) -> None:
     """Ratio or difference of two maps of the same places: two arms, two mountings.
 
     FIRST and SECOND are maps of `cartstiff map`, over the same axes. At a place with several
@@ -49,11 +62,14 @@ def command(
     a, b = (slice_map(data, **cuts) if cuts else data for data in (a, b))
     result = compare_maps(a, b, quantity, "difference" if difference else "ratio")
     answer = {
-        "schema": "cartstiff-compare/1", "quantity": quantity,
+        "schema": "cartstiff-compare/1",
+        "quantity": quantity,
         "how": "difference" if difference else "ratio",
-        "first": str(first), "second": str(second), **compared(result, quantity),
+        "first": str(first),
+        "second": str(second),
+        **compared(result, quantity),
         "slice": places_of(a, cuts),
-    }  # fmt: skip
+    }
     if picture is not None:
         from cartstiff.maps.pictures import draw_map
         from cartstiff.report.output import save_figure

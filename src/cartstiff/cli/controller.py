@@ -28,11 +28,13 @@ class ControllerRequest:
     def __post_init__(self) -> None:
         if self.impedance is None:
             axes = None if self.axes == "body" else self.axes
-            only_with("impedance", order=self.order, axes=axes, ratio=self.ratio,
-                      output=self.output)  # fmt: skip
+            only_with(
+                "impedance", order=self.order, axes=axes, ratio=self.ratio, output=self.output
+            )
         elif self.ratio is not None and min(self.ratio) < 0.0:
-            raise InputError("cannot be used", where="--ratio", expected="zero or more",
-                             got=self.ratio)  # fmt: skip
+            raise InputError(
+                "cannot be used", where="--ratio", expected="zero or more", got=self.ratio
+            )
 
     def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
         """Computes, adds to the JSON object, writes the file; lines for people."""
@@ -44,9 +46,13 @@ class ControllerRequest:
 
         target = read_target(self.impedance, self.order)
         wanted = StiffnessTensor.from_controller(
-            target.in_units_of(modes.elastic.mechanism), order=target.order, axes=self.axes,  # type: ignore[arg-type]
-            pose=modes.posture.pose, frame=modes.elastic.mechanism.frame, units=modes.elastic.units,
-        )  # fmt: skip
+            target.in_units_of(modes.elastic.mechanism),
+            order=target.order,
+            axes=self.axes,  # type: ignore[arg-type]
+            pose=modes.posture.pose,
+            frame=modes.elastic.mechanism.frame,
+            units=modes.elastic.units,
+        )
         answer = impedance(modes, wanted, self.ratio or 0.7)
         gains = {
             "given": {"order": target.order, "axes": self.axes, "ratios": self.ratio or [0.7]},

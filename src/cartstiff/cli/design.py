@@ -52,25 +52,50 @@ After an interruption, the same command with the same -o goes on where it stoppe
     ),
 )
 @load_options("--load")
-@option("-o", "--output", type=OutputFile("FILE.jsonl", ".jsonl"),
-        help="Keep every finished design here; go on with a file that exists.")  # fmt: skip
-@option("--csv", "table", type=OutputFile("FILE.csv", ".csv"),
-        help="Write all designs as a table.")  # fmt: skip
+@option(
+    "-o",
+    "--output",
+    type=OutputFile("FILE.jsonl", ".jsonl"),
+    help="Keep every finished design here; go on with a file that exists.",
+)
+@option("--csv", "table", type=OutputFile("FILE.csv", ".csv"), help="Write all designs as a table.")
 @option("--plot", type=PICTURE, help="Draw the designs and their Pareto front.")
-@click.option("--best", type=click.IntRange(1, 1000), default=10, metavar="N", show_default=True,
-              help="Most designs of the Pareto front that the text lists.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(1, 1024), default=1, metavar="N", show_default=True,
-              help="Processes, each with whole designs.")  # fmt: skip
-@click.option("--scheduler", metavar="ADDRESS",
-              help="Use the workers of a running Dask scheduler.")  # fmt: skip
+@click.option(
+    "--best",
+    type=click.IntRange(1, 1000),
+    default=10,
+    metavar="N",
+    show_default=True,
+    help="Most designs of the Pareto front that the text lists.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 1024),
+    default=1,
+    metavar="N",
+    show_default=True,
+    help="Processes, each with whole designs.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a running Dask scheduler.")
 @progress_option
 @json_option
 def command(
-    study: Path, tcp: list[float] | None, gravity: list[float] | None,
-    payload: list[float] | None, units: dict[str, str] | None, wrench: list[float] | None,
-    applied: LoadRequest, output: Path | None, table: Path | None, plot: Path | None, best: int,
-    workers: int, scheduler: str | None, progress: bool | None, as_json: bool,
-) -> None:  # fmt: skip
+    study: Path,
+    tcp: list[float] | None,
+    gravity: list[float] | None,
+    payload: list[float] | None,
+    units: dict[str, str] | None,
+    wrench: list[float] | None,
+    applied: LoadRequest,
+    output: Path | None,
+    table: Path | None,
+    plot: Path | None,
+    best: int,
+    workers: int,
+    scheduler: str | None,
+    progress: bool | None,
+    as_json: bool,
+) -> None:
     """Sweep or optimise the parameters of a mechanism file, as STUDY.yaml says.
 
     Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff map
@@ -88,8 +113,14 @@ def command(
 
     try:
         with Progress("designs", progress) as bar:
-            designs = design(study, given=given, output=output, workers=workers,
-                             scheduler=scheduler, progress=bar)  # fmt: skip
+            designs = design(
+                study,
+                given=given,
+                output=output,
+                workers=workers,
+                scheduler=scheduler,
+                progress=bar,
+            )
     except KeyboardInterrupt:
         kept = "" if output is None else f"; what is done is in {output}"
         say(f"cartstiff: interrupted{kept}", error=True)

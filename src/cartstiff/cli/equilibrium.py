@@ -58,28 +58,34 @@ Examples:
 _options = option_group(
     click.option("--follower", is_flag=True, help="The same as --load-kind follower."),
     option(
-        "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS, frame=True),
+        "--hold",
+        type=Pairs("NAME=VALUE,...", _COMPONENTS, frame=True),
         help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
         "axes of the unloaded body, or with --world the inertial axes.",
     ),
     click.option("--no-limits", is_flag=True, help="Ignore joint and leg limits."),
     option(
-        "--curve", type=Number("FACTOR"),
+        "--curve",
+        type=Number("FACTOR"),
         help="Load-deflection curve up to this multiple of the load, with critical loads.",
     ),
     option(
-        "--path", type=click.Path(path_type=Path), metavar="FILE.csv",
+        "--path",
+        type=click.Path(path_type=Path),
+        metavar="FILE.csv",
         help="Compensate along a path: one posture a line, or posture and wrench (as for --load, "
         "in the axes of the body at that posture), under a line of names if wanted; gives the "
         "commands that put the loaded body there.",
     ),
     sensitivities_option,
-    tolerance_option("the deviations of pose, stiffness and frequencies that follow, and what "
-                     "contributes most. Rest lengths and angles deviate, too"),
+    tolerance_option(
+        "the deviations of pose, stiffness and frequencies that follow, and what "
+        "contributes most. Rest lengths and angles deviate, too"
+    ),
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the curve or path."),
     option("--plot", type=PICTURE, help="Draw the curve or path."),
     json_option,
-)  # fmt: skip
+)
 
 
 @click.command(name="equilibrium", cls=UnitsCommand, epilog=_EPILOG)
@@ -126,8 +132,12 @@ def command(
         raise InputError("--sensitivities and --tolerance do not go with --curve or --path")
     if no_limits and several:
         raise InputError("--no-limits does not go with --curve or --path")
-    for name, value in (("--hold", hold), ("--q", request.q), ("--pose", request.pose),
-                        ("--command", told)):  # fmt: skip
+    for name, value in (
+        ("--hold", hold),
+        ("--q", request.q),
+        ("--pose", request.pose),
+        ("--command", told),
+    ):
         if path is not None and value is not None:
             raise InputError(f"give {name} or --path, not both")
     applied.check_world(load=request.wrench, hold=hold, path=path)
@@ -181,10 +191,15 @@ def command(
         more: list[str] = []
         if sensitivities:
             more, known = add_sensitivities(
-                state, bare, data,
-                lambda e: weighing(e) if told is None
-                else commanded(weighing(e), request.command(told, e), q)[0],
-            )  # fmt: skip
+                state,
+                bare,
+                data,
+                lambda e: (
+                    weighing(e)
+                    if told is None
+                    else commanded(weighing(e), request.command(told, e), q)[0]
+                ),
+            )
         if tolerance is not None:
             more += add_accuracy(state, tolerance, data, known)
         tell(as_json, data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
@@ -230,8 +245,9 @@ def _compensate(
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)
-    rows = read_rows(path, "postures", units=elastic.units, factors=column_factors(elastic),
-                     joints=elastic.names)  # fmt: skip
+    rows = read_rows(
+        path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
+    )
     _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
     say_unused(path, unused)
     postures, wrenches = table[:, :n], [wrench] * len(table)
@@ -242,9 +258,16 @@ def _compensate(
     applied.check_load(wrenches[0] is not None)
     loads = [list(loads_at(q, w)) for q, w in zip(postures, wrenches, strict=True)]
     if not loads[0]:
-        raise InputError("a path needs a load", where="--path",
-                         expected="--load, --payload, or six more columns in the file")  # fmt: skip
+        raise InputError(
+            "a path needs a load",
+            where="--path",
+            expected="--load, --payload, or six more columns in the file",
+        )
     result = compensate(elastic, postures, loads)
     write_files((csv, result.as_csv), (plot, lambda: draw_error_along_path(result)))
-    tell(as_json, result.as_dict(), elastic.name,
-         lambda: describe_path(result, is_written=csv is not None))  # fmt: skip
+    tell(
+        as_json,
+        result.as_dict(),
+        elastic.name,
+        lambda: describe_path(result, is_written=csv is not None),
+    )

@@ -24,14 +24,18 @@ Examples:
 @click.command(name="export", cls=UnitsCommand, epilog=_EPILOG)
 @page_options
 @click.option(
-    "-o", "--output", required=True, type=OutputFile("PAGE.html", ".html", ".htm"),
+    "-o",
+    "--output",
+    required=True,
+    type=OutputFile("PAGE.html", ".html", ".htm"),
     help="File to write.",
-)  # fmt: skip
+)
 @click.option(
-    "--frames", type=click.IntRange(2, 201),
+    "--frames",
+    type=click.IntRange(2, 201),
     help="Store this many postures along each coordinate instead of the formulas (a file without "
     "formulas: 25).",
-)  # fmt: skip
+)
 def command(output: Path, frames: int | None, **texts: Any) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
 

@@ -52,76 +52,155 @@ Examples:
 """
 
 _about_the_table = option_group(
-    option("--point", type=POINT,
-           help="Point of the body, in its frame, that was measured; default its origin."),
-    option("--load-at", type=POINT,
-           help="Point of the body, in its frame, at which loads act; default the measured one."),
-    click.option("--axes", type=click.Choice(["base", "body", "world"]),
-                 help="Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
-                 "of `cartstiff path`."),
-    option("--units", metavar="UNITS", help="Units of numbers given and shown, such as mm,deg, and "
-           "of columns without one in their head; there SI otherwise."),
-    click.option("--sd", metavar="COLUMN=VALUE[UNIT]", multiple=True,
-                 help="Standard deviation of a column, such as dx=0.02mm; else estimated."),
-)  # fmt: skip
+    option(
+        "--point",
+        type=POINT,
+        help="Point of the body, in its frame, that was measured; default its origin.",
+    ),
+    option(
+        "--load-at",
+        type=POINT,
+        help="Point of the body, in its frame, at which loads act; default the measured one.",
+    ),
+    click.option(
+        "--axes",
+        type=click.Choice(["base", "body", "world"]),
+        help="Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
+        "of `cartstiff path`.",
+    ),
+    option(
+        "--units",
+        metavar="UNITS",
+        help="Units of numbers given and shown, such as mm,deg, and "
+        "of columns without one in their head; there SI otherwise.",
+    ),
+    click.option(
+        "--sd",
+        metavar="COLUMN=VALUE[UNIT]",
+        multiple=True,
+        help="Standard deviation of a column, such as dx=0.02mm; else estimated.",
+    ),
+)
 _about_the_fit = option_group(
     click.option(
-        "--unknown", metavar="NAME", multiple=True,
+        "--unknown",
+        metavar="NAME",
+        multiple=True,
         help="What is to be found: a spring, leg or line by name; joints (the default), lines, "
         "links; a link that gives: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.",
     ),
     click.option("--tie", metavar="A=B", multiple=True, help="Springs that are equal."),
-    click.option("--known", metavar="NAME=K", multiple=True,
-                 help="A stiffness that is known and kept."),
-    click.option("--prior", metavar="NAME=K,SD", multiple=True,
-                 help="A stiffness that is known with this standard deviation."),
-    click.option("--offsets", type=click.Choice(["rigid", "translation", "none"]), default="rigid",
-                 show_default=True,
-                 help="What no session knows of its measuring frame: position and rotation "
-                 "(rigid), position alone, or nothing."),
-    click.option("--loaded", is_flag=True,
-                 help="Fit equilibria under the load instead of displacements that are linear in "
-                 "it."),
-    click.option("--fit", type=click.Choice(["plain", "robust"]), default="plain",
-                 show_default=True, help="Which fit's estimates come first."),
-    option("--reject", metavar="RULE",
-           help="Leave rows out: the suspects of the robust fit, or all that are farther from it "
-           "than this number of standard deviations."),
-    click.option("--level", type=float, default=_LEVEL, show_default=True,
-                 help="Probability of the intervals."),
-)  # fmt: skip
+    click.option(
+        "--known", metavar="NAME=K", multiple=True, help="A stiffness that is known and kept."
+    ),
+    click.option(
+        "--prior",
+        metavar="NAME=K,SD",
+        multiple=True,
+        help="A stiffness that is known with this standard deviation.",
+    ),
+    click.option(
+        "--offsets",
+        type=click.Choice(["rigid", "translation", "none"]),
+        default="rigid",
+        show_default=True,
+        help="What no session knows of its measuring frame: position and rotation "
+        "(rigid), position alone, or nothing.",
+    ),
+    click.option(
+        "--loaded",
+        is_flag=True,
+        help="Fit equilibria under the load instead of displacements that are linear in it.",
+    ),
+    click.option(
+        "--fit",
+        type=click.Choice(["plain", "robust"]),
+        default="plain",
+        show_default=True,
+        help="Which fit's estimates come first.",
+    ),
+    option(
+        "--reject",
+        metavar="RULE",
+        help="Leave rows out: the suspects of the robust fit, or all that are farther from it "
+        "than this number of standard deviations.",
+    ),
+    click.option(
+        "--level",
+        type=float,
+        default=_LEVEL,
+        show_default=True,
+        help="Probability of the intervals.",
+    ),
+)
 
 
 _about_a_plan = option_group(
-    option("--plan", "count", type=click.IntRange(1, 10_000), metavar="N",
-           help="Choose N rows to measure instead; DATA.csv is not needed."),
-    option("--criterion", type=click.Choice(["worst", "all", "posture"]),
-           help="What the plan makes best: the widest interval (worst, the default), the "
-           "determinant of all compliances (D-optimal), or the deflection at the posture --q under "
-           "--load."),
+    option(
+        "--plan",
+        "count",
+        type=click.IntRange(1, 10_000),
+        metavar="N",
+        help="Choose N rows to measure instead; DATA.csv is not needed.",
+    ),
+    option(
+        "--criterion",
+        type=click.Choice(["worst", "all", "posture"]),
+        help="What the plan makes best: the widest interval (worst, the default), the "
+        "determinant of all compliances (D-optimal), or the deflection at the posture --q under "
+        "--load.",
+    ),
     option("--q", type=JointValues(), help="Posture of --criterion posture; default the file's."),
     option("--load", type=WRENCH, help="Load of --criterion posture, along F."),
     option("--mass", type=Number("KG", above_zero=True), help="Mass hung on the body in the plan."),
-    option("--force", type=Number("N", above_zero=True),
-           help="Force on the body in the plan, along an axis of F."),
-    repeated_option("--range", "ranges", type=Axes("JOINT=LOW:HIGH"),
-                    help="Range of a joint in the plan, rad or m."),
-    repeated_option("--within", type=Axes("AXIS=LOW:HIGH", frame=True),
-                    help="Volume of the measured point in the plan: x, y, z in F; z keeps it off "
-                    "the floor."),
-    option("--candidates", type=click.IntRange(1, 100_000), metavar="N",
-           help="Random postures that the plan chooses from; default 10000 for the widest interval "
-           "of an open arm, else 1000."),
-    option("--have", type=click.Path(path_type=Path), metavar="FILE.csv",
-           help="Rows that are measured already; the plan adds to them."),
-    option("--simulate", type=click.IntRange(min=0), metavar="SEED",
-           help="Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
-           "MECHANISM would show them."),
-    option("--outliers", type=click.IntRange(min=1), metavar="N",
-           help="Rows of --simulate with an error of 20 standard deviations."),
-    option("--csv", type=OutputFile("FILE.csv", ".csv"),
-           help="Write the rows of --plan, to be filled in, or of --simulate."),
-)  # fmt: skip
+    option(
+        "--force",
+        type=Number("N", above_zero=True),
+        help="Force on the body in the plan, along an axis of F.",
+    ),
+    repeated_option(
+        "--range",
+        "ranges",
+        type=Axes("JOINT=LOW:HIGH"),
+        help="Range of a joint in the plan, rad or m.",
+    ),
+    repeated_option(
+        "--within",
+        type=Axes("AXIS=LOW:HIGH", frame=True),
+        help="Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.",
+    ),
+    option(
+        "--candidates",
+        type=click.IntRange(1, 100_000),
+        metavar="N",
+        help="Random postures that the plan chooses from; default 10000 for the widest interval "
+        "of an open arm, else 1000.",
+    ),
+    option(
+        "--have",
+        type=click.Path(path_type=Path),
+        metavar="FILE.csv",
+        help="Rows that are measured already; the plan adds to them.",
+    ),
+    option(
+        "--simulate",
+        type=click.IntRange(min=0),
+        metavar="SEED",
+        help="Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
+        "MECHANISM would show them.",
+    ),
+    option(
+        "--outliers",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Rows of --simulate with an error of 20 standard deviations.",
+    ),
+    option(
+        "--csv",
+        type=OutputFile("FILE.csv", ".csv"),
+        help="Write the rows of --plan, to be filled in, or of --simulate.",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -148,10 +227,12 @@ class _Request:
         """Keywords for reading the table."""
         units = units_of(self.units)
         return {
-            "axes": self.axes, "units": units, "deviations": deviations_of(self.sd, units),
+            "axes": self.axes,
+            "units": units,
+            "deviations": deviations_of(self.sd, units),
             "point": tuple(self.point or (0.0, 0.0, 0.0)),
             "load_at": None if self.load_at is None else tuple(self.load_at),
-        }  # fmt: skip
+        }
 
     @property
     def shown(self) -> dict[str, str] | None:
@@ -172,8 +253,11 @@ class _Request:
 
     def check_without_fit(self, *, is_plan: bool) -> None:
         """Refuse what only a fit, or only what precedes it, could take into account."""
-        idle = {"fit": self.fit != "plain", "reject": self.reject is not None,
-                "offsets": self.offsets != "rigid"}  # fmt: skip
+        idle = {
+            "fit": self.fit != "plain",
+            "reject": self.reject is not None,
+            "offsets": self.offsets != "rigid",
+        }
         if is_plan:
             idle["loaded"] = self.loaded
         else:
@@ -184,16 +268,22 @@ class _Request:
         for name, is_given in idle.items():
             if is_given:
                 does = "planned" if is_plan else "simulated"
-                raise InputError(f"changes nothing of what is {does}", where=f"--{name}",
-                                 expected="DATA.csv, measured")  # fmt: skip
+                raise InputError(
+                    f"changes nothing of what is {does}",
+                    where=f"--{name}",
+                    expected="DATA.csv, measured",
+                )
 
     @property
     def of_fit(self) -> dict[str, Any]:
         """Keywords for the fit."""
         return {
-            "offsets": self.offsets, "loaded": self.loaded, "fit": self.fit,
-            "reject": reject_of(self.reject), "level": self.level,
-        }  # fmt: skip
+            "offsets": self.offsets,
+            "loaded": self.loaded,
+            "fit": self.fit,
+            "reject": reject_of(self.reject),
+            "level": self.level,
+        }
 
 
 @click.command(name="identify", cls=UnitsCommand, epilog=_EPILOG)
@@ -211,9 +301,14 @@ class _Request:
 @json_option
 @gathered(option_group(frame_option, tool_options, file_options), "robot", MechanismRequest)
 def command(
-    table: str | None, robot: MechanismRequest,
-    output: Path | None, plot: Path | None, as_json: bool, request: _Request, asked: PlanRequest,
-) -> None:  # fmt: skip
+    table: str | None,
+    robot: MechanismRequest,
+    output: Path | None,
+    plot: Path | None,
+    as_json: bool,
+    request: _Request,
+    asked: PlanRequest,
+) -> None:
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
     One row a measurement under a line of names: joints (rad, or "name [deg]"); the load fx,fy,fz,
@@ -263,18 +358,23 @@ def command(
 
 def _check_written(robot: MechanismRequest) -> None:
     """Refuse to write a file that would not hold what options say of the robot."""
-    options = {"--tcp": robot.tcp, "--payload": robot.payload, "--xacro-arg": robot.xacro_args,
-            "--package-path": robot.package_path}  # fmt: skip
+    options = {
+        "--tcp": robot.tcp,
+        "--payload": robot.payload,
+        "--xacro-arg": robot.xacro_args,
+        "--package-path": robot.package_path,
+    }
     if names := [name for name, value in options.items() if value]:
         raise InputError(
-            f"the file written would not hold what {', '.join(names)} say", where="-o",
+            f"the file written would not hold what {', '.join(names)} say",
+            where="-o",
             expected="a mechanism file that says it, as MECHANISM",
-        )  # fmt: skip
+        )
 
 
 def _write(
     result: Any, robot: MechanismRequest, table: Path, output: Path | None, plot: Path | None
-) -> None:  # fmt: skip
+) -> None:
     """The files that were asked for."""
     from cartstiff.identify.writing import mechanism_file
     from cartstiff.report.output import write_files

@@ -69,9 +69,15 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     from cartstiff.mechanisms.contract import SI
 
     known = [
-        {"name": q.name, "unit": q.unit_in(SI), "description": q.description, "asks": q.asks,
-         "better": q.better} for q in QUANTITIES.values()
-    ]  # fmt: skip
+        {
+            "name": q.name,
+            "unit": q.unit_in(SI),
+            "description": q.description,
+            "asks": q.asks,
+            "better": q.better,
+        }
+        for q in QUANTITIES.values()
+    ]
     if "--json" in context.meta["words"]:
         say(json.dumps({"schema": "cartstiff-quantities/1", "quantities": known}))
         context.exit()
@@ -95,55 +101,74 @@ class _Remembering(UnitsCommand):
 
 _options = option_group(
     click.option(
-        "--quantity", "quantities", metavar="NAME", multiple=True,
+        "--quantity",
+        "quantities",
+        metavar="NAME",
+        multiple=True,
         help="A quantity that the map holds; repeat it for several.",
     ),
     click.option(
-        "--list-quantities", is_flag=True, is_eager=True, expose_value=False,
+        "--list-quantities",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
         callback=_list_quantities,
         help="Print the names and end; with --json as one object.",
     ),
     click.option(
-        "--connection", type=click.Choice(OF_MANY),
+        "--connection",
+        type=click.Choice(OF_MANY),
         help="The matrix that is read; default where a load can act: load, the tangent stiffness "
         "under it (see --load-kind, --load-at). Without a load all but F are the same.",
     ),
     option(
-        "--direction", type=DIRECTION,
+        "--direction",
+        type=DIRECTION,
         help="For stiffness along and about a direction of the body frame.",
     ),
     option(
-        "--deflect", type=WRENCH,
+        "--deflect",
+        type=WRENCH,
         help="Wrench, added to the load, whose deflection is computed; default the load itself.",
     ),
     option(
-        "--deflect-at", type=POINT,
+        "--deflect-at",
+        type=POINT,
         help="Point of the body, in its frame, at which the wrench of --deflect acts; default its "
         "origin.",
     ),
     vibration_options,
     option(
-        "--length", type=Number("L"),
+        "--length",
+        type=Number("L"),
         help="Characteristic length at all postures; default the natural length at the default "
         "one.",
     ),
     click.option(
-        "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="MAP.zarr",
+        "-o",
+        "--output",
+        type=click.Path(path_type=Path),
+        required=True,
+        metavar="MAP.zarr",
         help="File of the map; if it exists, its missing parts are computed.",
     ),
     click.option("--single", is_flag=True, help="Keep numbers in single precision."),
     click.option(
-        "--chunk", type=click.IntRange(min=1), metavar="N",
+        "--chunk",
+        type=click.IntRange(min=1),
+        metavar="N",
         help="Largest number of postures in one part of the file.",
     ),
     option(
-        "--below", type=Amount("VALUE[UNIT]"),
+        "--below",
+        type=Amount("VALUE[UNIT]"),
         help="Print the share of the reached places at which the first quantity is at most this "
         "(0.2mm), by the best branch of each place; a heat map gets a line there.",
     ),
     option("--above", type=Amount("VALUE[UNIT]"), help="The same for at least this value."),
     click.option(
-        "--single-branch", is_flag=True,
+        "--single-branch",
+        is_flag=True,
         help="With --cartesian: show only the best single branch, which an arm can follow "
         "without a flip, in pictures, lists and numbers.",
     ),
@@ -151,42 +176,55 @@ _options = option_group(
     click.option(
         "--kind",
         type=click.Choice(["auto", "heat", "slices", "line", "histogram", "violin", "points"]),
-        default="auto", show_default=True,
+        default="auto",
+        show_default=True,
         help="Kind of the picture.",
     ),
     click.option(
-        "--by", metavar="NAME",
+        "--by",
+        metavar="NAME",
         help="What divides the places into the regions of a violin (x, y, z, radius, or a "
         "coordinate), or the axis that slices cut.",
     ),
     repeated_option(
-        "--slice", "cuts", type=Pairs("NAME=VALUE", axes=True),
+        "--slice",
+        "cuts",
+        type=Pairs("NAME=VALUE", axes=True),
         help="Draw and list only the part of the map at this value of an axis.",
     ),
     click.option(
-        "--best", type=click.IntRange(1, 1000), metavar="N",
+        "--best",
+        type=click.IntRange(1, 1000),
+        metavar="N",
         help="List the N best postures.",
     ),
     click.option(
-        "--worst", type=click.IntRange(1, 1000), metavar="N",
+        "--worst",
+        type=click.IntRange(1, 1000),
+        metavar="N",
         help="List the N worst postures.",
     ),
     json_option,
     progress_option,
     explain_option,
     click.option(
-        "--threads", type=click.IntRange(1, 1024), metavar="N",
+        "--threads",
+        type=click.IntRange(1, 1024),
+        metavar="N",
         help="Threads of this process; default one for every core.",
     ),
     click.option(
-        "--workers", type=click.IntRange(1, 1024), metavar="N",
+        "--workers",
+        type=click.IntRange(1, 1024),
+        metavar="N",
         help="Use N processes of this machine, for mechanisms without a compiled path.",
     ),
     click.option(
-        "--scheduler", metavar="ADDRESS",
+        "--scheduler",
+        metavar="ADDRESS",
         help="Use the workers of a running Dask scheduler.",
     ),
-)  # fmt: skip
+)
 
 
 @click.command(name="map", epilog=_EPILOG, cls=_Remembering)
@@ -237,17 +275,25 @@ def command(
     if workers is not None and scheduler is not None:
         raise InputError("give --workers or --scheduler, not both")
     if explain and (workers is not None or scheduler is not None):
-        raise InputError("what other processes do is not counted", where="--explain",
-                         expected="neither --workers nor --scheduler")  # fmt: skip
+        raise InputError(
+            "what other processes do is not counted",
+            where="--explain",
+            expected="neither --workers nor --scheduler",
+        )
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
     if deflect_at is not None and deflect is None:
         raise InputError("is for --deflect", where="--deflect-at")
     applied.check_world(load=request.wrench, deflect=deflect, direction=direction)
     asked: dict[str, Any] = {
-        **applied.keywords(request.wrench), **vibration, "wrench": request.balanced_wrench,
-        "world": applied.world, "direction": direction, "deflect": deflect, "length": length,
-    }  # fmt: skip
+        **applied.keywords(request.wrench),
+        **vibration,
+        "wrench": request.balanced_wrench,
+        "world": applied.world,
+        "direction": direction,
+        "deflect": deflect,
+        "length": length,
+    }
     if deflect_at is not None:
         asked["deflect_at"] = deflect_at
     elastic, q = request.load()
@@ -273,17 +319,29 @@ def command(
     from cartstiff.maps.totals import summary, summary_of_file
 
     job, file = prepare_map(
-        elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
-        command=shlex.join(context.meta["words"]), **asked,
-    )  # fmt: skip
+        elastic,
+        sampling,
+        quantities,
+        output,
+        connection=connection,
+        single=single,
+        chunk=chunk,
+        command=shlex.join(context.meta["words"]),
+        **asked,
+    )
     facts: dict[int, dict[str, Any]] = {}
     start, spent = time.perf_counter(), time.process_time()
     try:
         with watched() as work:
             computed, damaged = run_map(
-                job, file, threads=threads, workers=workers or 0, scheduler=scheduler,
-                progress=progress, facts=facts,
-            )  # fmt: skip
+                job,
+                file,
+                threads=threads,
+                workers=workers or 0,
+                scheduler=scheduler,
+                progress=progress,
+                facts=facts,
+            )
     except KeyboardInterrupt:
         say(
             f"cartstiff: interrupted: {len(file.done())} of {len(file.boxes)} parts are in "
@@ -359,9 +417,11 @@ def _check_picture(
     shown = {"line": 1, "heat": 2, "slices": 3}.get(kind)
     if shown is not None and len(wide) != shown:
         raise InputError(
-            f"shows {shown} dimension(s)", where=f"--kind {kind}",
-            expected="--slice or another kind", got=", ".join(wide) or "none",
-        )  # fmt: skip
+            f"shows {shown} dimension(s)",
+            where=f"--kind {kind}",
+            expected="--slice or another kind",
+            got=", ".join(wide) or "none",
+        )
     regions = wide if kind == "slices" else ["x", "y", "z", "radius", *elastic.names]
     if by is not None and by not in regions:
         raise UnknownNameError("region", by, regions, where="--by")
@@ -373,8 +433,11 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 
     for name in quantities:
         if "." in name or (name in QUANTITIES and QUANTITIES[name].better is None):
-            raise InputError(f"neither end of {name} is better", where="--best or --worst",
-                             expected="other quantities")  # fmt: skip
+            raise InputError(
+                f"neither end of {name} is better",
+                where="--best or --worst",
+                expected="other quantities",
+            )
 
 
 def _answer(
@@ -391,9 +454,12 @@ def _answer(
         "characteristic_length": about["characteristic_length"],
         "units": {k: about[f"{k}_unit"] for k in ("length", "force", "angle")},
         "postures": total,
-        "parts": {"total": len(file.boxes), "computed": computed,
-                  "found": len(file.boxes) - computed},
+        "parts": {
+            "total": len(file.boxes),
+            "computed": computed,
+            "found": len(file.boxes) - computed,
+        },
         "seconds": round(seconds, 3),
         **{key: about.get(key) for key in ("intervals", "told")},
         **summed,
-    }  # fmt: skip
+    }

@@ -19,25 +19,28 @@ if TYPE_CHECKING:
 
 cutting_options = option_group(
     option(
-        "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE)),
+        "--milling",
+        type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE)),
         help="Force law of a mill: tangential force per area, radial over tangential, teeth, and "
         "angles (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).",
     ),
     option("--feed", type=DIRECTION, help="Direction of the feed of --milling, in M; default x."),
     option("--normal", type=DIRECTION, help="Normal to the feed, in M; default y."),
     option("--tip", type=POINT, help="Tip of the mill, in M; default its origin."),
-)  # fmt: skip
+)
 
 _damping_options = option_group(
     option(
-        "--damping", type=Numbers("RATIO[,RATIO...]"),
+        "--damping",
+        type=Numbers("RATIO[,RATIO...]"),
         help="Damping ratio of every mode, or one for each.",
     ),
     option(
-        "--rayleigh", type=Numbers("ALPHA,BETA", 2),
+        "--rayleigh",
+        type=Numbers("ALPHA,BETA", 2),
         help="Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.",
     ),
-)  # fmt: skip
+)
 
 
 def vibration_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -69,17 +72,20 @@ def damping_of(damping: list[float] | None, rayleigh: list[float] | None) -> Dam
 
     for name, value in (("damping", damping), ("rayleigh", rayleigh)):
         if value is not None and min(value) < 0.0:
-            raise InputError("cannot be used", where=f"--{name}", expected="zero or more",
-                             got=value)  # fmt: skip
+            raise InputError(
+                "cannot be used", where=f"--{name}", expected="zero or more", got=value
+            )
     alpha, beta = rayleigh or (0.0, 0.0)
     ratios = 0.0 if damping is None else damping[0] if len(damping) == 1 else tuple(damping)
     return Damping(ratios, alpha, beta)
 
 
 def cutter(
-    milling: list[float] | None, feed: list[float] | None, normal: list[float] | None,
+    milling: list[float] | None,
+    feed: list[float] | None,
+    normal: list[float] | None,
     tip: list[float] | None,
-) -> Milling | None:  # fmt: skip
+) -> Milling | None:
     """The cutter of --milling; None without it.
 
     Raises
@@ -128,9 +134,12 @@ class LobesRequest:
         numbers = [parse_numbers(part, "--lobes", 1)[0] for part in parts if len(parts) in (2, 3)]
         low, high, count = [*numbers, _COUNT][:3] if numbers else (0.0, 0.0, 0.0)
         if not (0.0 < low < high and count == int(count) and 2 <= count <= _MOST):
-            raise InputError("speeds cannot be used", where="--lobes", got=self.lobes,
-                             expected=f"LOW:HIGH[:COUNT], 0 < LOW < HIGH in rev/min, COUNT from 2 "
-                             f"to {_MOST}")  # fmt: skip
+            raise InputError(
+                "speeds cannot be used",
+                where="--lobes",
+                got=self.lobes,
+                expected=f"LOW:HIGH[:COUNT], 0 < LOW < HIGH in rev/min, COUNT from 2 to {_MOST}",
+            )
         return low, high, int(count)
 
     def run(self, modes: Modes, damping: Damping, data: dict[str, Any]) -> list[str]:

@@ -52,40 +52,51 @@ Examples:
 
 _options = option_group(
     option(
-        "--compare", metavar="NAMES",
+        "--compare",
+        metavar="NAMES",
         help="Also print the frequencies that a 6x6 stiffness and a mass at the tip would give: "
         "some of A,B,K,F,load,energy.",
     ),
     sensitivities_option,
-    tolerance_option("an interval for each frequency (measured springs give one without this "
-                     "option) and what contributes most to it"),
+    tolerance_option(
+        "an interval for each frequency (measured springs give one without this "
+        "option) and what contributes most to it"
+    ),
     option(
-        "--response", metavar="LOW:HIGH[:COUNT]",
+        "--response",
+        metavar="LOW:HIGH[:COUNT]",
         help="Response of the body to a force on it at COUNT frequencies [Hz], 400 by default: in "
         "equal ratios, or in equal steps if LOW is 0.",
     ),
     click.option(
-        "--kind", type=click.Choice(KINDS), default="receptance", show_default=True,
+        "--kind",
+        type=click.Choice(KINDS),
+        default="receptance",
+        show_default=True,
         help="Displacement, velocity or acceleration per force; or motion of the body per motion "
         "of the base.",
     ),
     option("--point", type=POINT, help="Point of the body, in its frame, for --response."),
     option(
-        "--direction", type=DIRECTION,
+        "--direction",
+        type=DIRECTION,
         help="Direction for --response, along the body's axes (of the base's for a "
         "transmissibility); default x, y and z.",
     ),
     option(
-        "--damping", type=Numbers("RATIO[,RATIO...]"),
+        "--damping",
+        type=Numbers("RATIO[,RATIO...]"),
         help="Damping ratio of every mode, or one for each, for --response and --lobes.",
     ),
     option(
-        "--rayleigh", type=Numbers("ALPHA,BETA", 2),
+        "--rayleigh",
+        type=Numbers("ALPHA,BETA", 2),
         help="Damping alpha M + beta K [1/s, s], for --response and --lobes. Dampers of the "
         "mechanism's file always act.",
     ),
     option(
-        "--lobes", metavar="LOW:HIGH[:COUNT]",
+        "--lobes",
+        metavar="LOW:HIGH[:COUNT]",
         help="Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by "
         "the zeroth-order theory and by semi-discretisation.",
     ),
@@ -93,30 +104,39 @@ _options = option_group(
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response, or the lobes."),
     option("--plot", type=PICTURE, help="Draw the response as a Bode diagram, or the lobes."),
     option(
-        "--impedance", type=click.Path(path_type=Path), metavar="FILE",
+        "--impedance",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
         help="Stiffness that a controller shall give at the body frame (6x6; .json, .csv or "
         ".npy). The answer has the damping by double diagonalisation with the masses at the "
         "posture, joint-space gains, and parameters for known controllers with what each loses.",
     ),
     click.option(
-        "--order", type=click.Choice(ORDERS),
+        "--order",
+        type=click.Choice(ORDERS),
         help=f"Order of the rows of --impedance; default what its file says, else {ORDERS[0]}.",
     ),
     click.option(
-        "--axes", type=click.Choice(("body", "base")), default="body", show_default=True,
+        "--axes",
+        type=click.Choice(("body", "base")),
+        default="body",
+        show_default=True,
         help="Axes of --impedance, about the body frame's origin.",
     ),
     option(
-        "--ratio", type=Numbers("RATIO[,RATIO...]", 1, 6),
+        "--ratio",
+        type=Numbers("RATIO[,RATIO...]", 1, 6),
         help="Damping ratios of the six oscillators of --impedance, softest first; default 0.7.",
     ),
     option(
-        "-o", "--output", type=OutputFile("FILE", ".json", ".yaml"),
+        "-o",
+        "--output",
+        type=OutputFile("FILE", ".json", ".yaml"),
         help="Write the controller of --impedance.",
     ),
     json_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes."),
-)  # fmt: skip
+)
 
 
 @click.command(name="modes", cls=UnitsCommand, epilog=_EPILOG)
@@ -158,8 +178,9 @@ def command(
     checked_tolerance(tolerance)
     files = {} if lobes is None else {n: response_options.pop(n) for n in ("csv", "plot")}
     if response_options["response"] is not None and any(files.values()):
-        raise InputError("serve one at a time", where="--csv and --plot",
-                         expected="--response or --lobes")  # fmt: skip
+        raise InputError(
+            "serve one at a time", where="--csv and --plot", expected="--response or --lobes"
+        )
     response = ResponseRequest(**response_options, lobes=lobes is not None)
     cut = LobesRequest(lobes, milling, feed, normal, tip, **files)
     controller = ControllerRequest(impedance, order, axes, ratio, output)
@@ -196,9 +217,13 @@ def command(
 
 
 def _more(
-    modes: Modes, request: MechanismRequest, data: dict[str, Any], compare: str | None,
-    wanted: bool, tolerance: list[float] | None,
-) -> list[str]:  # fmt: skip
+    modes: Modes,
+    request: MechanismRequest,
+    data: dict[str, Any],
+    compare: str | None,
+    wanted: bool,
+    tolerance: list[float] | None,
+) -> list[str]:
     """Adds what was asked for to the JSON object, and gives it as lines."""
     from cartstiff.report.modes import describe_comparison
 

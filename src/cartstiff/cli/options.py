@@ -38,24 +38,29 @@ _BALANCED = (
 )
 frame_option = option("--frame", metavar="NAME", help="Body frame M: a link or site.")
 parameters_option = repeated_option(
-    "--set", "parameters", type=Pairs("NAME=VALUE"),
+    "--set",
+    "parameters",
+    type=Pairs("NAME=VALUE"),
     help="A parameter of the mechanism file, in its units, instead of the value there; repeat it "
     "for several.",
-)  # fmt: skip
+)
 stiffness_option = option(
-    "--stiffness", type=JointValues(stiffness=True, springs=True, broadcast=True),
+    "--stiffness",
+    type=JointValues(stiffness=True, springs=True, broadcast=True),
     help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
     "may be rigid.",
-)  # fmt: skip
+)
 
 
 #: What the drives are told, for `MechanismRequest.command`.
 command_option = option(
-    "--command", "told", type=JointValues(springs=True),
+    "--command",
+    "told",
+    type=JointValues(springs=True),
     help="How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or "
     "leg1=0.001 of a platform. The rest positions of their springs shift by so much, and "
     "the pose of the new rest is found.",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -68,8 +73,11 @@ class LoadRequest:
 
     def keywords(self, wrench: object) -> dict[str, Any]:
         """Arguments of `cartstiff.analyse` beside a wrench; --world may be about other options."""
-        return {"load_at": self.acts_at, "load_kind": self.load_kind,
-                "load_axes": "body" if wrench is None else self.axes}  # fmt: skip
+        return {
+            "load_at": self.acts_at,
+            "load_kind": self.load_kind,
+            "load_axes": "body" if wrench is None else self.axes,
+        }
 
     @property
     def acts_at(self) -> Any:
@@ -84,8 +92,9 @@ class LoadRequest:
     def check_load(self, is_given: bool) -> None:
         """Refuse what is said of a load where there is none."""
         for name, is_said in (
-            ("--load-at", self.load_at is not None), ("--load-kind", self.load_kind != "dead"),
-        ):  # fmt: skip
+            ("--load-at", self.load_at is not None),
+            ("--load-kind", self.load_kind != "dead"),
+        ):
             if is_said and not is_given:
                 raise InputError("is for --load", where=name)
 
@@ -201,9 +210,14 @@ class MechanismRequest:
         if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
             raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
         return load(
-            self.mechanism, frame=frame, gravity=self.gravity, xacro_args=self.xacro_args,
-            package_path=self.package_path, parameters=self.parameters, **tool,
-        )  # fmt: skip
+            self.mechanism,
+            frame=frame,
+            gravity=self.gravity,
+            xacro_args=self.xacro_args,
+            package_path=self.package_path,
+            parameters=self.parameters,
+            **tool,
+        )
 
     def _coordinates(self, elastic: Any) -> tuple[Any, tuple[Any, ...]]:
         """Coordinates from --q, --pose or --lengths, None without any; and notes on them."""
@@ -218,8 +232,12 @@ class MechanismRequest:
             if not isinstance(mechanism, Platform):
                 raise InputError("is for platforms", where="--lengths", expected="--q")
             if len(self.lengths) != len(elastic.spring_names):
-                raise InputError("wrong count", where="--lengths", got=len(self.lengths),
-                                 expected=f"{len(elastic.spring_names)} numbers")  # fmt: skip
+                raise InputError(
+                    "wrong count",
+                    where="--lengths",
+                    got=len(self.lengths),
+                    expected=f"{len(elastic.spring_names)} numbers",
+                )
             return mechanism.forward_kinematics(self.lengths, elastic.q), ()
         if self.pose is not None:
             from cartstiff.geometry import se3
@@ -237,45 +255,69 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
     """Refuse numbers below zero, zero itself where `expected` is "above zero", and tiny ones."""
     for value in values.all:
         if finite and value == math.inf:
-            raise InputError("not a finite number", where=values.option, expected=expected,
-                             got="rigid")  # fmt: skip
+            raise InputError(
+                "not a finite number", where=values.option, expected=expected, got="rigid"
+            )
         if value < 0 or (value == 0 and expected == "above zero"):
-            raise InputError("cannot be used", where=values.option, expected=expected,
-                             got=f"{value:g}")  # fmt: skip
+            raise InputError(
+                "cannot be used", where=values.option, expected=expected, got=f"{value:g}"
+            )
         if 0 < value < 1 / LARGEST:
-            raise InputError("number is too small", where=values.option, got=f"{value:g}",
-                             expected=f"{expected}, at least {1 / LARGEST:g}")  # fmt: skip
+            raise InputError(
+                "number is too small",
+                where=values.option,
+                got=f"{value:g}",
+                expected=f"{expected}, at least {1 / LARGEST:g}",
+            )
 
 
 _tcp_option = option(
-    "--tcp", type=TCP,
+    "--tcp",
+    type=TCP,
     help="M in the frame: position, and roll, pitch, yaw about fixed axes.",
-)  # fmt: skip
+)
 #: Tool, gravity and what is carried.
 tool_options = option_group(
     _tcp_option,
-    option("--gravity", type=DIRECTION,
-           help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the "
-           "file's."),
-    option("--payload", type=PAYLOAD,
-           help="Mass on the body, always in kg, and its centre in M. It has weight under the "
-           "gravity of --gravity or the file; without either under 9.81 m/s^2 along -z."),
-)  # fmt: skip
+    option(
+        "--gravity",
+        type=DIRECTION,
+        help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the file's.",
+    ),
+    option(
+        "--payload",
+        type=PAYLOAD,
+        help="Mass on the body, always in kg, and its centre in M. It has weight under the "
+        "gravity of --gravity or the file; without either under 9.81 m/s^2 along -z.",
+    ),
+)
 #: How a file is read.
 file_options = option_group(
     parameters_option,
-    repeated_option("--xacro-arg", "xacro_args", type=Arguments("NAME:=VALUE"),
-           help="Argument of a xacro file; repeat it for several."),
-    click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",
-                 multiple=True, help="Folder in or under which ROS packages are looked for."),
-)  # fmt: skip
-units_option = option("--units", type=UnitList("UNITS"),
-       help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
-       "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV "
-       "file may name others. deg is for every angle that is given, and for joints, roll, pitch, "
-       "yaw and tables of postures that are shown; stiffnesses stay per radian. "
-       "With --json, numbers come out in the units of MECHANISM's file and in radians; the "
-       "JSON of `map` and `design` keeps the unit of length given here, and names it.")  # fmt: skip
+    repeated_option(
+        "--xacro-arg",
+        "xacro_args",
+        type=Arguments("NAME:=VALUE"),
+        help="Argument of a xacro file; repeat it for several.",
+    ),
+    click.option(
+        "--package-path",
+        type=click.Path(path_type=Path),
+        metavar="FOLDER",
+        multiple=True,
+        help="Folder in or under which ROS packages are looked for.",
+    ),
+)
+units_option = option(
+    "--units",
+    type=UnitList("UNITS"),
+    help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
+    "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV "
+    "file may name others. deg is for every angle that is given, and for joints, roll, pitch, "
+    "yaw and tables of postures that are shown; stiffnesses stay per radian. "
+    "With --json, numbers come out in the units of MECHANISM's file and in radians; the "
+    "JSON of `map` and `design` keeps the unit of length given here, and names it.",
+)
 #: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
 robot_options = option_group(
     frame_option,
@@ -283,7 +325,7 @@ robot_options = option_group(
     units_option,
     file_options,
     stiffness_option,
-)  # fmt: skip
+)
 
 
 def mechanism_options(
@@ -296,27 +338,46 @@ def mechanism_options(
     without `gives` neither its posture nor what it weighs nor its springs.
     """
     posture = option(
-        "--q", type=JointValues(),
+        "--q",
+        type=JointValues(),
         help="Posture: numbers in joint order or name=value pairs, rad and m.",
-    )  # fmt: skip
+    )
     load = option("--load", "wrench", type=WRENCH, help=load_help)
-    options = option_group(
-        click.argument("mechanism"),
-        posture,
-        option("--pose", type=POSE,
-               help="Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
-               "about fixed axes."),
-        option("--lengths", type=Numbers("L1,...,L6", powers=(1,)),
-               help="Posture of a six-legged platform by its leg lengths, near the file's pose."),
-        robot_options,
-        option("--rest", type=JointValues(springs=True),
-               help="Rest positions of the joints, or rest lengths of the legs; written as for "
-               "--q."),
-        load,
-    ) if placed else option_group(
-        click.argument("mechanism"), *([posture, robot_options] if gives else
-        [frame_option, _tcp_option, units_option, file_options]), *([load] if loaded else []),
-    )  # fmt: skip
+    options = (
+        option_group(
+            click.argument("mechanism"),
+            posture,
+            option(
+                "--pose",
+                type=POSE,
+                help="Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
+                "about fixed axes.",
+            ),
+            option(
+                "--lengths",
+                type=Numbers("L1,...,L6", powers=(1,)),
+                help="Posture of a six-legged platform by its leg lengths, near the file's pose.",
+            ),
+            robot_options,
+            option(
+                "--rest",
+                type=JointValues(springs=True),
+                help="Rest positions of the joints, or rest lengths of the legs; written as for "
+                "--q.",
+            ),
+            load,
+        )
+        if placed
+        else option_group(
+            click.argument("mechanism"),
+            *(
+                [posture, robot_options]
+                if gives
+                else [frame_option, _tcp_option, units_option, file_options]
+            ),
+            *([load] if loaded else []),
+        )
+    )
     return gathered(options, "request", MechanismRequest)
 
 
@@ -326,14 +387,25 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
     `world` names the options whose components --world is about.
     """
     options = option_group(
-        option("--load-at", type=POINT,
-               help="Point of the body, in its frame, at which the load acts; default its origin."),
-        click.option("--world", is_flag=True, help=f"Components (of {world}) are along the "
-                     "inertial axes, not those of the body. Points stay in the body's frame."),
-        click.option("--load-kind", type=click.Choice(list(LOAD_KINDS)), default="dead",
-                     show_default=True,
-                     help="What the load does while the body moves. dead: force and moment keep "
-                     "their direction in the room; follower: they turn with the body; "
-                     "conservative: the force keeps its direction, the moment turns by half."),
-    )  # fmt: skip
+        option(
+            "--load-at",
+            type=POINT,
+            help="Point of the body, in its frame, at which the load acts; default its origin.",
+        ),
+        click.option(
+            "--world",
+            is_flag=True,
+            help=f"Components (of {world}) are along the "
+            "inertial axes, not those of the body. Points stay in the body's frame.",
+        ),
+        click.option(
+            "--load-kind",
+            type=click.Choice(list(LOAD_KINDS)),
+            default="dead",
+            show_default=True,
+            help="What the load does while the body moves. dead: force and moment keep "
+            "their direction in the room; follower: they turn with the body; "
+            "conservative: the force keeps its direction, the moment turns by half.",
+        ),
+    )
     return gathered(options, "applied", LoadRequest)

@@ -20,9 +20,10 @@ def json_text(data: Mapping[str, Any], mechanism: str) -> str:
         return json.dumps(data, allow_nan=False).replace("\x7f", "\\u007f")
     except ValueError:
         raise InputError(
-            "the result leaves the range of double precision", where=one_line(mechanism),
+            "the result leaves the range of double precision",
+            where=one_line(mechanism),
             expected="numbers of moderate size",
-        ) from None  # fmt: skip
+        ) from None
 
 
 def tell(as_json: bool, data: Mapping[str, Any], mechanism: str, text: Callable[[], str]) -> None:

@@ -45,97 +45,128 @@ _MOST_PLACES = 10_000
 
 _options = option_group(
     option(
-        "--free-axis", type=click.Choice(["x", "y", "z"]),
+        "--free-axis",
+        type=click.Choice(["x", "y", "z"]),
         help="The body may turn about this axis of its own frame, the tool's axis.",
     ),
     click.option("--free-rotation", is_flag=True, help="The body may turn in any way."),
     option(
-        "--redundant", metavar="JOINT",
+        "--redundant",
+        metavar="JOINT",
         help="The spare joint whose position is sampled; default: the one that moves most.",
     ),
     option(
-        "--load", "wrench", type=WRENCH,
+        "--load",
+        "wrench",
+        type=WRENCH,
         help="Wrench on the body, the same at all points: moment about and force at the point "
         "--load-at.",
     ),
     load_options("loads and directions"),
     option(
-        "--direction", type=DIRECTION,
+        "--direction",
+        type=DIRECTION,
         help="Direction along which stiffness counts, the same at all points.",
     ),
     option(
-        "--axes", type=click.Choice(["path", "world", "body"]),
+        "--axes",
+        type=click.Choice(["path", "world", "body"]),
         help="Axes of loads and directions: those of the file's poses (the default), of F (as "
         "--world), or of the body, which turns by the free rotation as well.",
     ),
     click.option(
-        "--criterion", default="deflection", show_default=True, metavar="NAME",
+        "--criterion",
+        default="deflection",
+        show_default=True,
+        metavar="NAME",
         help="Quantity to make best: deflection, along_free, translation_free_min, isotropy, ...: "
         "those of `cartstiff map`.",
     ),
     click.option(
-        "--connection", type=click.Choice(OF_MANY),
+        "--connection",
+        type=click.Choice(OF_MANY),
         help="The stiffness that is read; default with --loaded: load, the tangent under the load "
         "(see --load-kind, --load-at). Without a load all but F are the same.",
     ),
     click.option(
-        "--loaded", is_flag=True,
+        "--loaded",
+        is_flag=True,
         help="Read the stiffness under the load, which the springs balance.",
     ),
     click.option(
-        "--objective", type=click.Choice(["worst", "mean"]), default="worst", show_default=True,
+        "--objective",
+        type=click.Choice(["worst", "mean"]),
+        default="worst",
+        show_default=True,
         help="Improve the worst point of the path, or the mean of all points.",
     ),
     option(
-        "--max-step", type=JointValues(broadcast=True),
+        "--max-step",
+        type=JointValues(broadcast=True),
         help="Largest step of the joints from point to point: one number for all, one each, or "
         "name=value pairs; default 0.5 rad or half the characteristic length.",
     ),
     option(
-        "--singular", type=float, metavar="RATIO",
+        "--singular",
+        type=float,
+        metavar="RATIO",
         help="Leave out postures whose smallest singular value is below this share of the "
         "largest; default 0.05.",
     ),
     click.option(
-        "--samples", type=click.IntRange(3, 720), default=36, show_default=True,
+        "--samples",
+        type=click.IntRange(3, 720),
+        default=36,
+        show_default=True,
         help="Values of each free choice.",
     ),
     click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True,
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
         help="Seed of the random starts.",
     ),
     repeated_option(
-        "--range", "ranges", type=Axes("NAME=LOW:HIGH"),
+        "--range",
+        "ranges",
+        type=Axes("NAME=LOW:HIGH"),
         help="Keep a joint within this range, besides its limits.",
     ),
     option(
-        "--near", type=JointValues(),
+        "--near",
+        type=JointValues(),
         help="Stay in the configuration of this posture: every joint that turns stays within 90 "
         "degrees of it (numbers or name=value pairs; the others as in --q or the file).",
     ),
     click.option(
-        "--collisions", "excluded", is_flag=True,
+        "--collisions",
+        "excluded",
+        is_flag=True,
         help="Leave out postures in which links collide with each other, by the <collision> "
         "shapes of the URDF; without it collisions are not checked.",
     ),
     repeated_option(
-        "--place", type=Axes("NAME=LOW:HIGH:COUNT", frame=True),
+        "--place",
+        type=Axes("NAME=LOW:HIGH:COUNT", frame=True),
         help="Find the best place of the workpiece: on this grid of x, y, z, yaw, then around the "
         "grid's best point. The file's poses are then those in the workpiece's frame.",
     ),
     option(
-        "--csv", type=OutputFile("FILE.csv", ".csv"),
+        "--csv",
+        type=OutputFile("FILE.csv", ".csv"),
         help="Write the postures, one line a point.",
     ),
     option(
-        "--plot", type=PICTURE,
+        "--plot",
+        type=PICTURE,
         help="Draw the criterion along the path, optimised and with the best constant choice.",
     ),
     option("--plot-places", type=PICTURE, help="Draw the criterion over the places of --place."),
     vibration_options,
     json_option,
     progress_option,
-)  # fmt: skip
+)
 
 
 @click.command(name="path", cls=UnitsCommand, epilog=_EPILOG)
@@ -180,8 +211,9 @@ def command(
             raise InputError("give --world or --axes, not both")
         axes = "world"
     if applied.load_kind != "dead" and not loaded:
-        raise InputError("is for the stiffness under load", where="--load-kind",
-                         expected="--loaded as well")  # fmt: skip
+        raise InputError(
+            "is for the stiffness under load", where="--load-kind", expected="--loaded as well"
+        )
     free = "rotation" if free_rotation else free_axis or "none"
     region = _region(place)
     elastic = request.at_posture()
@@ -202,8 +234,13 @@ def command(
         units=elastic.units,
         factors=column_factors(elastic),
     )
-    options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
-                "load_at": applied.acts_at, **vibration}  # fmt: skip
+    options |= {
+        "free": free,
+        "loaded": loaded,
+        "load_kind": applied.load_kind,
+        "load_at": applied.acts_at,
+        **vibration,
+    }
     if max_step is not None:
         options["max_step"] = max_step.of(elastic.names, broadcast=True)
     if singular is not None:
@@ -212,8 +249,12 @@ def command(
         if name not in elastic.names:
             raise UnknownNameError("joint", name, elastic.names, where="--range")
         if not low <= high:
-            raise InputError("values must rise", where=f"--range {name}",
-                             expected="LOW at most HIGH", got=f"{low:g}:{high:g}")  # fmt: skip
+            raise InputError(
+                "values must rise",
+                where=f"--range {name}",
+                expected="LOW at most HIGH",
+                got=f"{low:g}:{high:g}",
+            )
     options["ranges"] = ranges
     if near is not None:
         options["near"] = near.of(elastic.names)
@@ -225,8 +266,12 @@ def command(
         with Progress("path", progress) as advance:
             result = optimise_path(elastic, path, progress=advance, **options)
         write_files((csv, result.as_csv), (plot, lambda: draw_path(result)))
-        tell(as_json, result.as_dict(), elastic.name,
-             lambda: describe_optimised_path(result, is_written=csv is not None))  # fmt: skip
+        tell(
+            as_json,
+            result.as_dict(),
+            elastic.name,
+            lambda: describe_optimised_path(result, is_written=csv is not None),
+        )
         return
     with Progress("places", progress) as advance:
         placement = best_placement(elastic, path, region, progress=advance, **options)
@@ -235,8 +280,12 @@ def command(
         (plot, lambda: draw_path(placement.path)),
         (plot_places, lambda: draw_placement(placement)),
     )
-    tell(as_json, placement.as_dict(), elastic.name,
-         lambda: describe_placement(placement, is_written=csv is not None))  # fmt: skip
+    tell(
+        as_json,
+        placement.as_dict(),
+        elastic.name,
+        lambda: describe_placement(placement, is_written=csv is not None),
+    )
 
 
 def _region(axes: dict[str, tuple[float, ...]]) -> dict[str, Any]:
@@ -251,10 +300,15 @@ def _region(axes: dict[str, tuple[float, ...]]) -> dict[str, Any]:
         if name not in COORDINATES:
             raise UnknownNameError("coordinate", name, COORDINATES, where="--place")
         if not (high > low or (high == low and count == 1)):
-            raise InputError("values must rise", where=f"--place {name}", expected="LOW below HIGH",
-                             got=f"{low:g}:{high:g}")  # fmt: skip
+            raise InputError(
+                "values must rise",
+                where=f"--place {name}",
+                expected="LOW below HIGH",
+                got=f"{low:g}:{high:g}",
+            )
     total = math.prod(int(count) for _, _, count in axes.values())
     if total > _MOST_PLACES:
-        raise InputError("too many places", where="--place", expected=f"at most {_MOST_PLACES}",
-                         got=total)  # fmt: skip
+        raise InputError(
+            "too many places", where="--place", expected=f"at most {_MOST_PLACES}", got=total
+        )
     return {name: np.linspace(low, high, int(n)) for name, (low, high, n) in axes.items()}

@@ -29,9 +29,7 @@ Examples:
     help="kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.",
 )
 @option("-o", "--output", type=OutputFile("FILE.csv", ".csv"), help="Write the table there.")
-def command(
-    request: MechanismRequest, table: Path, controller: str, output: Path | None
-) -> None:  # fmt: skip
+def command(request: MechanismRequest, table: Path, controller: str, output: Path | None) -> None:
     """Postures of a table as a robot controller shows them: joints and poses in mm and degrees.
 
     TABLE.csv is what `path` or `equilibrium --path` wrote, or one posture a line. Commands that
@@ -45,8 +43,9 @@ def command(
     from cartstiff.report.output import write_whole
     from cartstiff.report.robot_table import robot_table
 
-    rows = read_rows(table, "postures", units=elastic.units, factors=shown_factors(elastic),
-                     joints=elastic.names)  # fmt: skip
+    rows = read_rows(
+        table, "postures", units=elastic.units, factors=shown_factors(elastic), joints=elastic.names
+    )
     commands = tuple(f"command_{name}" for name in elastic.names)
     commanded = rows.names is not None and set(commands) <= set(rows.names)
     _, q, unused = rows.arranged(commands if commanded else elastic.names)

@@ -29,19 +29,34 @@ Examples:
     "the unloaded body frame; the report says what it does to the tip."
 )
 @load_options("--load")
-@option("-o", "--output", required=True, type=OutputFile("REPORT.html", ".html", ".htm"),
-        help="File to write.")  # fmt: skip
+@option(
+    "-o",
+    "--output",
+    required=True,
+    type=OutputFile("REPORT.html", ".html", ".htm"),
+    help="File to write.",
+)
 @click.option(
-    "--frames", type=click.IntRange(2, 101),
+    "--frames",
+    type=click.IntRange(2, 101),
     help="Postures along each slider of the picture in 3D.",
-)  # fmt: skip
-@click.option("--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
-              help="Also show a map that `cartstiff map` computed.")  # fmt: skip
+)
+@click.option(
+    "--map",
+    "map_path",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Also show a map that `cartstiff map` computed.",
+)
 @click.option("--quantity", metavar="NAME", help="Quantity of --map; default its first.")
 def command(
-    request: MechanismRequest, applied: LoadRequest, output: Path, frames: int | None,
-    map_path: Path | None, quantity: str | None,
-) -> None:  # fmt: skip
+    request: MechanismRequest,
+    applied: LoadRequest,
+    output: Path,
+    frames: int | None,
+    map_path: Path | None,
+    quantity: str | None,
+) -> None:
     """Write a report to send on: how far the tip moves, which joint gives most, what is better.
 
     One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
@@ -64,8 +79,13 @@ def command(
 
     typed = shlex.join(["cartstiff", *sys.argv[1:]])
     text = report_page(
-        elastic, q, wrench=wrench, command=typed, frames=frames, sections=sections,
+        elastic,
+        q,
+        wrench=wrench,
+        command=typed,
+        frames=frames,
+        sections=sections,
         **applied.keywords(wrench),
-    ).encode()  # fmt: skip
+    ).encode()
     write_whole(output, text)
     say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")

@@ -58,17 +58,26 @@ class ResponseRequest:
     def _range(self) -> tuple[float, float, int]:
         parts = (self.response or "").split(":")
         if len(parts) not in (2, 3):
-            raise InputError("cannot be used", where="--response", expected="LOW:HIGH[:COUNT]",
-                             got=self.response)  # fmt: skip
+            raise InputError(
+                "cannot be used", where="--response", expected="LOW:HIGH[:COUNT]", got=self.response
+            )
         numbers = [parse_numbers(part, "--response", 1)[0] for part in parts]
         low, high = numbers[:2]
         count = numbers[2] if len(numbers) == 3 else _COUNT
         if not 0.0 <= low < high:
-            raise InputError("frequencies cannot be used", where="--response",
-                             expected="0 <= LOW < HIGH, in Hz", got=self.response)  # fmt: skip
+            raise InputError(
+                "frequencies cannot be used",
+                where="--response",
+                expected="0 <= LOW < HIGH, in Hz",
+                got=self.response,
+            )
         if not (count == int(count) and 2 <= count <= _MOST):
-            raise InputError("count cannot be used", where="--response",
-                             expected=f"a whole number from 2 to {_MOST}", got=count)  # fmt: skip
+            raise InputError(
+                "count cannot be used",
+                where="--response",
+                expected=f"a whole number from 2 to {_MOST}",
+                got=count,
+            )
         return low, high, int(count)
 
     def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:

@@ -73,8 +73,10 @@ class Numbers(OptionType):
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
         """Each number in its other unit."""
         powers = (*self.powers, *[self.powers[-1]] * len(value))
-        return [x * (by.angle if power is ANGLE else by.length**power)
-                for x, power in zip(value, powers, strict=False)]  # fmt: skip
+        return [
+            x * (by.angle if power is ANGLE else by.length**power)
+            for x, power in zip(value, powers, strict=False)
+        ]
 
     def parsed(self, text: str, where: str) -> Any:
         """List of floats."""
@@ -154,8 +156,9 @@ def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float
     sizes = {**dict.fromkeys(("x", "y", "z"), by.length), **turns}
     if not frame:
         sizes |= dict.fromkeys(elastic.spring_names, by.length)
-        sizes |= {c.name: by.length if c.is_length else by.angle
-                  for c in elastic.mechanism.coordinates}  # fmt: skip
+        sizes |= {
+            c.name: by.length if c.is_length else by.angle for c in elastic.mechanism.coordinates
+        }
         sizes |= {f"command_{name}": size for name, size in sizes.items()}
     return sizes
 
@@ -177,9 +180,11 @@ class Values:
             return self.numbers[0]
         elif len(self.numbers) != len(names):
             raise InputError(
-                "wrong count", where=self.option,
-                expected=f"{len(names)} numbers ({', '.join(names)})", got=len(self.numbers),
-            )  # fmt: skip
+                "wrong count",
+                where=self.option,
+                expected=f"{len(names)} numbers ({', '.join(names)})",
+                got=len(self.numbers),
+            )
         return self.numbers
 
     @property
@@ -206,8 +211,9 @@ class JointValues(OptionType):
         sizes = _sizes(elastic, by)
         if self.stiffness:
             a = by.length
-            sizes = {n: a if size == 1.0 else 1.0 / a
-                     for n, size in _sizes(elastic, Factors(a)).items()}  # fmt: skip
+            sizes = {
+                n: a if size == 1.0 else 1.0 / a for n, size in _sizes(elastic, Factors(a)).items()
+            }
         numbers = value.numbers
         if isinstance(numbers, dict):
             return replace(value, numbers={n: x * sizes.get(n, 1.0) for n, x in numbers.items()})
@@ -226,8 +232,12 @@ class JointValues(OptionType):
         for part in text.split(","):
             name, equals, number = (piece.strip() for piece in part.partition("="))
             if not equals:
-                raise InputError("mixes numbers and name=value pairs", where=where,
-                                 expected="one of the two forms", got=repr(part))  # fmt: skip
+                raise InputError(
+                    "mixes numbers and name=value pairs",
+                    where=where,
+                    expected="one of the two forms",
+                    got=repr(part),
+                )
             if name in values:
                 raise InputError("joint given twice", where=where, got=repr(name))
             values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=self.stiffness)[0]
@@ -240,8 +250,9 @@ class Pairs(OptionType):
     They are as the mechanism's file has them, or of a `frame`, or of axes, as those of `Axes`.
     """
 
-    def __init__(self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False,
-                 axes: bool = False) -> None:  # fmt: skip
+    def __init__(
+        self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False, axes: bool = False
+    ) -> None:
         super().__init__(shape)
         self.names, self.frame, self.axes = names, frame, axes
 
@@ -257,8 +268,12 @@ class Pairs(OptionType):
             name, equals, number = (piece.strip() for piece in part.partition("="))
             if not equals or name in values or (self.names and name not in self.names):
                 of = f" pairs of {', '.join(self.names)}" if self.names else ""
-                raise InputError("cannot be used", where=where,
-                                 expected=f"NAME=VALUE{of}, each once", got=repr(part))  # fmt: skip
+                raise InputError(
+                    "cannot be used",
+                    where=where,
+                    expected=f"NAME=VALUE{of}, each once",
+                    got=repr(part),
+                )
             values[name] = parse_numbers(number, f"{where} {name}", 1)[0]
         return values
 
@@ -295,8 +310,12 @@ class Axes(OptionType):
                 raise InputError("cannot be used", where=where, expected=expected, got=repr(item))
             values = tuple(parse_numbers(part, f"{where} {name}", 1)[0] for part in parts)
             if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
-                raise InputError("count cannot be used", where=f"{where} {name}",
-                                 expected="a whole number of 1 or more", got=parts[2])  # fmt: skip
+                raise InputError(
+                    "count cannot be used",
+                    where=f"{where} {name}",
+                    expected="a whole number of 1 or more",
+                    got=parts[2],
+                )
             _add(axes, name, values, where)
         return axes
 
@@ -312,8 +331,12 @@ class OutputFile(OptionType):
         """Path of the file."""
         path = Path(text)
         if path.suffix.lower() not in self.endings:
-            raise InputError("unknown file ending", where=where,
-                             expected=" or ".join(self.endings), got=path.name)  # fmt: skip
+            raise InputError(
+                "unknown file ending",
+                where=where,
+                expected=" or ".join(self.endings),
+                got=path.name,
+            )
         if path.is_dir():
             raise InputError("is a directory", where=one_line(text), expected="a file")
         if not path.parent.is_dir():
@@ -388,12 +411,14 @@ def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Ca
 
 
 explain_option = click.option(
-    "--explain", is_flag=True,
+    "--explain",
+    is_flag=True,
     help="Also say what computed the answer, how long each part took, and what limits it on this "
     "machine.",
-)  # fmt: skip
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 progress_option = click.option(
-    "--progress/--no-progress", default=None,
+    "--progress/--no-progress",
+    default=None,
     help="Bar on standard error; default on a terminal.",
-)  # fmt: skip
+)

@@ -28,14 +28,19 @@ Examples:
 @page_options
 @click.argument("others", nargs=-1, metavar="[OTHER]...")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, show_default=True,
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default=True,
     help="Port of this machine; 0 takes a free one.",
-)  # fmt: skip
+)
 @click.option(
-    "--host", default="127.0.0.1", show_default=True,
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
     help="Address to listen on. Any other than the default lets in other machines that know the "
     "printed address; what they exchange is not encrypted.",
-)  # fmt: skip
+)
 @click.option("--no-open", is_flag=True, help="Print the address, open no browser.")
 def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **texts: Any) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
@@ -49,8 +54,12 @@ def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **text
     an example robot's name.
     """
     if len(others) > _MOST_OTHERS:
-        raise InputError("too many mechanisms", where="view", got=1 + len(others),
-                         expected=f"at most {1 + _MOST_OTHERS}")  # fmt: skip
+        raise InputError(
+            "too many mechanisms",
+            where="view",
+            got=1 + len(others),
+            expected=f"at most {1 + _MOST_OTHERS}",
+        )
     source = source_from_options(**texts)
     request = texts.pop("request")
     beside = [source_from_options(replace(request, mechanism=name), **texts) for name in others]

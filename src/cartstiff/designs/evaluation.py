@@ -44,8 +44,11 @@ FIRST = 5
 #: Poses that take as long as making arrays of NumPy ready for one design.
 PREPARING = 50
 _REDUCED: dict[str, Callable[[Array], Array]] = {
-    "min": np.min, "max": np.max, "mean": np.mean, "median": np.median,
-}  # fmt: skip
+    "min": np.min,
+    "max": np.max,
+    "mean": np.mean,
+    "median": np.median,
+}
 Verdict = Literal["feasible", "infeasible", "failed"]
 
 
@@ -72,8 +75,12 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {"parameters": dict(self.parameters), "values": dict(self.values),
-                "state": self.state, "reason": self.reason}  # fmt: skip
+        return {
+            "parameters": dict(self.parameters),
+            "values": dict(self.values),
+            "state": self.state,
+            "reason": self.reason,
+        }
 
 
 class _NoValueError(Exception):
@@ -107,16 +114,21 @@ class StudyEvaluator:
         source = beside if beside.is_file() else study.mechanism
         read = file_reader(source)
         if read is None:
-            raise InputError("a study needs the parameters of a mechanism file", where="mechanism",
-                             expected="a .yaml file", got=one_line(study.mechanism))  # fmt: skip
+            raise InputError(
+                "a study needs the parameters of a mechanism file",
+                where="mechanism",
+                expected="a .yaml file",
+                got=one_line(study.mechanism),
+            )
         self._read: Callable[[dict[str, Any]], ElasticMechanism] = read
         self._tool, self._length = self._in_file_units(read({}).units)
         self.home = self._made({})
         check_names(study, self.home.parameters)
         self._formulas = {
             name: Expression(measure.value[1:], name)
-            for name, measure in study.measures.items() if measure.value is not None
-        }  # fmt: skip
+            for name, measure in study.measures.items()
+            if measure.value is not None
+        }
         self._asked: dict[str, list[str]] = {}
         for measure in study.measures.values():
             if measure.quantity is not None:
@@ -202,8 +214,10 @@ class StudyEvaluator:
         if known is None and "." not in name:
             raise UnknownNameError("quantity", name, QUANTITIES)
         if known is None or known.better is None:
-            raise InputError(f"neither end of {measure.quantity} is better",
-                             expected="a goal, and min or max, not worst or best")  # fmt: skip
+            raise InputError(
+                f"neither end of {measure.quantity} is better",
+                expected="a goal, and min or max, not worst or best",
+            )
         return known.better
 
     def _sampling(self, elastic: ElasticMechanism) -> Sampling:

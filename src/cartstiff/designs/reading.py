@@ -40,8 +40,9 @@ def read_study(
         path = Path(source).expanduser()
         data, lines = read_yaml(path)
     else:
-        raise InputError("not a study", expected="a file's path or a mapping",
-                         got=type(source).__name__)  # fmt: skip
+        raise InputError(
+            "not a study", expected="a file's path or a mapping", got=type(source).__name__
+        )
     data = _with(data, given or {})
     try:
         study = Study.model_validate(data)
@@ -52,8 +53,9 @@ def read_study(
             kind = "objectives" if name in study.objectives else "constraints"
             Expression(measure.value[1:], place_of(path, lines, (kind, name, "value")))
     if study.size > MOST_POSES:
-        raise InputError("too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}",
-                         got=study.size)  # fmt: skip
+        raise InputError(
+            "too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}", got=study.size
+        )
     return study, path.parent
 
 

@@ -94,10 +94,11 @@ class Record:
             raise InputError("file holds no designs", where=where, expected=f"schema {SCHEMA}")
         if there != head:
             raise InputError(
-                "the file holds the designs of another study", where=where,
+                "the file holds the designs of another study",
+                where=where,
                 expected="the same mechanism, poses, cases, objectives and constraints, or another "
                 "file name",
-            )  # fmt: skip
+            )
         for line in lines:
             if not line:
                 continue
@@ -135,8 +136,9 @@ class Record:
             with self.path.open("ab") as file:
                 file.write(data)
         except OSError as error:
-            raise InputError("file cannot be written", where=one_line(str(self.path)),
-                             got=error.strerror) from None  # fmt: skip
+            raise InputError(
+                "file cannot be written", where=one_line(str(self.path)), got=error.strerror
+            ) from None
 
 
 def _sum(entry: Mapping[str, Any]) -> int:

@@ -55,8 +55,10 @@ class Designs(ShownInLines):
 
     def _lines(self) -> list[str]:
         counts = ", ".join(f"{n} {state}" for state, n in self.counts().items())
-        return [f"{len(self.designs)} designs of {self.mechanism}: {counts}",
-                f"  Pareto front of {', '.join(self.better)}: {len(self.front)}"]  # fmt: skip
+        return [
+            f"{len(self.designs)} designs of {self.mechanism}: {counts}",
+            f"  Pareto front of {', '.join(self.better)}: {len(self.front)}",
+        ]
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -121,8 +123,9 @@ class Designs(ShownInLines):
         if name not in self.better:
             raise UnknownNameError("objective", name, self.better)
         if not self.feasible:
-            raise UndefinedError("no design is feasible", code="no-feasible-design",
-                                 values={**self.counts()})  # fmt: skip
+            raise UndefinedError(
+                "no design is feasible", code="no-feasible-design", values={**self.counts()}
+            )
         values = self.table(name)[list(self.feasible)]
         which = values.argmin() if self.better[name] == "smallest" else values.argmax()
         return self.designs[self.feasible[int(which)]]
@@ -134,8 +137,16 @@ class Designs(ShownInLines):
         rows, front = [], set(self.front)
         for i, design in enumerate(self.designs):
             values = [design.values.get(name) for name in self.study.measures]
-            rows.append([i + 1, *design.parameters.values(), *values, design.state,
-                         "yes" if i in front else "no", design.reason])  # fmt: skip
+            rows.append(
+                [
+                    i + 1,
+                    *design.parameters.values(),
+                    *values,
+                    design.state,
+                    "yes" if i in front else "no",
+                    design.reason,
+                ]
+            )
         return csv_rows(head, rows)
 
     def as_dict(self) -> dict[str, Any]:
@@ -150,31 +161,45 @@ class Designs(ShownInLines):
             "poses": study.poses.count,
             **self.weighed.as_dict(),
             "objectives": [
-                {"name": name, "of": m.words, "case": m.case, "goal": self.better[name],
-                 "unit": self.units[name]} for name, m in study.objectives.items()
+                {
+                    "name": name,
+                    "of": m.words,
+                    "case": m.case,
+                    "goal": self.better[name],
+                    "unit": self.units[name],
+                }
+                for name, m in study.objectives.items()
             ],
             "constraints": [
-                {"name": name, "of": m.words, "case": m.case, "at_least": m.at_least,
-                 "at_most": m.at_most, "unit": self.units[name]}
+                {
+                    "name": name,
+                    "of": m.words,
+                    "case": m.case,
+                    "at_least": m.at_least,
+                    "at_most": m.at_most,
+                    "unit": self.units[name],
+                }
                 for name, m in study.constraints.items()
             ],
             "counts": self.counts(),
             "best": {name: self.designs.index(self.best(name)) for name in self.better}
-            if self.feasible else None,
+            if self.feasible
+            else None,
             "front": list(self.front),
             "designs": [design.as_dict() for design in self.designs],
             "notes": [note.as_dict() for note in self.notes],
-        }  # fmt: skip
+        }
 
     @property
     def notes(self) -> list[Note]:
         """What was assumed, and what is damaged."""
         notes = []
         lengths = [
-            name for name, m in self.study.measures.items()
+            name
+            for name, m in self.study.measures.items()
             if m.quantity in ("condition", "isotropy", "minimum")
             and self.study.case(self.study.case_of(m)).length is None
-        ]  # fmt: skip
+        ]
         if lengths:
             words = (
                 f"{', '.join(lengths)}: every design at its own natural length; `length` of a case "

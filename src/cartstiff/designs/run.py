@@ -77,9 +77,13 @@ def design(
     if count < 1:
         raise InputError("number of workers cannot be used", expected="1 or more", got=count)
     if scheduler is not None and (count > 1 or asked.method.kind == "local"):
-        raise InputError("a scheduler has its own workers" if count > 1 else
-                         "a local search looks at one design after the other",
-                         where="scheduler", expected="no workers, and another method")  # fmt: skip
+        raise InputError(
+            "a scheduler has its own workers"
+            if count > 1
+            else "a local search looks at one design after the other",
+            where="scheduler",
+            expected="no workers, and another method",
+        )
     evaluation = StudyEvaluator(asked, folder)
     better = {name: evaluation.better(name) for name in asked.objectives}
     record = Record(None if output is None else Path(output), digest_of(asked, folder))
@@ -109,10 +113,14 @@ def design(
         points = search(asked, evaluation.home.parameters, first, evaluate)
     designs = tuple(record[point] for point in points)
     return Designs(
-        asked, evaluation.home.name, designs, better,
+        asked,
+        evaluation.home.name,
+        designs,
+        better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
-        record.damaged, weights_of(evaluation.home),
-    )  # fmt: skip
+        record.damaged,
+        weights_of(evaluation.home),
+    )
 
 
 def _evaluated(

@@ -118,9 +118,11 @@ def _local(
         low, high = variable.low or 0.0, variable.high or 0.0
         if not low <= start_at[name] <= high:
             raise InputError(
-                f"start of {name!r} is not in its range", where="method.start",
-                expected=f"{low:g} to {high:g}", got=f"{start_at[name]:g}",
-            )  # fmt: skip
+                f"start of {name!r} is not in its range",
+                where="method.start",
+                expected=f"{low:g} to {high:g}",
+                got=f"{start_at[name]:g}",
+            )
         start.append(variable.share(start_at[name]))
     n, left, step = len(start), count, _FIRST_STEP
     best, x = np.inf, np.array(start)
@@ -129,9 +131,12 @@ def _local(
     while left > n and step > _LAST_STEP:
         corners = x + np.diag(np.where(x > 0.5, -step, step))
         options: dict[str, Any] = {
-            "maxfev": left, "xatol": numerics.DESIGNED, "fatol": numerics.SHARP,
-            "initial_simplex": np.vstack([x, corners]), "adaptive": n > 2,
-        }  # fmt: skip
+            "maxfev": left,
+            "xatol": numerics.DESIGNED,
+            "fatol": numerics.SHARP,
+            "initial_simplex": np.vstack([x, corners]),
+            "adaptive": n > 2,
+        }
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the count is reached: that is what it is for
             minimum = minimize(
@@ -151,10 +156,21 @@ def _evolution(study: Study, merits: Callable[[Array], Array], count: int) -> No
     members = max(5, min(_MEMBERS * n, count // 4))
     points = _drawn("sobol", n, members, study.method.seed or 0)
     if count < 2 * members:
-        raise InputError("too few designs for an evolution", where="method.designs", got=count,
-                         expected=f"at least {2 * members}")  # fmt: skip
+        raise InputError(
+            "too few designs for an evolution",
+            where="method.designs",
+            got=count,
+            expected=f"at least {2 * members}",
+        )
     differential_evolution(
-        merits, [(0.0, 1.0)] * n, init=points, maxiter=count // members - 1, polish=False,
-        updating="deferred", vectorized=True, seed=np.random.default_rng(study.method.seed or 0),
-        tol=0.0, atol=numerics.ALIKE,
-    )  # fmt: skip
+        merits,
+        [(0.0, 1.0)] * n,
+        init=points,
+        maxiter=count // members - 1,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        seed=np.random.default_rng(study.method.seed or 0),
+        tol=0.0,
+        atol=numerics.ALIKE,
+    )

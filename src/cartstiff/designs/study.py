@@ -211,8 +211,9 @@ class Measure(StudyModel):
             return str(self.value).lstrip("= ")
         level = "".join(
             f" {sign} {bound:g}"
-            for sign, bound in ((">=", self.above), ("<=", self.below)) if bound is not None
-        )  # fmt: skip
+            for sign, bound in ((">=", self.above), ("<=", self.below))
+            if bound is not None
+        )
         return f"{self.of or 'worst'} {self.quantity}{level}"
 
 

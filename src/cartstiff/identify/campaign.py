@@ -110,9 +110,23 @@ def identify(
 
         springs = with_profiles(springs, model, unknowns, chosen, measured, offsets, level)
     result = Identification(
-        elastic, unknowns, measured, len(rows), rejected, model, chosen, plain, robust,
-        tuple(springs), checks, level, fit, offsets, isinstance(model, LoadedModel), inflation,
-    )  # fmt: skip
+        elastic,
+        unknowns,
+        measured,
+        len(rows),
+        rejected,
+        model,
+        chosen,
+        plain,
+        robust,
+        tuple(springs),
+        checks,
+        level,
+        fit,
+        offsets,
+        isinstance(model, LoadedModel),
+        inflation,
+    )
     doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
     return replace(result, notes=(*doubts, *notes_of(result)))
 
@@ -128,14 +142,23 @@ def _check(offsets: str, fit: str, reject: float | str | None, level: float) -> 
     if fit not in FITS:
         raise UnknownNameError("fit", fit, FITS, where="--fit")
     if not 0.0 < level < 1.0:
-        raise InputError("level cannot be used", where="--level", expected="between 0 and 1",
-                         got=level)  # fmt: skip
+        raise InputError(
+            "level cannot be used", where="--level", expected="between 0 and 1", got=level
+        )
     if isinstance(reject, str) and reject != "suspects":
-        raise InputError("unknown rule", where="--reject", got=repr(reject),
-                         expected="suspects, or a number of standard deviations")  # fmt: skip
+        raise InputError(
+            "unknown rule",
+            where="--reject",
+            got=repr(reject),
+            expected="suspects, or a number of standard deviations",
+        )
     if isinstance(reject, float | int) and not reject >= 1.0:
-        raise InputError("rule cannot be used", where="--reject", got=reject,
-                         expected="suspects, or at least 1 standard deviation")  # fmt: skip
+        raise InputError(
+            "rule cannot be used",
+            where="--reject",
+            got=reject,
+            expected="suspects, or at least 1 standard deviation",
+        )
 
 
 def _in_f(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measurements:
@@ -150,9 +173,12 @@ def _in_f(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measureme
 
 
 def _fits(
-    unknowns: Unknowns, measured: Measurements, offsets: str, loaded: bool,
+    unknowns: Unknowns,
+    measured: Measurements,
+    offsets: str,
+    loaded: bool,
     progress: Callable[[int, float], None] | None,
-) -> tuple[Model, Fit, Robust]:  # fmt: skip
+) -> tuple[Model, Fit, Robust]:
     """The plain and the robust fit."""
     model = model_of(unknowns, measured, loaded)
     start = None
@@ -199,7 +225,8 @@ def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
     wanted = len(unknowns.parameters) + offsets
     if numbers + priors < wanted:
         raise InputError(
-            "fewer numbers than unknowns", got=f"{numbers} measured",
+            "fewer numbers than unknowns",
+            got=f"{numbers} measured",
             expected=f"at least {wanted} ({len(unknowns.parameters)} compliances"
             + (f", {offsets} offsets of sessions)" if offsets else ")"),
-        )  # fmt: skip
+        )

@@ -69,15 +69,22 @@ def candidates(
         raise InputError("no load is planned", expected="a mass to hang, or a force to push with")
     for name in deviations:
         if name not in MEASURED or name in TURN:
-            raise InputError("column cannot be planned", got=repr(name),
-                             expected=", ".join(n for n in MEASURED if n not in TURN))  # fmt: skip
+            raise InputError(
+                "column cannot be planned",
+                got=repr(name),
+                expected=", ".join(n for n in MEASURED if n not in TURN),
+            )
     rng = np.random.default_rng(seed)
     low, high = _ranges(elastic, ranges or {})
     box = dict(within or {})
     for axis in box:
         if axis not in _AXES:
-            raise InputError("axis of the volume cannot be used", where="--within",
-                             expected=", ".join(_AXES), got=repr(axis))  # fmt: skip
+            raise InputError(
+                "axis of the volume cannot be used",
+                where="--within",
+                expected=", ".join(_AXES),
+                got=repr(axis),
+            )
     kept: list[Array] = []
     for _ in range(_TRIES * count):
         q = _posture(elastic, rng.uniform(low, high))
@@ -86,8 +93,11 @@ def candidates(
             if len(kept) == count:
                 break
     if not kept:
-        raise InputError("no posture is left in the volume and the ranges", where="--within",
-                         expected="a volume that the mechanism reaches")  # fmt: skip
+        raise InputError(
+            "no posture is left in the volume and the ranges",
+            where="--within",
+            expected="a volume that the mechanism reaches",
+        )
     N = len(kept)
     wrench = np.zeros((N, 6))
     if not mass > 0.0:
@@ -96,19 +106,30 @@ def candidates(
     direction = rng.normal(size=(N, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     return Measurements(
-        np.array(kept), wrench, np.full(N, mass), np.zeros(N), "world",
+        np.array(kept),
+        wrench,
+        np.full(N, mass),
+        np.zeros(N),
+        "world",
         {name: np.zeros(N) for name in deviations},
         {name: np.full(N, s) for name, s in deviations.items()},
-        direction if "d" in deviations else np.full((N, 3), np.nan), (), np.full(N, np.nan),
-        point, point if load_at is None else load_at,
-    )  # fmt: skip
+        direction if "d" in deviations else np.full((N, 3), np.nan),
+        (),
+        np.full(N, np.nan),
+        point,
+        point if load_at is None else load_at,
+    )
 
 
 def beside(
-    elastic: ElasticMechanism, rows: Measurements, share: float, rng: np.random.Generator, *,
+    elastic: ElasticMechanism,
+    rows: Measurements,
+    share: float,
+    rng: np.random.Generator,
+    *,
     ranges: Mapping[str, Sequence[float]] | None = None,
     within: Mapping[str, Sequence[float]] | None = None,
-) -> tuple[Measurements, NDArray[np.intp]]:  # fmt: skip
+) -> tuple[Measurements, NDArray[np.intp]]:
     """Rows that could be measured near others: postures moved, forces along each axis of F.
 
     Parameters
@@ -155,14 +176,21 @@ def beside(
             direction.append(along)
     at = np.array(owner, np.intp)
     near = rows.chosen(at)
-    return replace(near, q=np.array(q), wrench=np.array(wrench), direction=np.array(direction),
-                   rows=np.arange(1, len(at) + 1)), at  # fmt: skip
+    return replace(
+        near,
+        q=np.array(q),
+        wrench=np.array(wrench),
+        direction=np.array(direction),
+        rows=np.arange(1, len(at) + 1),
+    ), at
 
 
 def _is_within(
-    elastic: ElasticMechanism, q: Array, box: Mapping[str, Sequence[float]],
+    elastic: ElasticMechanism,
+    q: Array,
+    box: Mapping[str, Sequence[float]],
     point: tuple[float, float, float],
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether the measured point is in the volume."""
     if not box:
         return True
@@ -202,8 +230,12 @@ def _ranges(
         if name not in elastic.names:
             raise UnknownNameError("joint", name, elastic.names, where="--range")
         if not a <= b:
-            raise InputError(f"range of {name!r} is the wrong way round", where="--range",
-                             expected="LOW:HIGH", got=f"{a:g}:{b:g}")  # fmt: skip
+            raise InputError(
+                f"range of {name!r} is the wrong way round",
+                where="--range",
+                expected="LOW:HIGH",
+                got=f"{a:g}:{b:g}",
+            )
         low[elastic.names.index(name)], high[elastic.names.index(name)] = a, b
     return low, high
 

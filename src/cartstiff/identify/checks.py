@@ -139,9 +139,10 @@ def contradictions(measured: Measurements) -> None:
                 a, b = sorted((int(measured.rows[low]), int(measured.rows[high])))
                 raise InputError(
                     f"rows {a} and {b} contradict each other in {name!r}: the same posture and "
-                    "load", expected=f"values within {limit:.3g} of each other",
+                    "load",
+                    expected=f"values within {limit:.3g} of each other",
                     got=f"{values[low]:.6g} and {values[high]:.6g}",
-                )  # fmt: skip
+                )
 
 
 def checked(
@@ -163,14 +164,25 @@ def checked(
     patterns: tuple[Pattern, ...] = ()
     if isinstance(model, LinearModel):
         patterns = _patterns(model, fit, unknowns, measured, kept)
-    return Checks(chi, freedom, probability, repeats, lack,
-                  _left_out(fit, seen.row, measured.postures), patterns)  # fmt: skip
+    return Checks(
+        chi,
+        freedom,
+        probability,
+        repeats,
+        lack,
+        _left_out(fit, seen.row, measured.postures),
+        patterns,
+    )
 
 
 def _lack_of_fit(
-    column: tuple[str, ...], row: NDArray[np.intp], r: Array, freedom: float,
-    measured: Measurements, kept: NDArray[np.bool_],
-) -> tuple[int, float | None]:  # fmt: skip
+    column: tuple[str, ...],
+    row: NDArray[np.intp],
+    r: Array,
+    freedom: float,
+    measured: Measurements,
+    kept: NDArray[np.bool_],
+) -> tuple[int, float | None]:
     """Repeated numbers, and the probability of the F of what they do not show."""
     names = {name: i for i, name in enumerate(dict.fromkeys(column))}
     key = measured.settings[row] * len(names) + np.array([names[name] for name in column])
@@ -194,8 +206,9 @@ def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Ar
     m = len(solution.residual)
     whole = solution.whitened
     used = np.abs(whole).any(axis=0)
-    U, values, _ = np.linalg.svd(whole[:, used] / np.linalg.norm(whole[:, used], axis=0),
-                                 full_matrices=False)  # fmt: skip
+    U, values, _ = np.linalg.svd(
+        whole[:, used] / np.linalg.norm(whole[:, used], axis=0), full_matrices=False
+    )
     U = U[:m, : numerics.rank(values)]
     r = solution.residual / solution.deviation
     answer = np.full(m, np.nan)
@@ -215,9 +228,12 @@ def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Ar
 
 
 def _patterns(
-    model: LinearModel, fit: Fit, unknowns: Unknowns, measured: Measurements,
+    model: LinearModel,
+    fit: Fit,
+    unknowns: Unknowns,
+    measured: Measurements,
     kept: NDArray[np.bool_],
-) -> tuple[Pattern, ...]:  # fmt: skip
+) -> tuple[Pattern, ...]:
     """Terms that would explain more, by the t of each column added."""
     from scipy.special import stdtr
 

@@ -16,8 +16,14 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 
 #: Factors to SI, by kind of quantity.
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": pi / 180.0, "arcmin": pi / 10800.0,
-              "arcsec": pi / 648000.0},
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "urad": 1e-6,
+        "deg": pi / 180.0,
+        "arcmin": pi / 10800.0,
+        "arcsec": pi / 648000.0,
+    },
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "lbf": 4.4482216152605},
     "moment": {"N m": 1.0, "Nm": 1.0, "kN m": 1e3, "kNm": 1e3, "N mm": 1e-3, "Nmm": 1e-3},
@@ -25,7 +31,7 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "time": {"s": 1.0, "min": 60.0, "h": 3600.0},
     "number": {"1": 1.0},
     "text": {},
-}  # fmt: skip
+}
 
 LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
 DISPLACEMENT: Final = ("dx", "dy", "dz")
@@ -38,10 +44,15 @@ MEASURED: Final[Mapping[str, str]] = {
     **dict.fromkeys((*ROTATION, *TURN), "angle"),
 }
 _OTHERS: Final[Mapping[str, str]] = {
-    **dict.fromkeys(LOAD[:3], "moment"), **dict.fromkeys(LOAD[3:], "force"), "mass": "mass",
-    "mass0": "mass", **dict.fromkeys(("nx", "ny", "nz"), "number"), "session": "text",
-    "time": "time", "comment": "text",
-}  # fmt: skip
+    **dict.fromkeys(LOAD[:3], "moment"),
+    **dict.fromkeys(LOAD[3:], "force"),
+    "mass": "mass",
+    "mass0": "mass",
+    **dict.fromkeys(("nx", "ny", "nz"), "number"),
+    "session": "text",
+    "time": "time",
+    "comment": "text",
+}
 #: A column that only tables of `cartstiff path` have; their wrenches are along the body's axes.
 OF_PATH: Final = "singular_ratio"
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
@@ -143,8 +154,12 @@ def column_of(
     """
     match = _HEAD.fullmatch(in_brackets(head))
     if match is None or not match[1]:
-        raise InputError("column head cannot be read", where=where,
-                         expected="name or name [unit]", got=repr(head))  # fmt: skip
+        raise InputError(
+            "column head cannot be read",
+            where=where,
+            expected="name or name [unit]",
+            got=repr(head),
+        )
     name, unit = match[1], match[2]
     unit = None if unit is None else unit.translate(SIGNS).strip()
     if name not in kinds:
@@ -153,9 +168,11 @@ def column_of(
     units = UNITS[kind]
     if unit is not None and unit not in units:
         raise InputError(
-            f"column {name!r} has an unknown unit", where=where, got=repr(unit),
+            f"column {name!r} has an unknown unit",
+            where=where,
+            got=repr(unit),
             expected=", ".join(units) or "no unit",
-        )  # fmt: skip
+        )
     if unit is not None:
         return Column(name, kind, units[unit], True)
     if kind in default:

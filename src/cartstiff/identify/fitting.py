@@ -126,10 +126,15 @@ class _Search:
     """A nonlinear fit on its way."""
 
     def __init__(
-        self, model: Model, unknowns: Unknowns, noise: Noise, nuisance: Array,
-        weights: Array | None, fixed: tuple[int, float] | None,
+        self,
+        model: Model,
+        unknowns: Unknowns,
+        noise: Noise,
+        nuisance: Array,
+        weights: Array | None,
+        fixed: tuple[int, float] | None,
         progress: Callable[[int, float], None] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._model, self._unknowns, self._noise = model, unknowns, noise
         self._nuisance, self._weights, self._fixed = nuisance, weights, fixed
         self._progress = progress
@@ -154,9 +159,16 @@ class _Search:
             B = A.copy()
             B[:, self._fixed[0]] = 0.0
         target = self._model.observations.target - y + B @ theta
-        solution = solved(B, target, self._noise, sizes=self._sizes, bounded=self._bounded,
-                       nuisance=self._nuisance, priors=self._priors,
-                       weights=self._weights)  # fmt: skip
+        solution = solved(
+            B,
+            target,
+            self._noise,
+            sizes=self._sizes,
+            bounded=self._bounded,
+            nuisance=self._nuisance,
+            priors=self._priors,
+            weights=self._weights,
+        )
         return solution, A, target
 
     def descended(self, theta: Array, solution: Solved) -> Array:
@@ -239,8 +251,14 @@ def _damped(
 
         def answer(right: Array, at: Array, A: Array = A) -> Array:
             target = np.append(-right, np.zeros(len(A) - len(right)))
-            optimum = lsq_linear(A, target, (lower - at, np.inf), "bvls",
-                               tol=numerics.LAST_DIGITS, max_iter=10 * A.shape[1])  # fmt: skip
+            optimum = lsq_linear(
+                A,
+                target,
+                (lower - at, np.inf),
+                "bvls",
+                tol=numerics.LAST_DIGITS,
+                max_iter=10 * A.shape[1],
+            )
             return np.asarray(optimum.x)
 
         move = answer(R[:, -1], z)

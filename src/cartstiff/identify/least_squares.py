@@ -60,8 +60,11 @@ class Noise:
                     got=f"{int(missing.sum())} of {len(missing)} without",
                 )
             known.append(not missing.any())
-        return cls(np.where(np.isnan(deviation), 1.0, deviation), is_angle.astype(np.intp),
-                   (known[0], known[1]))  # fmt: skip
+        return cls(
+            np.where(np.isnan(deviation), 1.0, deviation),
+            is_angle.astype(np.intp),
+            (known[0], known[1]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +200,21 @@ def solved(
         theta, active = basis.bounded(right, bounded)
     covariance = basis.covariance()[:P, :P]
     return Solved(
-        theta[:P], x[:P], theta[P:], covariance, basis.is_determined[:P], basis.values,
-        basis.directions, target - full @ theta, noise.deviation * scales[noise.group],
-        (float(scales[0]), float(scales[1])), _degrees(noise, h, root), basis.kept, h, active,
-    )  # fmt: skip
+        theta[:P],
+        x[:P],
+        theta[P:],
+        covariance,
+        basis.is_determined[:P],
+        basis.values,
+        basis.directions,
+        target - full @ theta,
+        noise.deviation * scales[noise.group],
+        (float(scales[0]), float(scales[1])),
+        _degrees(noise, h, root),
+        basis.kept,
+        h,
+        active,
+    )
 
 
 def _degrees(noise: Noise, h: Array, root: Array) -> float:
@@ -258,9 +272,13 @@ class _Basis:
         lower = np.full(len(use), -np.inf)
         lower[: self._P] = np.where(bounded, 0.0, -np.inf)
         solution = lsq_linear(
-            self.kept[:, use] * self.scale[use], right, bounds=(lower[use], np.inf), method="bvls",
-            tol=numerics.LAST_DIGITS, max_iter=10 * len(use),
-        )  # fmt: skip
+            self.kept[:, use] * self.scale[use],
+            right,
+            bounds=(lower[use], np.inf),
+            method="bvls",
+            tol=numerics.LAST_DIGITS,
+            max_iter=10 * len(use),
+        )
         x = np.zeros(len(use))
         x[use] = self.scale[use] * solution.x
         active = np.zeros(self._P, bool)

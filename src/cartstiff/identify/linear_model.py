@@ -135,8 +135,9 @@ class LinearModel:
     @cached_property
     def _kinematics(self) -> tuple[Array, Array]:
         """Poses and Jacobians of the distinct postures of an open chain."""
-        postures = analyse_many(self._rest, self._distinct[0], outputs=("pose", "jacobian"),
-                             path="portable")  # fmt: skip
+        postures = analyse_many(
+            self._rest, self._distinct[0], outputs=("pose", "jacobian"), path="portable"
+        )
         if not np.isfinite(postures["jacobian"]).all():
             raise InputError("a posture has no Jacobian", got=str(postures.counts()))
         return postures["pose"], postures["jacobian"]
@@ -191,13 +192,15 @@ class LinearModel:
             except UndefinedError as error:
                 place = np.flatnonzero((self.measured.q == row).all(axis=1))[0]
                 raise InputError(
-                    f"row {self.measured.rows[place]}: {error}", expected="a posture in which the "
-                    "springs hold the mechanism",
-                ) from None  # fmt: skip
+                    f"row {self.measured.rows[place]}: {error}",
+                    expected="a posture in which the springs hold the mechanism",
+                ) from None
         forces = (
-            np.array([p.forces for p in parts]), np.array([p.compliance for p in parts]),
-            np.array([p.weight_forces for p in parts]), np.array([p.weight_twist for p in parts]),
-        )  # fmt: skip
+            np.array([p.forces for p in parts]),
+            np.array([p.compliance for p in parts]),
+            np.array([p.weight_forces for p in parts]),
+            np.array([p.weight_twist for p in parts]),
+        )
         if self.known is not None:
             self.known[theta.tobytes()] = forces
         return forces
@@ -217,9 +220,10 @@ class LinearModel:
         lines = {n for n in self.unknowns.elements.names if n.startswith("line")}
         lines -= set(self._rest.names)
         return [
-            p for p, u in enumerate(self.unknowns.parameters)
+            p
+            for p, u in enumerate(self.unknowns.parameters)
             if any(a in lines for a, _, _ in u.pattern.entries)
-        ]  # fmt: skip
+        ]
 
     def _at(self, theta: Array) -> tuple[Array, Array]:
         """The same for forces in the springs that do not depend on their stiffness."""
@@ -301,8 +305,9 @@ class BentModel:
         loaded, reference, _ = wrenches(self.measured, elastic, self.poses)
         weight = np.zeros((len(q), J.shape[2]))
         if elastic.gravity is not None:
-            weight = np.array([-elastic.mechanism.at(row).gravity(elastic.gravity).gradient
-                               for row in q])  # fmt: skip
+            weight = np.array(
+                [-elastic.mechanism.at(row).gravity(elastic.gravity).gradient for row in q]
+            )
         own = weight[groups[seen.row]]
         with_load = np.einsum("mij,mi->mj", J, loaded[seen.row]) + own
         without = np.einsum("mij,mi->mj", J, reference[seen.row]) + own

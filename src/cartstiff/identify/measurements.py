@@ -76,12 +76,18 @@ class Measurements:
     def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Measurements:
         """Some of the rows."""
         return replace(
-            self, q=self.q[keep], wrench=self.wrench[keep], mass=self.mass[keep],
-            mass0=self.mass0[keep], values={n: v[keep] for n, v in self.values.items()},
+            self,
+            q=self.q[keep],
+            wrench=self.wrench[keep],
+            mass=self.mass[keep],
+            mass0=self.mass0[keep],
+            values={n: v[keep] for n, v in self.values.items()},
             deviations={n: v[keep] for n, v in self.deviations.items()},
-            direction=self.direction[keep], time=self.time[keep], rows=self.rows[keep],
+            direction=self.direction[keep],
+            time=self.time[keep],
+            rows=self.rows[keep],
             session=tuple(np.array(self.session)[keep].tolist()) if self.session else (),
-        )  # fmt: skip
+        )
 
     @cached_property
     def postures(self) -> NDArray[np.intp]:
@@ -93,8 +99,14 @@ class Measurements:
         """Number of each row's posture and load, by which repeats are known."""
         sessions = {name: float(i) for i, name in enumerate(dict.fromkeys(self.session))}
         of_session = np.array([sessions[name] for name in self.session] or [0.0] * len(self.q))
-        columns = [self.q, self.wrench, self.mass[:, None], self.mass0[:, None],
-                   np.nan_to_num(self.direction), of_session[:, None]]  # fmt: skip
+        columns = [
+            self.q,
+            self.wrench,
+            self.mass[:, None],
+            self.mass0[:, None],
+            np.nan_to_num(self.direction),
+            of_session[:, None],
+        ]
         return _groups(np.hstack(columns))
 
 

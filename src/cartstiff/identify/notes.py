@@ -102,16 +102,18 @@ def _cables(result: Identification) -> list[Note]:
                 pushed[name] = [int(result.measured.rows[n]) for n in rows]
     words = f"cables are taken as taut in every row: {', '.join(names)}"
     if pushed:
-        shown = "; ".join(f"{name} in row(s) {', '.join(map(str, rows))}"
-                          for name, rows in pushed.items())  # fmt: skip
+        shown = "; ".join(
+            f"{name} in row(s) {', '.join(map(str, rows))}" for name, rows in pushed.items()
+        )
         words += f". Only preload keeps them so against the load: {shown}"
     return [Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})]
 
 
 def _found(result: Identification) -> list[Note]:
     notes = []
-    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"
-            and e.method == "linear"]  # fmt: skip
+    lost = [
+        e.name for e in result.estimates if e.verdict == "not-identifiable" and e.method == "linear"
+    ]
     if lost:
         words = f"not identifiable from these rows: {', '.join(lost)}"
         notes.append(Note("not-identifiable", words, {"springs": lost}))
@@ -160,8 +162,13 @@ def _found(result: Identification) -> list[Note]:
     notes += _unseen(result)
     if result.rejected:
         shown = "; ".join(f"row {r.row} ({r.reason})" for r in result.rejected)
-        notes.append(Note("rejected", f"left out by --reject: {shown}",
-                          {"rows": [r.row for r in result.rejected]}))  # fmt: skip
+        notes.append(
+            Note(
+                "rejected",
+                f"left out by --reject: {shown}",
+                {"rows": [r.row for r in result.rejected]},
+            )
+        )
     return notes
 
 
@@ -232,9 +239,11 @@ def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
     if not (apart[i] > 1.0 or result.loaded):
         return []
     row = int(some.rows[small.observations.row[i]])
-    advice = "the fit without --loaded would do" if not apart[i] > 1.0 else (
-        "--loaded is needed" if result.loaded else "fit it with --loaded"
-    )  # fmt: skip
+    advice = (
+        "the fit without --loaded would do"
+        if not apart[i] > 1.0
+        else ("--loaded is needed" if result.loaded else "fit it with --loaded")
+    )
     words = (
         f"in row {row} the equilibrium under load differs from the linear displacement by "
         f"{apart[i]:.3g} standard deviations: {advice}"

@@ -143,9 +143,19 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
         else:
             a[:, :3], a[:, 3:] = np.cross(p, along), along
         target = rigid[name][rows] if name in rigid else values[rows]
-        parts.append((rows, [name] * len(rows), np.full(len(rows), is_angle),
-                      np.full(len(rows), name in absolute), a, target,
-                      measured.deviations[name][rows], axis, points[rows]))  # fmt: skip
+        parts.append(
+            (
+                rows,
+                [name] * len(rows),
+                np.full(len(rows), is_angle),
+                np.full(len(rows), name in absolute),
+                a,
+                target,
+                measured.deviations[name][rows],
+                axis,
+                points[rows],
+            )
+        )
     if not parts:
         none, points, no = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.bool_)
         rows = np.zeros(0, np.intp)

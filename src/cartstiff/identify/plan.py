@@ -92,24 +92,32 @@ class Plan:
             s = float(self.deviations[-1, p])
             k = 1.0 / u.nominal if u.has_stiffness and not u.is_scale else None
             half = self.factor * s
-            rows.append({
-                "name": u.name, "stiffness": k, "unit": u.unit,
-                "relative_sd": s if np.isfinite(s) else None,
-                "interval": [None, None] if k is None or not np.isfinite(s) else [
-                    k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None
-                ],
-            })  # fmt: skip
+            rows.append(
+                {
+                    "name": u.name,
+                    "stiffness": k,
+                    "unit": u.unit,
+                    "relative_sd": s if np.isfinite(s) else None,
+                    "interval": [None, None]
+                    if k is None or not np.isfinite(s)
+                    else [k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None],
+                }
+            )
         falls = [
             {"rows": int(n), "worst_relative_sd": float(w) if np.isfinite(w) else None}
             for n, w in zip(self.counts, self._worst, strict=True)
         ]
         return {
-            "schema": "cartstiff-identify-plan/1", "criterion": self.criterion,
-            "rows": len(self.rows), "level": self.level, "parameters": rows,
-            "by_rows": falls, "not_identifiable": list(self.lost),
+            "schema": "cartstiff-identify-plan/1",
+            "criterion": self.criterion,
+            "rows": len(self.rows),
+            "level": self.level,
+            "parameters": rows,
+            "by_rows": falls,
+            "not_identifiable": list(self.lost),
             "worst_relative_sd_by_chance": self.by_chance if np.isfinite(self.by_chance) else None,
             "worst_relative_sd_bound": self.bound,
-        }  # fmt: skip
+        }
 
     @property
     def factor(self) -> float:
@@ -138,8 +146,11 @@ def _told(unknowns: Unknowns, measured: Measurements) -> tuple[Array, Array]:
     seen = model.observations
     y, A = model.at(unknowns.nominal)
     if np.isnan(seen.deviation).any():
-        raise InputError("a plan needs standard deviations", where="--sd",
-                         expected="one for each column that is measured")  # fmt: skip
+        raise InputError(
+            "a plan needs standard deviations",
+            where="--sd",
+            expected="one for each column that is measured",
+        )
     scaled = A * unknowns.sizes / seen.deviation[:, None]
     G = np.zeros((len(measured), A.shape[1], A.shape[1]))
     np.add.at(G, seen.row, scaled[:, :, None] * scaled[:, None, :])
@@ -191,8 +202,9 @@ def plan(
     if criterion not in CRITERIA:
         raise UnknownNameError("criterion", criterion, CRITERIA, where="--criterion")
     if count < 1:
-        raise InputError("number of rows cannot be used", where="--plan", expected="1 or more",
-                         got=count)  # fmt: skip
+        raise InputError(
+            "number of rows cannot be used", where="--plan", expected="1 or more", got=count
+        )
     whole, moved = _told(unknowns, offered)
     most = max(_FAR, _OFTEN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]
@@ -201,8 +213,10 @@ def plan(
         start += information(unknowns, have).sum(axis=0)
     known = _seen(whole.sum(axis=0) + start)
     if not known.any():
-        raise InputError("no candidate tells anything about a spring",
-                         expected="other loads, or columns to be measured")  # fmt: skip
+        raise InputError(
+            "no candidate tells anything about a spring",
+            expected="other loads, or columns to be measured",
+        )
 
     def told(rows: Measurements) -> Array:
         information, moved = _told(unknowns, rows)
@@ -214,8 +228,11 @@ def plan(
     effects = None
     if criterion == "posture":
         if test is None:
-            raise InputError("the criterion needs a posture and a load", where="--criterion",
-                             expected="--q and --load")  # fmt: skip
+            raise InputError(
+                "the criterion needs a posture and a load",
+                where="--criterion",
+                expected="--q and --load",
+            )
         effects = _effects(unknowns, *test)[:, known]
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
@@ -246,10 +263,17 @@ def plan(
     degrees = np.maximum(np.array(counts) * len(offered.values) + others, 1)
     names = tuple(n for n, is_known in zip(unknowns.names, known, strict=True) if not is_known)
     return Plan(
-        unknowns, rows, criterion, np.array(counts), np.array(spreads),
-        np.array([quantile(level, d) for d in degrees]), names, level,
-        by_chance(G, start, count), bound,
-    )  # fmt: skip
+        unknowns,
+        rows,
+        criterion,
+        np.array(counts),
+        np.array(spreads),
+        np.array([quantile(level, d) for d in degrees]),
+        names,
+        level,
+        by_chance(G, start, count),
+        bound,
+    )
 
 
 def _of_priors(unknowns: Unknowns) -> tuple[Array, int]:
@@ -274,8 +298,15 @@ def _seen(M: Array) -> NDArray[np.bool_]:
 def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
     """Displacement (3, P) of M at a posture per share of each compliance."""
     one = Measurements(
-        q[None], wrench[None], np.zeros(1), np.zeros(1), "world",
-        {n: np.zeros(1) for n in ("dx", "dy", "dz")}, {n: np.ones(1) for n in ("dx", "dy", "dz")},
-        np.full((1, 3), np.nan), (), np.full(1, np.nan),
-    )  # fmt: skip
+        q[None],
+        wrench[None],
+        np.zeros(1),
+        np.zeros(1),
+        "world",
+        {n: np.zeros(1) for n in ("dx", "dy", "dz")},
+        {n: np.ones(1) for n in ("dx", "dy", "dz")},
+        np.full((1, 3), np.nan),
+        (),
+        np.full(1, np.nan),
+    )
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes

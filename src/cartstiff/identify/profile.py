@@ -54,9 +54,14 @@ class _Counted:
 
 
 def with_profiles(
-    told: Sequence[Estimate], model: Model, unknowns: Unknowns, fit: Fit, measured: Measurements,
-    offsets: str, level: float,
-) -> list[Estimate]:  # fmt: skip
+    told: Sequence[Estimate],
+    model: Model,
+    unknowns: Unknowns,
+    fit: Fit,
+    measured: Measurements,
+    offsets: str,
+    level: float,
+) -> list[Estimate]:
     """Estimates with profile intervals where the model bends within the linear ones.
 
     The widest are looked at first, as far as a budget of equilibria reaches. Where the model bends
@@ -85,9 +90,9 @@ def with_profiles(
 
     start = apart(model.at(fit.theta)[0] - seen.target, fit.theta)
     none = np.zeros(len(fit.theta))
-    rates = np.column_stack([
-        apart(column, none) - apart(np.zeros(len(seen)), none) for column in fit.regressor.T
-    ])  # fmt: skip
+    rates = np.column_stack(
+        [apart(column, none) - apart(np.zeros(len(seen)), none) for column in fit.regressor.T]
+    )
     for row, (p, _, s) in enumerate(prior):
         rates[len(seen) + row, p] = 1.0 / s
     least = float(start @ start)
@@ -108,9 +113,21 @@ def with_profiles(
         e = told[p]
         try:
             low, high = (
-                _end(model, unknowns, fixed_noise, nuisance, fit.theta, p, e.deviation or 0.0,
-                     side, t, cost, least) for side in (-1.0, 1.0)
-            )  # fmt: skip
+                _end(
+                    model,
+                    unknowns,
+                    fixed_noise,
+                    nuisance,
+                    fit.theta,
+                    p,
+                    e.deviation or 0.0,
+                    side,
+                    t,
+                    cost,
+                    least,
+                )
+                for side in (-1.0, 1.0)
+            )
         except _Spent:
             answer[p] = Estimate(
                 e.unknown, "not-identifiable", None, None, None, "profile, too long"
@@ -146,8 +163,14 @@ class _Linear:
         A = np.vstack([R[:, :-1], np.eye(count) / SLACK])
         z = (self.theta / self.sizes)[others]
         lower = np.where(self.bounded[others], np.minimum(-z, -numerics.TINY), -np.inf)
-        move = lsq_linear(A, np.append(-R[:, -1], np.zeros(count)), (lower, np.inf), "bvls",
-                          tol=numerics.LAST_DIGITS, max_iter=10 * A.shape[1]).x  # fmt: skip
+        move = lsq_linear(
+            A,
+            np.append(-R[:, -1], np.zeros(count)),
+            (lower, np.inf),
+            "bvls",
+            tol=numerics.LAST_DIGITS,
+            max_iter=10 * A.shape[1],
+        ).x
         theta = self.theta.copy()
         theta[p] = value
         theta[others] = np.maximum(z + move, lower + z) * self.sizes[others]
@@ -175,9 +198,18 @@ def _bends(
 
 
 def _end(
-    model: Model, unknowns: Unknowns, noise: Noise, nuisance: Array, theta: Array, p: int,
-    deviation: float, side: float, t: float, cost: Callable[[Array], float], least: float,
-) -> float:  # fmt: skip
+    model: Model,
+    unknowns: Unknowns,
+    noise: Noise,
+    nuisance: Array,
+    theta: Array,
+    p: int,
+    deviation: float,
+    side: float,
+    t: float,
+    cost: Callable[[Array], float],
+    least: float,
+) -> float:
     """Where the profile has grown by t^2: secant steps in its root, which is nearly linear."""
     start, reach, last = theta.copy(), t, (0.0, 0.0)
     for _ in range(_EVALUATIONS):

@@ -139,10 +139,12 @@ class Identification:
         for i, vector in enumerate(lost.T):
             shares = vector[: len(names)]
             big = np.abs(shares) > 0.05
-            answer.append({
-                "singular_value": float(solution.singular_values[self._rank() + i]),
-                "springs": {names[p]: float(shares[p]) for p in np.flatnonzero(big)},
-            })  # fmt: skip
+            answer.append(
+                {
+                    "singular_value": float(solution.singular_values[self._rank() + i]),
+                    "springs": {names[p]: float(shares[p]) for p in np.flatnonzero(big)},
+                }
+            )
         return answer
 
     def _rank(self) -> int:
@@ -161,24 +163,29 @@ class Identification:
         parameters = []
         for p, e in enumerate(self.estimates):
             known = self.chosen.solved.is_determined[p]
-            parameters.append({
-                "name": e.name,
-                "stiffness": e.stiffness,
-                "unit": e.unknown.unit,
-                "compliance": e.compliance,
-                "sd": e.deviation,
-                "interval": list(e.stiffness_interval),
-                "compliance_interval": None if e.interval is None else list(e.interval),
-                "identifiable": e.verdict == "determined",
-                "verdict": e.verdict,
-                "method": e.method,
-                "plain": float(plain[e.name]) if known else None,
-                "robust": float(robust[e.name]) if known else None,
-            })  # fmt: skip
+            parameters.append(
+                {
+                    "name": e.name,
+                    "stiffness": e.stiffness,
+                    "unit": e.unknown.unit,
+                    "compliance": e.compliance,
+                    "sd": e.deviation,
+                    "interval": list(e.stiffness_interval),
+                    "compliance_interval": None if e.interval is None else list(e.interval),
+                    "identifiable": e.verdict == "determined",
+                    "verdict": e.verdict,
+                    "method": e.method,
+                    "plain": float(plain[e.name]) if known else None,
+                    "robust": float(robust[e.name]) if known else None,
+                }
+            )
         return {
             "schema": IDENTIFY_SCHEMA,
-            "mechanism": {"name": self.elastic.name, "kind": mechanism.kind,
-                          "joints": list(self.elastic.names)},
+            "mechanism": {
+                "name": self.elastic.name,
+                "kind": mechanism.kind,
+                "joints": list(self.elastic.names),
+            },
             "frame": mechanism.frame,
             "units": units.as_dict(),
             "model": "loaded equilibrium" if self.loaded else "linear in the load",
@@ -200,7 +207,7 @@ class Identification:
             "unseen": self.weak_directions(),
             "checks": self.checks.as_dict(),
             "notes": [note.as_dict() for note in self.notes],
-        }  # fmt: skip
+        }
 
 
 def _rms(values: Array) -> float:

@@ -117,8 +117,16 @@ def robust_fit(
         if int(np.sum(~new)) < rank + 1:  # nothing would be left to fit
             break
         weights = (~new).astype(float)
-        fit = solved(A, target, noise, sizes=unknowns.sizes, bounded=unknowns.is_bounded,
-                     nuisance=nuisance, priors=priors, weights=weights)  # fmt: skip
+        fit = solved(
+            A,
+            target,
+            noise,
+            sizes=unknowns.sizes,
+            bounded=unknowns.is_bounded,
+            nuisance=nuisance,
+            priors=priors,
+            weights=weights,
+        )
         # Rows that were left out have no part in the fit: their residual is wider, not narrower.
         whole = fit.whitened[:m]
         spread = np.where(new, 1.0 + _leverage(whole, weights), 1.0 - fit.leverage)
@@ -196,16 +204,23 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     correction = np.sqrt(m / max(m - rank, 1))
 
     def scale_of(r: Array) -> float:
-        return max(_MAD * float(np.median(np.abs(r))) * correction, numerics.ROUNDING * float(
-            np.abs(right).max(initial=numerics.TINY)))  # fmt: skip
+        return max(
+            _MAD * float(np.median(np.abs(r))) * correction,
+            numerics.ROUNDING * float(np.abs(right).max(initial=numerics.TINY)),
+        )
 
     for loss, factor, rounds in (("soft_l1", 0.1, 2), ("cauchy", _CAUCHY, 3)):
         for _ in range(rounds):
             s = scale_of(r)
             optimum = least_squares(
-                lambda x: B @ x - right, x, jac=lambda _: B, loss=loss, f_scale=factor * s,
-                x_scale="jac", max_nfev=200,
-            )  # fmt: skip
+                lambda x: B @ x - right,
+                x,
+                jac=lambda _: B,
+                loss=loss,
+                f_scale=factor * s,
+                x_scale="jac",
+                max_nfev=200,
+            )
             x = optimum.x
             r = right - B @ x
     scales = np.ones(2)

@@ -69,9 +69,11 @@ def nuisance_of(seen: Observations, measured: Measurements, kind: str) -> Offset
     columns, names = [], []
     for name in dict.fromkeys(measured.session):
         mine = (sessions == name) & seen.is_absolute
-        centre = seen.place[mine & ~seen.is_angle].mean(axis=0) if np.any(
-            mine & ~seen.is_angle
-        ) else np.zeros(3)  # fmt: skip
+        centre = (
+            seen.place[mine & ~seen.is_angle].mean(axis=0)
+            if np.any(mine & ~seen.is_angle)
+            else np.zeros(3)
+        )
         shift = np.where((mine & ~seen.is_angle)[:, None], seen.axis, 0.0)
         about = np.cross(seen.place - centre, seen.axis)
         turn = np.where(mine[:, None], np.where(seen.is_angle[:, None], seen.axis, about), 0.0)
@@ -132,9 +134,9 @@ def _fit(seen: Array, there: Array, session: str) -> Array:
     if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
         raise InputError(
             f"the points of session {session!r} stand in one line: its frame is not known",
-            where="column session", expected="three points that are not in line, or "
-            "--offsets translation",
-        )  # fmt: skip
+            where="column session",
+            expected="three points that are not in line, or --offsets translation",
+        )
     D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
     R = Vt.T @ D @ U.T
     return se3.pose(R, b - R @ a)

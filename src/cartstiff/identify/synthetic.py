@@ -56,8 +56,11 @@ def simulated(
     """
     for name in deviations:
         if name not in MEASURED or name in TURN:
-            raise InputError("column cannot be simulated", got=repr(name),
-                             expected=", ".join(n for n in MEASURED if n not in TURN))  # fmt: skip
+            raise InputError(
+                "column cannot be simulated",
+                got=repr(name),
+                expected=", ".join(n for n in MEASURED if n not in TURN),
+            )
     N, rng = len(settings), np.random.default_rng(seed)
     nothing = {name: np.zeros(N) for name in deviations}
     spread = {name: np.full(N, s) for name, s in deviations.items()}

@@ -112,16 +112,29 @@ def read_measurements(
     mass, mass0 = _loads(table, "mass", count), _loads(table, "mass0", count)
     if np.any(mass < 0) or np.any(mass0 < 0):
         row = int(np.flatnonzero((mass < 0) | (mass0 < 0))[0])
-        raise InputError("mass cannot be used", where=cells.places[row], expected="zero or more",
-                         got=f"{min(mass[row], mass0[row]):g}")  # fmt: skip
+        raise InputError(
+            "mass cannot be used",
+            where=cells.places[row],
+            expected="zero or more",
+            got=f"{min(mass[row], mass0[row]):g}",
+        )
     if axes is None and OF_PATH in unused and wrench.any():
         wrench = _in_base(elastic, q, wrench)
     measurements = Measurements(
-        q, wrench, mass, mass0, axes or "base", values, sds,
-        _directions(table, cells, values), session, table.get("time", np.full(count, np.nan)),
-        point, point if load_at is None else load_at,
+        q,
+        wrench,
+        mass,
+        mass0,
+        axes or "base",
+        values,
+        sds,
+        _directions(table, cells, values),
+        session,
+        table.get("time", np.full(count, np.nan)),
+        point,
+        point if load_at is None else load_at,
         unused=unused,
-    )  # fmt: skip
+    )
     _check_loads(measurements, elastic, cells)
     return measurements
 
@@ -139,9 +152,11 @@ def _numbers(cells: Cells, i: int, column: Column) -> Array:
             value = math.nan
         if not math.isfinite(value) or "_" in text or abs(value) > LARGEST:
             raise InputError(
-                f"column {column.name!r}: not a finite number", where=cells.places[n],
-                expected="a number, or nothing", got=repr(text),
-            )  # fmt: skip
+                f"column {column.name!r}: not a finite number",
+                where=cells.places[n],
+                expected="a number, or nothing",
+                got=repr(text),
+            )
         numbers[n] = value * column.factor
     return numbers
 
@@ -159,9 +174,12 @@ def _loads(table: Mapping[str, Array], name: str, count: int) -> Array:
 
 
 def _postures(
-    table: Mapping[str, Array], columns: list[Column], elastic: ElasticMechanism, cells: Cells,
+    table: Mapping[str, Array],
+    columns: list[Column],
+    elastic: ElasticMechanism,
+    cells: Cells,
     length: float,
-) -> Array:  # fmt: skip
+) -> Array:
     """Coordinates (N, n), closed chains assembled."""
     mechanism = elastic.mechanism
     q = np.tile(elastic.q, (len(cells.rows), 1))
@@ -196,11 +214,12 @@ def _postures(
         prefix = "q_" if missing[0] in MEASURED else ""
         raise InputError(
             f"column {prefix + missing[0]!r} is missing: the posture is not known",
-            where=cells.place, expected=", ".join(
+            where=cells.place,
+            expected=", ".join(
                 f"{'q_' if elastic.names[j] in MEASURED else ''}{elastic.names[j]}"
                 for j in np.flatnonzero(needed)
             ),
-        )  # fmt: skip
+        )
     if isinstance(mechanism, Chain) and mechanism.closures:
         known: dict[bytes, Array] = {}
         for n, row in enumerate(q):
@@ -210,15 +229,18 @@ def _postures(
                     known[key] = mechanism.closed(row).q
                 except (ConvergenceError, UndefinedError) as error:
                     raise InputError(
-                        str(error), where=cells.places[n],
+                        str(error),
+                        where=cells.places[n],
                         expected="a posture that closes the chain",
-                    ) from None  # fmt: skip
+                    ) from None
                 moved = np.abs(known[key] - row)[mechanism.held].max(initial=0.0)
                 if moved > _GAVE_WAY:
                     raise InputError(
-                        "the chain closes only if motors or links give way", got=f"{moved:.3g}",
-                        where=cells.places[n], expected="a posture that the motors can take",
-                    )  # fmt: skip
+                        "the chain closes only if motors or links give way",
+                        got=f"{moved:.3g}",
+                        where=cells.places[n],
+                        expected="a posture that the motors can take",
+                    )
             q[n] = known[key]
     return q
 
@@ -233,9 +255,11 @@ def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Ce
         far = far or bool(beyond.any())
     if far:
         raise InputError(
-            f"column {name!r} holds degrees given as radians, it seems", where=cells.places[row],
-            expected=f"{name!r} in rad, or the head '{name} [deg]'", got=f"{values[row]:g} rad",
-        )  # fmt: skip
+            f"column {name!r} holds degrees given as radians, it seems",
+            where=cells.places[row],
+            expected=f"{name!r} in rad, or the head '{name} [deg]'",
+            got=f"{values[row]:g} rad",
+        )
 
 
 def _check_sizes(
@@ -251,16 +275,17 @@ def _check_sizes(
             **dict.fromkeys(POSITION, (_AWAY * reach, "m")),
             **dict.fromkeys(ROTATION, (_TILTED, "rad")),
             **dict.fromkeys(TURN, (_TURNS, "rad")),
-        }.get(name, (math.inf, ""))  # fmt: skip
+        }.get(name, (math.inf, ""))
         size = np.nan_to_num(np.abs(table[column.name]))
         row = int(np.argmax(size))
         if size[row] > limit:
             other = "[mm]" if unit == "m" else "[deg]"
             raise InputError(
                 f"column {column.name!r} declares no unit and cannot be in {unit}",
-                where=cells.places[row], expected=f"at most {limit:.3g} {unit}, or a head such as "
-                f"'{column.name} {other}'", got=f"{size[row]:g} {unit}",
-            )  # fmt: skip
+                where=cells.places[row],
+                expected=f"at most {limit:.3g} {unit}, or a head such as '{column.name} {other}'",
+                got=f"{size[row]:g} {unit}",
+            )
 
 
 def _measured(
@@ -273,15 +298,21 @@ def _measured(
     """Values and deviations by column, in the mechanism's units."""
     for name in deviations:
         if name not in table:
-            raise InputError(f"a standard deviation for {name!r}, which is not in the table",
-                             where="--sd", expected=f"a column {name!r}")  # fmt: skip
+            raise InputError(
+                f"a standard deviation for {name!r}, which is not in the table",
+                where="--sd",
+                expected=f"a column {name!r}",
+            )
     values, sds = {}, {}
     for name, kind in MEASURED.items():
         spread = table.get(f"sd_{name}")
         if name not in table:
             if spread is not None:
-                raise InputError(f"column 'sd_{name}' without its column", where=cells.place,
-                                 expected=f"a column {name!r}")  # fmt: skip
+                raise InputError(
+                    f"column 'sd_{name}' without its column",
+                    where=cells.place,
+                    expected=f"a column {name!r}",
+                )
             continue
         factor = length if kind == "length" else 1.0
         if spread is None:
@@ -289,26 +320,34 @@ def _measured(
         bad = (spread <= 0) | (np.isnan(spread) & ~np.isnan(table[name]) & (f"sd_{name}" in table))
         if bad.any():
             row = int(np.argmax(bad))
-            raise InputError(f"standard deviation of {name!r} cannot be used",
-                             where=cells.places[row], expected="above zero",
-                             got=f"{spread[row]:g}")  # fmt: skip
+            raise InputError(
+                f"standard deviation of {name!r} cannot be used",
+                where=cells.places[row],
+                expected="above zero",
+                got=f"{spread[row]:g}",
+            )
         values[name], sds[name] = table[name] * factor, spread * factor
     if not values and not is_open:
-        raise InputError("nothing was measured: no column says what", where=cells.place,
-                         expected=f"some of {', '.join(MEASURED)}")  # fmt: skip
+        raise InputError(
+            "nothing was measured: no column says what",
+            where=cells.place,
+            expected=f"some of {', '.join(MEASURED)}",
+        )
     turned = [name in values for name in TURN]
     if any(turned) and not all(turned):
         raise InputError("an orientation needs all of roll, pitch, yaw", where=cells.place)
     for name in TURN[1:] if all(turned) else ():
         if (np.isnan(values[name]) != np.isnan(values[TURN[0]])).any():
             row = int(np.argmax(np.isnan(values[name]) != np.isnan(values[TURN[0]])))
-            raise InputError("an orientation needs all of roll, pitch, yaw",
-                             where=cells.places[row])  # fmt: skip
+            raise InputError(
+                "an orientation needs all of roll, pitch, yaw", where=cells.places[row]
+            )
     if values and not is_open:
         nothing = np.all([np.isnan(v) for v in values.values()], axis=0)
         if nothing.any():
-            raise InputError("nothing was measured in this row",
-                             where=cells.places[int(np.argmax(nothing))])  # fmt: skip
+            raise InputError(
+                "nothing was measured in this row", where=cells.places[int(np.argmax(nothing))]
+            )
     return values, sds
 
 
@@ -319,18 +358,23 @@ def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, A
     there = [name in table for name in names]
     if "d" not in values:
         if any(there):
-            raise InputError("a direction without a dial gauge", where=cells.place,
-                             expected="a column 'd'")  # fmt: skip
+            raise InputError(
+                "a direction without a dial gauge", where=cells.place, expected="a column 'd'"
+            )
         return directions
     if not all(there):
-        raise InputError("column 'd' needs its direction", where=cells.place,
-                         expected="columns nx, ny, nz")  # fmt: skip
+        raise InputError(
+            "column 'd' needs its direction", where=cells.place, expected="columns nx, ny, nz"
+        )
     directions = np.stack([table[name] for name in names], axis=1)
     size = np.linalg.norm(directions, axis=1)
     bad = ~np.isnan(values["d"]) & ~(size > 0.0)
     if bad.any():
-        raise InputError("the dial gauge has no direction", expected="nx, ny, nz, not all zero",
-                         where=cells.places[int(np.argmax(bad))])  # fmt: skip
+        raise InputError(
+            "the dial gauge has no direction",
+            expected="nx, ny, nz, not all zero",
+            where=cells.places[int(np.argmax(bad))],
+        )
     with np.errstate(invalid="ignore", divide="ignore"):
         return directions / size[:, None]
 
@@ -347,5 +391,6 @@ def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: C
         words = "the load is zero everywhere: no spring is stretched"
         if absolute.any():
             words += ", and no gravity acts on the mechanism"
-        raise InputError(words, where=one_line(cells.place),
-                         expected="columns fx, fy, fz, mx, my, mz or mass")  # fmt: skip
+        raise InputError(
+            words, where=one_line(cells.place), expected="columns fx, fy, fz, mx, my, mz or mass"
+        )

@@ -109,10 +109,12 @@ class Unknowns:
         """Natural size of each parameter (P,): what the mechanism's own compliances make it."""
         own = np.sqrt(np.diag(self.elements.compliance))
         both = np.multiply.outer(own, own)
-        return np.array([
-            abs(u.nominal) if u.law else float((both[S != 0] / np.abs(S[S != 0])).max())
-            for u, S in zip(self.parameters, self.patterns, strict=True)
-        ])  # fmt: skip
+        return np.array(
+            [
+                abs(u.nominal) if u.law else float((both[S != 0] / np.abs(S[S != 0])).max())
+                for u, S in zip(self.parameters, self.patterns, strict=True)
+            ]
+        )
 
     def compliance(self, theta: Array) -> Array:
         """Gamma (E, E)."""
@@ -213,15 +215,22 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
     joints = [n for n in own if n not in lines]
     names: list[str] = []
     for word in sought:
-        more = {"joints": joints, "links": list(links), "lines": lines,
-                "all": [*joints, *links, *lines]}.get(word, [word])  # fmt: skip
+        more = {
+            "joints": joints,
+            "links": list(links),
+            "lines": lines,
+            "all": [*joints, *links, *lines],
+        }.get(word, [word])
         link = word.partition(":")[0]
         if more == [word] and word not in (*elements.names, *bent) and link not in links:
             valid = (*_GROUPS, *joints, *bent, *lines, *links, *elements.names)
             raise UnknownNameError("spring", word, valid, where="--unknown")
         if not more:
-            raise InputError(f"the mechanism has no {word}", where="--unknown",
-                             expected=", ".join(elements.names))  # fmt: skip
+            raise InputError(
+                f"the mechanism has no {word}",
+                where="--unknown",
+                expected=", ".join(elements.names),
+            )
         names += [name for name in more if name not in names]
     if not names:
         raise InputError("the mechanism has no spring to be found")
@@ -240,9 +249,12 @@ def _of_law(
     """Parameters of a polynomial spring: those of its coefficients that the file has."""
     law = law_of(elastic, name)
     if not law.coefficients[0] > 0.0:
-        raise InputError("a polynomial spring that is sought needs a first coefficient",
-                         where=f"--unknown {name}", expected="above zero",
-                         got=law.coefficients[0])  # fmt: skip
+        raise InputError(
+            "a polynomial spring that is sought needs a first coefficient",
+            where=f"--unknown {name}",
+            expected="above zero",
+            got=law.coefficients[0],
+        )
     j = elastic.names.index(name)
     unit = elastic.units.spring(elastic.mechanism.coordinates[j].is_length)
     first = CompliancePattern(name, (), (name, 1))
@@ -265,9 +277,11 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
 
 
 def _of_link(
-    elastic: ElasticMechanism, elements: Elements, word: str,
+    elastic: ElasticMechanism,
+    elements: Elements,
+    word: str,
     priors: Mapping[str, tuple[float, float]],
-) -> list[Unknown]:  # fmt: skip
+) -> list[Unknown]:
     """Parameters of a link: entries of its 6x6 compliance, or a beam's share of its own."""
     name, _, form = word.partition(":")
     members = _links(elastic)[name]
@@ -277,8 +291,10 @@ def _of_link(
         if isinstance(potential, Beam) and potential.link == name:
             entries = tuple(
                 (members[i], members[j], float(C[i, j]))
-                for i in range(len(at)) for j in range(i, len(at)) if C[i, j] != 0.0
-            )  # fmt: skip
+                for i in range(len(at))
+                for j in range(i, len(at))
+                if C[i, j] != 0.0
+            )
             pattern = CompliancePattern(name + BEAM, entries)
             return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
     chosen = [m.rpartition(".")[2] for m in members]
@@ -314,15 +330,17 @@ def _checked_ties(
     seen: set[str] = set()
     for group in ties:
         if len(group) < 2:
-            raise InputError("a tie needs two springs", where="--tie", expected="A=B",
-                             got="=".join(group))  # fmt: skip
+            raise InputError(
+                "a tie needs two springs", where="--tie", expected="A=B", got="=".join(group)
+            )
         for name in group:
             i = elements.index(name, "--tie")
             if name in seen or name in held:
                 raise InputError(f"spring {name!r} is tied twice, or held", where="--tie")
             if elements.is_length[i] != elements.is_length[elements.index(group[0])]:
-                raise InputError("a tie joins an angle and a distance", where="--tie",
-                                 got="=".join(group))  # fmt: skip
+                raise InputError(
+                    "a tie joins an angle and a distance", where="--tie", got="=".join(group)
+                )
             seen.add(name)
         groups.append(tuple(group))
     return groups
@@ -338,14 +356,17 @@ def _prior(
             _check_stiffness(k, "--prior", name)
             if not deviation > 0.0:
                 raise InputError(
-                    f"deviation of {name!r} cannot be used", where="--prior", got=deviation,
+                    f"deviation of {name!r} cannot be used",
+                    where="--prior",
+                    got=deviation,
                     expected="above zero; --known holds a stiffness",
-                )  # fmt: skip
+                )
             return 1.0 / k, deviation / k**2
     return None
 
 
 def _check_stiffness(k: float, where: str, name: str) -> None:
     if not (np.isfinite(k) and k > 0.0):
-        raise InputError(f"stiffness of {name!r} cannot be used", where=where,
-                         expected="above zero", got=k)  # fmt: skip
+        raise InputError(
+            f"stiffness of {name!r} cannot be used", where=where, expected="above zero", got=k
+        )

@@ -50,9 +50,9 @@ def written_values(result: Identification) -> Array:
     return values
 
 
-def with_result(result: Identification, date: str | None = None, source: str = "") -> (
-    ElasticMechanism
-):  # fmt: skip
+def with_result(
+    result: Identification, date: str | None = None, source: str = ""
+) -> ElasticMechanism:
     """The mechanism with the springs found, and their covariance."""
     values = written_values(result)
     elastic = result.unknowns.mechanism(values)
@@ -73,17 +73,29 @@ def with_result(result: Identification, date: str | None = None, source: str = "
             )
         patterns.append(pattern)
     covariance = (result.covariance / np.multiply.outer(factor, factor))[np.ix_(known, known)]
-    lost = [n for p, u in enumerate(result.unknowns.parameters) if p not in known
-            for n in u.name.split(" = ")]  # fmt: skip
+    lost = [
+        n
+        for p, u in enumerate(result.unknowns.parameters)
+        if p not in known
+        for n in u.name.split(" = ")
+    ]
     least = {
-        e.name: e.stiffness_interval[0] for e in result.estimates
+        e.name: e.stiffness_interval[0]
+        for e in result.estimates
         if e.verdict == "at-least" and e.stiffness_interval[0] is not None
-    }  # fmt: skip
+    }
     identified = Identified(
-        tuple(patterns), (values / factor)[known], covariance,
-        None if np.isinf(result.degrees) else result.degrees, result.level,
-        len(result.measured), date or datetime.date.today().isoformat(), source, tuple(lost), least,
-    )  # fmt: skip
+        tuple(patterns),
+        (values / factor)[known],
+        covariance,
+        None if np.isinf(result.degrees) else result.degrees,
+        result.level,
+        len(result.measured),
+        date or datetime.date.today().isoformat(),
+        source,
+        tuple(lost),
+        least,
+    )
     notes = tuple(n for n in elastic.notes if n.code != "stiffness-assumed" or lost)
     return replace(elastic, identified=identified, notes=notes)
 
@@ -129,11 +141,16 @@ def mechanism_file(
             entry["elements"] = [list(e) for e in pattern.entries]
         entries.append(entry)
     about = {
-        "compliances": entries, "covariance": identified.covariance.tolist(),
-        "degrees": identified.degrees, "level": identified.level, "rows": identified.rows,
-        "date": identified.date, "source": identified.source,
-        "undetermined": list(identified.undetermined), "at_least": dict(identified.at_least or {}),
-    }  # fmt: skip
+        "compliances": entries,
+        "covariance": identified.covariance.tolist(),
+        "degrees": identified.degrees,
+        "level": identified.level,
+        "rows": identified.rows,
+        "date": identified.date,
+        "source": identified.source,
+        "undetermined": list(identified.undetermined),
+        "at_least": dict(identified.at_least or {}),
+    }
     data["identified"] = {k: v for k, v in about.items() if v not in (None, [], {}, "")}
     data["identified"]["compliances"] = entries
     data["identified"]["covariance"] = identified.covariance.tolist()
@@ -183,8 +200,9 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
     if kind not in ("serial", "closed-chain"):
         raise InputError(
             "the mechanism does not come from a file that could be written again",
-            where=one_line(mechanism), expected="a mechanism file or a robot",
-        )  # fmt: skip
+            where=one_line(mechanism),
+            expected="a mechanism file or a robot",
+        )
     model = _relative(path, to) if path.suffix.lower() in _ROBOTS else mechanism
     data = {"kind": kind, "model": model, "frame": elastic.mechanism.frame}
     if elastic.gravity is not None:
@@ -262,8 +280,10 @@ def _put_links(
                 if spring.mass is not None:
                     raise InputError(
                         "the stiffness found for a superelement with a mass matrix has no place in "
-                        "a mechanism file", where=link, expected="the link given without M",
-                    )  # fmt: skip
+                        "a mechanism file",
+                        where=link,
+                        expected="the link given without M",
+                    )
                 del entry["superelement"]
                 entry["offset"] = spring.offset.model_dump()
             entry["stiffness"] = K.tolist()

@@ -71,8 +71,11 @@ def at_pose(
     if isinstance(chain, Platform):
         return wanted, ()
     if not isinstance(chain, Chain) or not chain.closures:
-        raise InputError("is for platforms and bodies carried by legs", where="pose",
-                         expected=f"q for {chain.kind}")  # fmt: skip
+        raise InputError(
+            "is for platforms and bodies carried by legs",
+            where="pose",
+            expected=f"q for {chain.kind}",
+        )
     T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ T_P_M
     search = _Search(elastic, chain, T_P_M)
     q = search.by_legs(T)
@@ -122,8 +125,11 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
     if isinstance(chain, Platform):
         return wanted, list(range(6))
     if not isinstance(chain, Chain) or not chain.closures:
-        raise InputError("are for platforms and bodies carried by legs", where="poses",
-                         expected=f"q for {chain.kind}")  # fmt: skip
+        raise InputError(
+            "are for platforms and bodies carried by legs",
+            where="poses",
+            expected=f"q for {chain.kind}",
+        )
     search = _Search(elastic, chain, np.eye(4))
     free = search.freedoms()
     if len(chain.legs) == len(chain.closures) + 1:
@@ -140,8 +146,9 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
 
 
 def _refusal(got: str) -> InputError:
-    return InputError("the pose cannot be reached", expected="a pose that every leg reaches",
-                      got=got)  # fmt: skip
+    return InputError(
+        "the pose cannot be reached", expected="a pose that every leg reaches", got=got
+    )
 
 
 def _difference(a: Array, b: Array) -> Array:
@@ -155,8 +162,10 @@ def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[i
     follow = [i for i in range(6) if i not in free]
     sizes = np.repeat([np.abs(reached[:3]).max(), 1.0], 3)
     reached = np.where(np.abs(reached) < numerics.BLANK * sizes, 0.0, reached)
-    shown = [f"{COORDINATES[i]} = {reached[i]:.6g} {units[i]} ({wanted[i]:.6g} was given)"
-             for i in follow]  # fmt: skip
+    shown = [
+        f"{COORDINATES[i]} = {reached[i]:.6g} {units[i]} ({wanted[i]:.6g} was given)"
+        for i in follow
+    ]
     taken = ", ".join(COORDINATES[i] for i in free)
     words = f"the body has {len(free)} freedoms: {taken} are those of the pose; the others follow: "
     values = {
@@ -308,8 +317,9 @@ class _Search:
         count = numerics.rank(np.linalg.svd(rates, compute_uv=False))
         every = [list(c) for c in combinations(range(6), count)]
         scores = [float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0)) for c in every]
-        return next(c for c, s in zip(every, scores, strict=True)
-                    if s >= numerics.NEAR * max(scores))  # fmt: skip
+        return next(
+            c for c, s in zip(every, scores, strict=True) if s >= numerics.NEAR * max(scores)
+        )
 
     def by_steps(self, wanted: Array, free: list[int]) -> Array | None:
         """Newton's method from the default posture; None where it does not get there."""

@@ -28,18 +28,32 @@ _MOST_SETTLED = 256
 
 @overload
 def inverse_kinematics(
-    elastic: ElasticMechanism, T_F_M: ArrayLike, starts: int | ArrayLike = ..., *, seed: int = ...,
-    free: Free = ..., tolerance: float = ..., limits: bool = ...,
-    cost: Callable[[Array], Array] | None = ..., most: int = ...,
+    elastic: ElasticMechanism,
+    T_F_M: ArrayLike,
+    starts: int | ArrayLike = ...,
+    *,
+    seed: int = ...,
+    free: Free = ...,
+    tolerance: float = ...,
+    limits: bool = ...,
+    cost: Callable[[Array], Array] | None = ...,
+    most: int = ...,
     solver: JointPoses | None = ...,
-) -> Branches: ...  # fmt: skip
+) -> Branches: ...
 @overload
 def inverse_kinematics(
-    elastic: ElasticMechanism, T_F_M: list[Array], starts: int | ArrayLike = ..., *,
-    seed: int = ..., free: Free = ..., tolerance: float = ..., limits: bool = ...,
-    cost: Callable[[Array], Array] | None = ..., most: int = ...,
+    elastic: ElasticMechanism,
+    T_F_M: list[Array],
+    starts: int | ArrayLike = ...,
+    *,
+    seed: int = ...,
+    free: Free = ...,
+    tolerance: float = ...,
+    limits: bool = ...,
+    cost: Callable[[Array], Array] | None = ...,
+    most: int = ...,
     solver: JointPoses | None = ...,
-) -> list[Branches]: ...  # fmt: skip
+) -> list[Branches]: ...
 
 
 def inverse_kinematics(

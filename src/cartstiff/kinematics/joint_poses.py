@@ -213,7 +213,7 @@ class JointPoses:
         """Postures (N, n) from starts (N, n) for poses (N, 4, 4), and which of them are solutions.
 
         `held` (n,) tells which coordinates stay as they start.
-        """  # fmt: skip
+        """
         q = np.array(starts, float)
         good = np.zeros(len(q), bool)
         for first in range(0, len(q), self.rows_at_once):

@@ -40,9 +40,13 @@ _END = "end of the leg"
 
 
 def searched(
-    solver: JointPoses, wanted: Array, begin: Array, free: Free, tolerance: float,
+    solver: JointPoses,
+    wanted: Array,
+    begin: Array,
+    free: Free,
+    tolerance: float,
     cost: Callable[[Array], Array] | None,
-) -> list[Array]:  # fmt: skip
+) -> list[Array]:
     """For each of the poses (N, 4, 4) the different postures (k, n) that starts (m, n) lead to."""
     k, unwound = len(begin), solver.unwound()
     T = np.repeat(wanted, k, axis=0)
@@ -121,8 +125,9 @@ class Leg(NamedTuple):
             known = self.in_closed_form(T_F_M, near, tolerance)
             return [q[np.argsort(away(q), kind="stable")] for q in known]
         cost = away if solver.redundancy(free) else None
-        by_pose = searched(solver, target, np.clip(begin, solver.lower, solver.upper), free,
-                         tolerance, cost)  # fmt: skip
+        by_pose = searched(
+            solver, target, np.clip(begin, solver.lower, solver.upper), free, tolerance, cost
+        )
         same = 10 * SAME if cost is None else 10 * _SETTLED
         return [self._told_apart(q[np.argsort(away(q), kind="stable")], same) for q in by_pose]
 
@@ -142,9 +147,13 @@ class Leg(NamedTuple):
         own = q[self.told] / self.solver.sizes[self.told]
         angles = own[~chain.is_length[self.told]]
         return np.concatenate(
-            [own[chain.is_length[self.told]], np.cos(angles), np.sin(angles),
-             np.ravel(places) / self.solver.length]
-        )  # fmt: skip
+            [
+                own[chain.is_length[self.told]],
+                np.cos(angles),
+                np.sin(angles),
+                np.ravel(places) / self.solver.length,
+            ]
+        )
 
 
 def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
@@ -195,9 +204,13 @@ def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
 
 
 def _leg(
-    elastic: ElasticMechanism, chain: Chain, joints: list[int],
-    ties: list[tuple[Closure, FixedFrame, FixedFrame]], carries: bool, limits: bool,
-) -> Leg | None:  # fmt: skip
+    elastic: ElasticMechanism,
+    chain: Chain,
+    joints: list[int],
+    ties: list[tuple[Closure, FixedFrame, FixedFrame]],
+    carries: bool,
+    limits: bool,
+) -> Leg | None:
     """One leg as a chain of its own."""
     body, parents = chain.body, chain.tree.model.parents
     roots = {int(parents[j]) for j in joints} - set(joints)
@@ -234,9 +247,13 @@ def _leg(
     tree.frames[_END] = end
     index = {int(c): i for i, c in enumerate(columns)}
     part = Chain(
-        tree, _END, closures=closures, virtual=[index[v] for v in chain.virtual if v in index],
-        actuated=[index[a] for a in chain.actuated or () if a in index], kind=chain.kind,
-    )  # fmt: skip
+        tree,
+        _END,
+        closures=closures,
+        virtual=[index[v] for v in chain.virtual if v in index],
+        actuated=[index[a] for a in chain.actuated or () if a in index],
+        kind=chain.kind,
+    )
     solver = JointPoses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
     telling = set(chain.actuated or ())
     if isinstance(elastic.springs, JointSprings):
@@ -250,9 +267,14 @@ def _leg(
 
 
 def working_modes(
-    legs: list[Leg], near: Array, wanted: Array, begin: Array, free: Free, tolerance: float,
+    legs: list[Leg],
+    near: Array,
+    wanted: Array,
+    begin: Array,
+    free: Free,
+    tolerance: float,
     most: int,
-) -> list[Branches] | None:  # fmt: skip
+) -> list[Branches] | None:
     """Postures at poses (N, 4, 4): all combinations of the legs' solutions, at most `most` of them.
 
     Parameters

@@ -103,8 +103,9 @@ class Placements:
         frame = poses.pop("frame", self.chain.body.T_j_f)
         ends = {
             name.removeprefix("closure."): FixedFrame(at.joint, poses.pop(name))
-            for name, at in self._ends.items() if name in poses
-        }  # fmt: skip
+            for name, at in self._ends.items()
+            if name in poses
+        }
         joints = {self._joints[name]: T for name, T in poses.items()}
         return self.chain.with_placements(joints, frame, ends)
 
@@ -134,8 +135,9 @@ class Placements:
         names = (name for c in self.chain.closures for name in (c.frame_a, c.frame_b))
         return {
             f"closure.{name}": self.chain.placement(name)
-            for name in names if name not in ("body", "world")
-        }  # fmt: skip
+            for name in names
+            if name not in ("body", "world")
+        }
 
     @cached_property
     def _points(self) -> set[str]:

@@ -138,10 +138,13 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
     real = _real_points(Q, x[single])
     several, counts = _multiple(Q, x[rest[~moving]])
     paths = PathCount(
-        single=int(single.sum()), real=len(real), multiple=int((~moving).sum()),
-        moving=int(moving.sum()), nowhere=int(no_pose.sum()),
+        single=int(single.sum()),
+        real=len(real),
+        multiple=int((~moving).sum()),
+        moving=int(moving.sum()),
+        nowhere=int(no_pose.sum()),
         lost=int(lost.sum()) + _coinciding(x[single]),
-    )  # fmt: skip
+    )
     curve = _real_on_curve(Q, x[rest[moving]])
     poses = study.pose_of_study(np.vstack([real, several, curve]))
     poses[:, :3, 3] = poses[:, :3, 3] * size + at - poses[:, :3, :3] @ of

@@ -56,9 +56,13 @@ class PlatformPoses:
         return q
 
     def solve(
-        self, T_wanted: Array, starts: Array, free: Free = "none", tolerance: float = 0.0,  # noqa: ARG002
+        self,
+        T_wanted: Array,
+        starts: Array,
+        free: Free = "none",
+        tolerance: float = 0.0,  # noqa: ARG002
         held: Array | None = None,  # noqa: ARG002
-    ) -> tuple[Array, Array]:  # fmt: skip
+    ) -> tuple[Array, Array]:
         """Coordinates (N, 6) at poses (N, 4, 4), and which of them the legs' limits allow.
 
         Where a turn is free, the one nearest to the start's.

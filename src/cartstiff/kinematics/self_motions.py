@@ -28,9 +28,13 @@ _DIFFERENCE = numerics.DIFFERENCE
 
 
 def settled(
-    solver: JointPoses, q: Array, T: Array, free: Free, tolerance: float,
+    solver: JointPoses,
+    q: Array,
+    T: Array,
+    free: Free,
+    tolerance: float,
     cost: Callable[[Array], Array],
-) -> Array:  # fmt: skip
+) -> Array:
     """Postures (N, n) moved along their self-motions to where the cost is smallest nearby.
 
     Parameters

@@ -103,8 +103,9 @@ def load(
         from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
 
         if xacro_args or package_path or parameters:
-            raise InputError("xacro_args, package_path and parameters belong to files",
-                             got=type(source).__name__)  # fmt: skip
+            raise InputError(
+                "xacro_args, package_path and parameters belong to files", got=type(source).__name__
+            )
         if not is_pinocchio(source):
             raise InputError(
                 "mechanism is neither a name nor a path nor a Pinocchio model",
@@ -164,8 +165,11 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     if arguments:
         if not isinstance(arguments, Mapping):
-            raise InputError("xacro_args is not a mapping", expected="names and values",
-                             got=type(arguments).__name__)  # fmt: skip
+            raise InputError(
+                "xacro_args is not a mapping",
+                expected="names and values",
+                got=type(arguments).__name__,
+            )
         keys["xacro"] = {
             str(k): str(v).lower() if isinstance(v, bool) else str(v) for k, v in arguments.items()
         }
@@ -200,9 +204,12 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
     if suffix in (".yaml", ".yml"):
         return _from_file(path, overrides)
     if overrides.get("parameters"):
-        raise InputError("parameters belong to mechanism files", where=one_line(text),
-                         expected="a .yaml file",
-                         got=", ".join(overrides["parameters"]))  # fmt: skip
+        raise InputError(
+            "parameters belong to mechanism files",
+            where=one_line(text),
+            expected="a .yaml file",
+            got=", ".join(overrides["parameters"]),
+        )
     if suffix == ".xml" and exists:
         from cartstiff.loading.caspr.reading import is_caspr, read_caspr
 
@@ -360,8 +367,14 @@ def hexapod(
     >>> platform.mechanism.leg_lengths(platform.q).round(4).tolist()
     [0.4432, 0.4432, 0.4432, 0.4432, 0.4432, 0.4432]
     """
-    numbers = {"base": base, "platform": platform, "height": height, "turn": turn,
-             "symmetry": symmetry, "cubic": cubic}  # fmt: skip
+    numbers = {
+        "base": base,
+        "platform": platform,
+        "height": height,
+        "turn": turn,
+        "symmetry": symmetry,
+        "cubic": cubic,
+    }
     layout = {key: plain(value) for key, value in numbers.items() if value is not None}
     data = {"kind": "stewart-gough", "layout": layout, **plain(keys), "name": name}
     data["legs"] = plain(legs) if isinstance(legs, Mapping) else {"stiffness": plain(legs)}

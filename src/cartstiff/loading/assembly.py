@@ -63,7 +63,8 @@ def leg_at_pose(
             return solver.within(postures[reached][:1])[0]
     left = np.abs(free.task(postures, poses, "none")[0]).max(axis=1).min()
     raise InputError(
-        "the pose cannot be reached", where=f"{where}, key pose",
+        "the pose cannot be reached",
+        where=f"{where}, key pose",
         expected="a pose that every leg reaches",
         got=f"{leg}, which stays {left:.3g} (rad or characteristic lengths) away",
-    )  # fmt: skip
+    )

@@ -116,9 +116,11 @@ def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) ->
         return None
     if isinstance(value, list) and len(value) != m:
         raise InputError(
-            "wrong count", where=f"{where}, key legs.{key}", expected=f"{m} numbers, one per leg",
+            "wrong count",
+            where=f"{where}, key legs.{key}",
+            expected=f"{m} numbers, one per leg",
             got=str(len(value)),
-        )  # fmt: skip
+        )
     return np.broadcast_to(np.asarray(value, float), (m,)).copy()
 
 
@@ -127,9 +129,11 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
     m = len(file.base)
     if len(file.platform) != m:
         raise InputError(
-            "base and platform differ in number", where=f"{where}, key platform",
-            expected=f"{m} points", got=str(len(file.platform)),
-        )  # fmt: skip
+            "base and platform differ in number",
+            where=f"{where}, key platform",
+            expected=f"{m} points",
+            got=str(len(file.platform)),
+        )
     limits = pair_per_leg(file.legs.limits, m, f"{where}, key legs.limits", "[shortest, longest]")
     T_F_P = pose_of(file.pose)
     T_P_M = pose_of(file.frame)
@@ -187,9 +191,12 @@ def _legs(
     rests = np.full(m, np.nan) if rest is None else rest
     if strut is None:
         springs = LineSprings(
-            anchors=platform.anchors, points=platform.points, stiffness=stiffness,
-            rest_length=rests, unilateral=getattr(file, "unilateral", False),
-        )  # fmt: skip
+            anchors=platform.anchors,
+            points=platform.points,
+            stiffness=stiffness,
+            rest_length=rests,
+            unilateral=getattr(file, "unilateral", False),
+        )
     else:
         lower, upper = (
             Flexure(e.axial, e.shear, e.bending, e.torsion, e.offset)
@@ -212,16 +219,20 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
     if body is not None and body.inertia is not None:
         inertia = np.array(body.inertia, float)
     if np.abs(inertia - inertia.T).max() > numerics.SYMMETRY * np.abs(inertia).max():
-        raise InputError("inertia is not symmetric", where=f"{where}, key body.inertia",
-                         got=inertia.tolist())  # fmt: skip
+        raise InputError(
+            "inertia is not symmetric", where=f"{where}, key body.inertia", got=inertia.tolist()
+        )
     moments = np.linalg.eigvalsh(inertia)
     if (
         moments[0] < -numerics.CLOSE * moments[2]
         or moments[0] + moments[1] < (1 - numerics.CLOSE) * moments[2]
     ):
-        raise InputError("no body has these moments of inertia", where=f"{where}, key body.inertia",
-                         expected="each at most the sum of the other two",
-                         got=moments.tolist())  # fmt: skip
+        raise InputError(
+            "no body has these moments of inertia",
+            where=f"{where}, key body.inertia",
+            expected="each at most the sum of the other two",
+            got=moments.tolist(),
+        )
     mass, com = (0.0, [0.0] * 3) if body is None else (body.mass, body.com)
     hung, at = (0.0, [0.0] * 3) if payload is None else (payload.mass, payload.com)
     parts = [(mass, np.array(com)), (hung, (T_P_M @ [*at, 1.0])[:3])]
@@ -252,9 +263,10 @@ def _check_bars(struts: Struts, lengths: np.ndarray, where: str) -> None:
         for i in np.flatnonzero((masses > 0.0) & (getattr(struts, key) > lengths)):
             raise InputError(
                 f"the mass centre of leg {i + 1} is beyond its other end",
-                where=f"{where}, legs.mass.{key}", got=f"{getattr(struts, key)[i]:g}",
+                where=f"{where}, legs.mass.{key}",
+                got=f"{getattr(struts, key)[i]:g}",
                 expected=f"a distance up to the leg's length, {lengths[i]:g}",
-            )  # fmt: skip
+            )
 
 
 def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
@@ -280,8 +292,11 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
         file = _with_frame(file, frame, where)
     if locked := overrides.get("locked"):
         if file.kind not in _OF_JOINTS:
-            raise InputError(f"kind {file.kind} has no joints to lock", where=where,
-                             expected="kind serial or closed-chain")  # fmt: skip
+            raise InputError(
+                f"kind {file.kind} has no joints to lock",
+                where=where,
+                expected="kind serial or closed-chain",
+            )
         keys["locked"] = {**file.locked, **locked}
     if overrides.get("xacro") or overrides.get("package_path"):
         file = _with_ros(file, overrides, where)
@@ -307,9 +322,11 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
         mass, centre = more
         own, at = (0.0, centre) if payload is None else (payload.mass, payload.com)
         total = own + mass
-        com = np.array(centre) if total == 0 else (
-            (own * np.array(at) + mass * np.array(centre)) / total
-        )  # fmt: skip
+        com = (
+            np.array(centre)
+            if total == 0
+            else ((own * np.array(at) + mass * np.array(centre)) / total)
+        )
         payload = Checked("PayloadModel", ("mass", "com"), mass=total, com=com.tolist())
     if (gravity := overrides.get("gravity")) is not None:
         keys["gravity"] = list(gravity)
@@ -326,17 +343,21 @@ def _model_of(T: Array) -> Checked:
 def _with_ros(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     """A file whose robots get more xacro arguments, and more folders for packages."""
     if hasattr(file, "model"):
-        keys = {"xacro": {**file.xacro, **overrides.get("xacro", {})},
-                "package_path": [*overrides.get("package_path", ()),
-                                 *file.package_path]}  # fmt: skip
+        keys = {
+            "xacro": {**file.xacro, **overrides.get("xacro", {})},
+            "package_path": [*overrides.get("package_path", ()), *file.package_path],
+        }
         return file.model_copy(update=keys)
     if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
         legs = [
             _with_ros(leg, overrides, where) if leg.drawing is None else leg for leg in file.legs
         ]
         return file.model_copy(update={"legs": legs})
-    raise InputError(f"kind {file.kind} has no robot description", where=where,
-                     expected="no xacro arguments and no package path")  # fmt: skip
+    raise InputError(
+        f"kind {file.kind} has no robot description",
+        where=where,
+        expected="no xacro arguments and no package path",
+    )
 
 
 def _with_frame(file: Any, frame: str, where: str) -> Any:

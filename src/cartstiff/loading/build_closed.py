@@ -151,11 +151,15 @@ def build_parallel(
             if leg.drawing is not None:
                 continue  # it was drawn there
             q[own] = leg_at_pose(
-                part, ends[i].removeprefix(prefix), se3.inverse(pose_of(leg.grip)),
-                se3.inverse(T_F_root) @ pose_of(file.pose), q[own],
+                part,
+                ends[i].removeprefix(prefix),
+                se3.inverse(pose_of(leg.grip)),
+                se3.inverse(T_F_root) @ pose_of(file.pose),
+                q[own],
                 [j for j, c in enumerate(part.coordinates) if prefix + c.name in virtual],
-                where, f"leg {i + 1}",
-            )  # fmt: skip
+                where,
+                f"leg {i + 1}",
+            )
     q = _assembled(chain, q, where)
     joint_springs, assumed = springs_of(
         springs, passive, tree, facts, where, virtual=virtual, actuated=file.actuated
@@ -175,8 +179,15 @@ def _placed(legs: Sequence[LegModel], names: Sequence[str]) -> tuple[PlacedLeg, 
     for i, leg in enumerate(legs):
         if (drawing := leg.drawing) is not None:
             at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
-            placed.append(PlacedLeg(drawing.shape, tuple(at.values()), at[drawing.driven],
-                                   pose_of(leg.grip), drawing.diameter))  # fmt: skip
+            placed.append(
+                PlacedLeg(
+                    drawing.shape,
+                    tuple(at.values()),
+                    at[drawing.driven],
+                    pose_of(leg.grip),
+                    drawing.diameter,
+                )
+            )
     return tuple(placed)
 
 

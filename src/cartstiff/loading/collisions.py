@@ -65,10 +65,12 @@ class Collisions:
         for i, piece in enumerate(shapes):
             self._geometry.addGeometryObject(
                 pin.GeometryObject(
-                    f"{piece.link}_{i}", piece.at.joint, pin.SE3(piece.at.T_j_f),
+                    f"{piece.link}_{i}",
+                    piece.at.joint,
+                    pin.SE3(piece.at.T_j_f),
                     _solid(piece.shape, loader),
                 )
-            )  # fmt: skip
+            )
             links.append(piece.link)
         joints, parents = [piece.at.joint for piece in shapes], list(self._tree.model.parents)
         near = [
@@ -116,8 +118,12 @@ class Collisions:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {"checked": True, "pairs": self.pairs, "left_out": list(self.left_out),
-                "message": self.message}  # fmt: skip
+        return {
+            "checked": True,
+            "pairs": self.pairs,
+            "left_out": list(self.left_out),
+            "message": self.message,
+        }
 
     @property
     def message(self) -> str:
@@ -137,8 +143,11 @@ def _solid(shape: Shape, loader: Any) -> Any:
         try:
             return loader.load(str(shape.path), np.array(shape.scale))
         except Exception as error:
-            raise InputError("mesh cannot be read", where=one_line(str(shape.path)),
-                             got=one_line(str(error), 200)) from None  # fmt: skip
+            raise InputError(
+                "mesh cannot be read",
+                where=one_line(str(shape.path)),
+                got=one_line(str(error), 200),
+            ) from None
     if isinstance(shape, Box):
         return coal.Box(*shape.sides)
     if isinstance(shape, Cylinder):

@@ -62,8 +62,9 @@ class Rows(NamedTuple):
                     return layout, self.values[:, columns], more
         if self.names is not None:
             expected = " or ".join(", ".join(layout) for layout in layouts)
-            raise InputError("columns do not fit", where=self.place, expected=expected,
-                             got=", ".join(self.names))  # fmt: skip
+            raise InputError(
+                "columns do not fit", where=self.place, expected=expected, got=", ".join(self.names)
+            )
         expected = ", or ".join(
             f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts
         )
@@ -121,13 +122,15 @@ def read_cells(
             cells = _with_points(cells, place)
         _refuse_doubled(line, separator, place, len(names))
         if len(cells) != len(names):
-            raise InputError("wrong count", where=place, expected=f"{len(names)} cells",
-                             got=str(len(cells)))  # fmt: skip
+            raise InputError(
+                "wrong count", where=place, expected=f"{len(names)} cells", got=str(len(cells))
+            )
         rows.append(cells)
         places.append(place)
     if not rows:
-        raise InputError(f"no {what}", where=one_line(str(path)),
-                         expected="one a line, comma-separated")  # fmt: skip
+        raise InputError(
+            f"no {what}", where=one_line(str(path)), expected="one a line, comma-separated"
+        )
     return Cells(_numbered(names, joints), rows, places, begin)
 
 
@@ -165,9 +168,12 @@ def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...
 def _refuse_doubled(line: str, separator: str, place: str, width: int | None) -> None:
     """Refuse twice as many commas as there can be."""
     if separator == "," and width is not None and line.count(",") == 2 * width - 1:
-        raise InputError("commas between numbers and in them, it seems", where=place,
-                         expected="semicolons between numbers with decimal commas",
-                         got=repr(line))  # fmt: skip
+        raise InputError(
+            "commas between numbers and in them, it seems",
+            where=place,
+            expected="semicolons between numbers with decimal commas",
+            got=repr(line),
+        )
 
 
 def _separator(line: str) -> str:
@@ -177,11 +183,16 @@ def _separator(line: str) -> str:
 
 def _with_points(cells: list[str], place: str) -> list[str]:
     """Decimal commas of numbers as points; a line has one or the other."""
-    changed = [cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell
-             for cell in cells]  # fmt: skip
+    changed = [
+        cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell for cell in cells
+    ]
     if changed != cells and any("." in cell and not _is_word(cell) for cell in cells):
-        raise InputError("decimal commas and points in one line", where=place,
-                         expected="one of them", got=repr("; ".join(cells)))  # fmt: skip
+        raise InputError(
+            "decimal commas and points in one line",
+            where=place,
+            expected="one of them",
+            got=repr("; ".join(cells)),
+        )
     return changed
 
 
@@ -196,9 +207,13 @@ def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | Non
 
 
 def read_rows(
-    path: Path, what: str, largest: int = LARGEST, units: Units = SI,
-    factors: Mapping[str, float] = MappingProxyType({}), joints: tuple[str, ...] = (),
-) -> Rows:  # fmt: skip
+    path: Path,
+    what: str,
+    largest: int = LARGEST,
+    units: Units = SI,
+    factors: Mapping[str, float] = MappingProxyType({}),
+    joints: tuple[str, ...] = (),
+) -> Rows:
     """Rows of numbers from a file.
 
     Words in the first line are the names of the columns, with units in square brackets where they
@@ -250,8 +265,12 @@ def read_rows(
 def _numbers(line: str, separator: str, place: str, width: int | None) -> list[float]:
     if separator != ",":
         if "," in line and "." in line:
-            raise InputError("decimal commas and points in one line", where=place,
-                             expected="one of them", got=repr(line))  # fmt: skip
+            raise InputError(
+                "decimal commas and points in one line",
+                where=place,
+                expected="one of them",
+                got=repr(line),
+            )
         line = line.replace(",", ".").replace(separator, ",")
     _refuse_doubled(line, separator, place, width)
     return parse_numbers(line, place, width)
@@ -264,8 +283,16 @@ _ROUND = re.compile(
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
 #: Signs in units: of degrees, and two that stand for micro.
 SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
-_PLAIN = {"": 1.0, "1": 1.0, "-": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180,
-          "s": 1.0, "ms": 1e-3}  # fmt: skip
+_PLAIN = {
+    "": 1.0,
+    "1": 1.0,
+    "-": 1.0,
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": np.pi / 180,
+    "s": 1.0,
+    "ms": 1e-3,
+}
 
 
 def in_brackets(head: str) -> str:
@@ -287,13 +314,19 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
     length, force = convert_length(SI, units)
     known = {u: size * length for u, size in LENGTHS.items()}
     known |= {u: size * force for u, size in FORCES.items()}
-    known |= {f"{f}{gap}{u}": a * force * b * length for f, a in FORCES.items()
-              for u, b in LENGTHS.items() for gap in ("", " ", "*")}  # fmt: skip
+    known |= {
+        f"{f}{gap}{u}": a * force * b * length
+        for f, a in FORCES.items()
+        for u, b in LENGTHS.items()
+        for gap in ("", " ", "*")
+    }
     if unit not in known:
         raise InputError(
-            f"column {name!r} has an unknown unit", where=place, got=repr(unit),
+            f"column {name!r} has an unknown unit",
+            where=place,
+            got=repr(unit),
             expected=f"{', '.join([*LENGTHS, *FORCES])}, N m, deg, rad, s",
-        )  # fmt: skip
+        )
     return name, known[unit]
 
 

@@ -25,12 +25,13 @@ from cartstiff.numerics import NEAR, is_regular
 _TOOLS = tuple(
     re.compile(rf"(^|[^a-z0-9])({words})$", re.IGNORECASE)
     for words in (
-        "tool0", "tcp|hand_tcp|tcp_link|tcp_frame|link_tcp",
+        "tool0",
+        "tcp|hand_tcp|tcp_link|tcp_frame|link_tcp",
         "ee|eef|ee_link|ee_frame|eef_link|link_eef|ee_gripper_link|ee_arm_link|end_effector|"
         "end_effector_link|tool_frame|tool_link|tool",
         "flange|flange_link|link_flange",
     )
-)  # fmt: skip
+)
 # What carries no tool: fingers by the joints on the way, sensors by the frame's own name. Names in
 # small letters: a pattern that ignores case takes twice the time.
 _FINGERS = re.compile(

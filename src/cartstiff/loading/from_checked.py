@@ -40,15 +40,18 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
             _check_coefficient(elastic, law, entry)
         for a, b, weight in pairs:
             i, j = elements.index(a, "identified"), elements.index(b, "identified")
-            own, size = entry.value * weight, np.sqrt(
-                elements.compliance[i, i] * elements.compliance[j, j]
-            )  # fmt: skip
+            own, size = (
+                entry.value * weight,
+                np.sqrt(elements.compliance[i, i] * elements.compliance[j, j]),
+            )
             if not pattern.is_share and abs(elements.compliance[i, j] - own) > _AGREE * size:
                 raise InputError(
                     f"compliance of {entry.name!r} is not that of the file's spring",
-                    where="identified", expected=f"{elements.compliance[i, j]:.6g}, or no key "
-                    "'identified' with springs that were changed", got=f"{own:.6g}",
-                )  # fmt: skip
+                    where="identified",
+                    expected=f"{elements.compliance[i, j]:.6g}, or no key "
+                    "'identified' with springs that were changed",
+                    got=f"{own:.6g}",
+                )
         patterns.append(pattern)
         values.append(entry.value)
     names = {*elements.names, *(pattern.name for pattern in patterns)}
@@ -57,13 +60,23 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
             raise UnknownNameError("spring", name, names, where="identified.at_least")
     P = len(patterns)
     if [len(row) for row in model.covariance] != [P] * P:
-        raise InputError("covariance has the wrong shape", where="identified",
-                         expected=f"{P} rows of {P} numbers")  # fmt: skip
+        raise InputError(
+            "covariance has the wrong shape",
+            where="identified",
+            expected=f"{P} rows of {P} numbers",
+        )
     identified = Identified(
-        tuple(patterns), np.array(values), np.array(model.covariance).reshape(P, P), model.degrees,
-        model.level, model.rows, model.date or "", model.source or "", tuple(model.undetermined),
+        tuple(patterns),
+        np.array(values),
+        np.array(model.covariance).reshape(P, P),
+        model.degrees,
+        model.level,
+        model.rows,
+        model.date or "",
+        model.source or "",
+        tuple(model.undetermined),
         dict(model.at_least),
-    )  # fmt: skip
+    )
     notes = list(elastic.notes)
     if model.undetermined:
         words = (
@@ -78,19 +91,25 @@ def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: F
     """Refuse a polynomial's coefficient that is not that of the file."""
     (name, power), where = law, "identified"
     if entry.elements is not None:
-        raise InputError(f"{entry.name!r} has elements and a polynomial", where=where,
-                         expected="one of both")  # fmt: skip
+        raise InputError(
+            f"{entry.name!r} has elements and a polynomial", where=where, expected="one of both"
+        )
     c = law_of(elastic, name, where).coefficients
     if power > len(c) or (power == 1 and not c[0] > 0.0):
-        raise InputError(f"{entry.name!r} is no coefficient of the spring", where=where,
-                         expected=f"powers 1 to {len(c)}", got=power)  # fmt: skip
+        raise InputError(
+            f"{entry.name!r} is no coefficient of the spring",
+            where=where,
+            expected=f"powers 1 to {len(c)}",
+            got=power,
+        )
     own = coefficient(elastic, law)
     if abs(own - entry.value) > _AGREE * abs(own):
         raise InputError(
-            f"value of {entry.name!r} is not that of the file's spring", where=where,
+            f"value of {entry.name!r} is not that of the file's spring",
+            where=where,
             expected=f"{own:.6g}, or no key 'identified' with springs that were changed",
             got=f"{entry.value:.6g}",
-        )  # fmt: skip
+        )
 
 
 def mechanism_of(

@@ -93,8 +93,12 @@ def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> N
     }
     for at, values in points.items():
         if isinstance(values, list) and len(values) != m:
-            raise InputError("wrong count", where=place_of(path, lines, at),
-                             expected=f"{m}, one per leg", got=str(len(values)))  # fmt: skip
+            raise InputError(
+                "wrong count",
+                where=place_of(path, lines, at),
+                expected=f"{m}, one per leg",
+                got=str(len(values)),
+            )
 
 
 def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:

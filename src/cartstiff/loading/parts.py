@@ -73,10 +73,17 @@ def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None)
 
 
 def put_together(
-    file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
-    springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note], where: str,
-    lifted: Sequence[Lifted] = (), entries: Mapping[str, JointSpringModel] | None = None,
-) -> ElasticMechanism:  # fmt: skip
+    file: SerialFile | ParallelFile | ClosedChainFile,
+    name: str,
+    chain: Chain,
+    q: Array,
+    springs: JointSprings,
+    soft: Sequence[Potential],
+    notes: Sequence[Note],
+    where: str,
+    lifted: Sequence[Lifted] = (),
+    entries: Mapping[str, JointSpringModel] | None = None,
+) -> ElasticMechanism:
     """A chain with its springs, soft links, and what else the file puts on it."""
     notes = [*notes, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _idle_links(soft, chain, file.lines)
@@ -136,21 +143,26 @@ def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[No
             continue
         frames = chain.tree.frames
         last = list(model.idx_vs).index(int(beam.indices[-1, -1]))
-        hung = [model.jointPlacements[j].translation
-                for j in range(model.njoints) if j and model.parents[j] == last]  # fmt: skip
+        hung = [
+            model.jointPlacements[j].translation
+            for j in range(model.njoints)
+            if j and model.parents[j] == last
+        ]
         hung += [place.T_j_f[:3, 3] for place in frames.values() if place.joint == last]
         length = beam.length * len(beam.indices)
         if not hung or min(np.linalg.norm(x) for x in hung) <= _THERE * length:
             continue
         nearest = min(hung, key=np.linalg.norm)
         x, y, z = nearest + np.array([length, 0.0, 0.0])
-        notes.append(Note(
-            "beam-elsewhere",
-            f"the beam of link {beam.link!r} runs along the x axis of the link or its offset, to "
-            f"({length:.6g}, 0, 0); what hangs on it begins at ({x:.6g}, {y:.6g}, {z:.6g}), joined "
-            "rigidly",
-            {"link": beam.link, "length": length, "begins": [float(x), float(y), float(z)]},
-        ))  # fmt: skip
+        notes.append(
+            Note(
+                "beam-elsewhere",
+                f"the beam of link {beam.link!r} runs along the x axis of the link or its offset, "
+                f"to ({length:.6g}, 0, 0); what hangs on it begins at ({x:.6g}, {y:.6g}, {z:.6g}), "
+                "joined rigidly",
+                {"link": beam.link, "length": length, "begins": [float(x), float(y), float(z)]},
+            )
+        )
     return notes
 
 
@@ -215,9 +227,10 @@ def description_notes(
         words = "; ".join(facts.weightless)
         notes.append(Note("masses-unknown", f"taken as zero, since it is not known: {words}"))
     wide = {
-        c.name: [c.lower, c.upper] for c in tree.coordinates
+        c.name: [c.lower, c.upper]
+        for c in tree.coordinates
         if not c.is_length and _DEGREES[0] < max(-c.lower, c.upper) < _DEGREES[1]
-    }  # fmt: skip
+    }
     if wide:
         words = ", ".join(f"{name} {low:g} ... {high:g}" for name, (low, high) in wide.items())
         message = f"limits of several turns: {words} rad. Degrees? Limits in URDF are in radians"

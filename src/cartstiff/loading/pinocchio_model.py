@@ -101,12 +101,14 @@ def from_pinocchio(
         model, visual = model[0], visual or (model[-1] if len(model) > 1 else None)
     if not isinstance(model, pin.Model):
         raise InputError(
-            "not a Pinocchio model", expected="pinocchio.Model, RobotWrapper or a tuple of models",
+            "not a Pinocchio model",
+            expected="pinocchio.Model, RobotWrapper or a tuple of models",
             got=type(model).__name__,
-        )  # fmt: skip
+        )
     if visual is not None and not isinstance(visual, pin.GeometryModel):
-        raise InputError("not a geometry model", expected="pinocchio.GeometryModel",
-                         got=type(visual).__name__)  # fmt: skip
+        raise InputError(
+            "not a geometry model", expected="pinocchio.GeometryModel", got=type(visual).__name__
+        )
     name = name or model.name or "pinocchio model"
     where = f"Pinocchio model {name!r}"
     configuration, notes = _configuration(model, wrapper, q)
@@ -119,8 +121,11 @@ def from_pinocchio(
     posture = {} if configuration is None else _positions(model, configuration, mimics)
     posture = {joint: value for joint, value in posture.items() if joint not in locked}
     if not ties and actuated:
-        raise InputError("actuated joints are named, but there are no closures", where=where,
-                         expected="closures=[pinocchio.RigidConstraintModel(...)]")  # fmt: skip
+        raise InputError(
+            "actuated joints are named, but there are no closures",
+            where=where,
+            expected="closures=[pinocchio.RigidConstraintModel(...)]",
+        )
     serial = with_overrides(_unsaid().model_copy(update={"model": name}), keys, where)
     if ties:
         common = {
@@ -192,16 +197,25 @@ def _with_plain_joints(model: Any) -> tuple[Any, dict[str, Mimic]]:
             factor, offset = float(concrete.scaling), float(concrete.offset)
             joint = _follower(model, data, i, leader, factor, offset)
             mimics[model.names[i]] = Mimic(model.names[leader], factor, offset)
-            index = plain.addJoint(int(model.parents[i]), joint, model.jointPlacements[i],
-                                   model.names[i])  # fmt: skip
+            index = plain.addJoint(
+                int(model.parents[i]), joint, model.jointPlacements[i], model.names[i]
+            )
         else:
             start, end = joint.idx_q, joint.idx_q + joint.nq
             lower, upper = (
                 m[start:end] for m in (model.lowerPositionLimit, model.upperPositionLimit)
             )
             effort = np.full(joint.nv, np.inf)
-            index = plain.addJoint(int(model.parents[i]), joint, model.jointPlacements[i],
-                                   model.names[i], effort, effort, lower, upper)  # fmt: skip
+            index = plain.addJoint(
+                int(model.parents[i]),
+                joint,
+                model.jointPlacements[i],
+                model.names[i],
+                effort,
+                effort,
+                lower,
+                upper,
+            )
         plain.appendBodyToJoint(index, model.inertias[i], pin.SE3.Identity())
     for entry in list(model.frames)[1:]:
         plain.addFrame(entry, False)
@@ -231,18 +245,23 @@ def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
     """A constraint as two frames of the model that are tied; the frames are added to the model."""
     if not isinstance(closure, pin.RigidConstraintModel) or closure.type not in _TYPES:
         raise InputError(
-            f"closure {i + 1} cannot be used", where=where,
+            f"closure {i + 1} cannot be used",
+            where=where,
             expected="pinocchio.RigidConstraintModel of type CONTACT_3D or CONTACT_6D",
             got=type(closure).__name__,
-        )  # fmt: skip
+        )
     names: list[str] = []
     for joint, T in (
         (closure.joint1_id, closure.joint1_placement),
         (closure.joint2_id, closure.joint2_placement),
     ):
         if not 0 <= joint < model.njoints:
-            raise InputError(f"closure {i + 1} names a joint that does not exist", where=where,
-                             expected=f"0 to {model.njoints - 1}", got=joint)  # fmt: skip
+            raise InputError(
+                f"closure {i + 1} names a joint that does not exist",
+                where=where,
+                expected=f"0 to {model.njoints - 1}",
+                got=joint,
+            )
         name = f"{model.names[joint]} (closure {i + 1}, side {len(names) + 1})"
         model.addFrame(pin.Frame(name, joint, T, pin.FrameType.OP_FRAME))
         names.append(name)
@@ -277,8 +296,11 @@ def _split(joint: Any, q: Array) -> list[float]:
         return [q[0], q[1], np.arctan2(q[3], q[2])]
     if kind in ("JointModelSpherical", "JointModelFreeFlyer"):
         if abs(np.linalg.norm(q[-4:]) - 1.0) > _UNIT:
-            raise InputError("the configuration's quaternion is not of unit length",
-                             where=f"joint {kind}", got=q[-4:].tolist())  # fmt: skip
+            raise InputError(
+                "the configuration's quaternion is not of unit length",
+                where=f"joint {kind}",
+                got=q[-4:].tolist(),
+            )
         return [*q[:-4], *Rotation.from_quat(q[-4:]).as_euler("XYZ")]
     if joint.nq == 2 and joint.nv == 1:  # cosine and sine of an unbounded angle
         return [np.arctan2(q[1], q[0])]

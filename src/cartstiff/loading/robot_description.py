@@ -109,8 +109,9 @@ def read_robot_description(
         expanded = expanded_xacro(path, ros, where)
         root = parse_text(expanded, where)
     elif ros.arguments:
-        raise InputError("is no xacro file", where=where, expected="no --xacro-arg",
-                         got=", ".join(ros.arguments))  # fmt: skip
+        raise InputError(
+            "is no xacro file", where=where, expected="no --xacro-arg", got=", ".join(ros.arguments)
+        )
     said = None
     if root.tag == "sdf":
         from cartstiff.loading.sdf.reading import read_sdf
@@ -134,9 +135,11 @@ def read_robot_description(
         model, mjcf, pieces = read_mjcf(path, where)
         return RobotDescription(path, model, mjcf=mjcf, pieces=pieces)
     raise InputError(
-        "not a robot description", where=where, expected="<robot> (URDF), <mujoco> (MJCF) or <sdf>",
+        "not a robot description",
+        where=where,
+        expected="<robot> (URDF), <mujoco> (MJCF) or <sdf>",
         got=f"<{one_line(root.tag, 40)}>",
-    )  # fmt: skip
+    )
 
 
 def described_text(text: str, floating: bool = False, ros: Ros | None = None) -> RobotDescription:
@@ -158,11 +161,17 @@ def parse_xml(path: Path) -> ET.Element:
 def parse_text(text: str, where: str) -> ET.Element:
     """Root element of XML text without document type (no entities, no outside files)."""
     if text.startswith("version https://git-lfs"):
-        raise InputError("this is a Git LFS pointer, not the file", where=where,
-                         expected="the file itself: git lfs pull")  # fmt: skip
+        raise InputError(
+            "this is a Git LFS pointer, not the file",
+            where=where,
+            expected="the file itself: git lfs pull",
+        )
     if text[:200].lstrip().lower().startswith(("<!doctype html", "<html")):
-        raise InputError("this is a web page, not a robot", where=where,
-                         expected="URDF or MJCF as it is in the repository (raw)")  # fmt: skip
+        raise InputError(
+            "this is a web page, not a robot",
+            where=where,
+            expected="URDF or MJCF as it is in the repository (raw)",
+        )
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)
     try:

@@ -64,10 +64,11 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> str:
             raise UnknownNameError("xacro argument", name, asked, where=where)
     if answer.get("package"):
         raise InputError(
-            answer["error"], where=where,
+            answer["error"],
+            where=where,
             expected="--package-path FOLDER, ROS_PACKAGE_PATH, AMENT_PREFIX_PATH, or a folder "
             "above the file that holds it",
-        )  # fmt: skip
+        )
     if "error" in answer:
         words = str(answer["error"])
         for folder, shown in ((path.resolve().parent, "."), (path.resolve().parent.parent, "..")):
@@ -75,11 +76,13 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> str:
         words = one_line(words, 300)
         file = Path(answer.get("file", path)).name
         raise InputError(
-            "not a usable xacro file", where=where,
+            "not a usable xacro file",
+            where=where,
             expected=f"its arguments as --xacro-arg NAME:=VALUE (it has {', '.join(asked)})"
-            if asked else None,
+            if asked
+            else None,
             got=words if file == path.name else f"{words} (in {file})",
-        )  # fmt: skip
+        )
     return str(answer["xml"])
 
 
@@ -114,9 +117,10 @@ def described_robot(name: str) -> tuple[Path, Ros]:
     if "not_cached" in answer:
         raise InputError(
             "is not in the cache of robot_descriptions, and nothing is downloaded by itself",
-            where=name, expected=f"'python -m robot_descriptions pull {name}' before",
+            where=name,
+            expected=f"'python -m robot_descriptions pull {name}' before",
             got=f"no folder {answer['not_cached']}",
-        )  # fmt: skip
+        )
     if "missing" in answer or "error" in answer:
         got = answer.get("error") or f"no module {answer['missing']!r}"
         raise InputError("cannot be loaded from robot_descriptions", where=name, got=got)

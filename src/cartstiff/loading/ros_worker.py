@@ -25,10 +25,29 @@ LARGEST = 64 * 1024 * 1024
 # Folders below a search path in which packages are looked for, as rospack does, but bounded.
 _DEEPEST, _MOST_FOLDERS = 4, 20_000
 _REFUSED = (
-    "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.remove", "os.rename", "os.rmdir",
-    "os.mkdir", "os.chmod", "os.kill", "os.symlink", "os.link", "os.truncate", "os.putenv",
-    "subprocess.", "socket.", "ctypes.", "shutil.", "webbrowser.", "urllib.", "ftplib.", "smtplib.",
-)  # fmt: skip
+    "os.system",
+    "os.exec",
+    "os.posix_spawn",
+    "os.fork",
+    "os.remove",
+    "os.rename",
+    "os.rmdir",
+    "os.mkdir",
+    "os.chmod",
+    "os.kill",
+    "os.symlink",
+    "os.link",
+    "os.truncate",
+    "os.putenv",
+    "subprocess.",
+    "socket.",
+    "ctypes.",
+    "shutil.",
+    "webbrowser.",
+    "urllib.",
+    "ftplib.",
+    "smtplib.",
+)
 _NAME = re.compile(r"<name[^>]*>\s*([^<\s]+)\s*</name>")
 
 
@@ -120,9 +139,13 @@ def expanded(path: str, values: dict[str, str], searched: list[str]) -> dict[str
         place = [name for name in getattr(xacro, "filestack", []) if name]
         missing = isinstance(inner, LookupError) and "is not found" in str(inner)
         unread = [name for name in values if name not in arguments.read]
-        return {"error": text if not missing else str(inner.args[0]), "package": missing,
-                "file": str(place[-1]) if place else path, "asked": asked,
-                "unread": unread}  # fmt: skip
+        return {
+            "error": text if not missing else str(inner.args[0]),
+            "package": missing,
+            "file": str(place[-1]) if place else path,
+            "asked": asked,
+            "unread": unread,
+        }
     text = document.toxml()
     if len(text) > LARGEST:
         return {"error": f"it expands to more than {LARGEST} bytes"}
@@ -155,10 +178,11 @@ def _arguments(path: str) -> dict[str, str | None]:
     except Exception:
         return {}
     return {
-        tag.getAttribute("name"): tag.getAttribute("default") if tag.hasAttribute("default")
+        tag.getAttribute("name"): tag.getAttribute("default")
+        if tag.hasAttribute("default")
         else None
         for tag in tags
-    }  # fmt: skip
+    }
 
 
 def described(name: str) -> dict[str, Any]:
@@ -186,8 +210,11 @@ def described(name: str) -> dict[str, Any]:
         module: Any = import_module(f"{robot_descriptions.__name__}.{name}")
     except ModuleNotFoundError as error:
         if error.name == f"robot_descriptions.{name}":
-            return {"unknown": sorted(p.stem for p in Path(robot_descriptions.__path__[0]).glob(
-                "*_description.py"))}  # fmt: skip
+            return {
+                "unknown": sorted(
+                    p.stem for p in Path(robot_descriptions.__path__[0]).glob("*_description.py")
+                )
+            }
         raise
     if missing:
         return {"not_cached": missing[0]}
@@ -201,9 +228,10 @@ def described(name: str) -> dict[str, Any]:
     return {
         "path": getattr(module, variable),
         "arguments": {k: str(v) for k, v in getattr(module, "XACRO_ARGS", {}).items()}
-        if xacro else {},
+        if xacro
+        else {},
         "packages": [str(p) for p in packages.values()],
-    }  # fmt: skip
+    }
 
 
 def _refuse(event: str, arguments: tuple[Any, ...]) -> None:

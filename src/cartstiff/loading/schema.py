@@ -240,9 +240,12 @@ MechanismFile = Annotated[
 ]
 
 MODELS: dict[str, type[FileModel]] = {
-    "serial": SerialFile, "stewart-gough": PlatformFile, "springs": SpringsFile,
-    "parallel": ParallelFile, "closed-chain": ClosedChainFile,
-}  # fmt: skip
+    "serial": SerialFile,
+    "stewart-gough": PlatformFile,
+    "springs": SpringsFile,
+    "parallel": ParallelFile,
+    "closed-chain": ClosedChainFile,
+}
 
 KINDS = ", ".join(MODELS)
 

@@ -199,9 +199,11 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
         np.inf if area is None else beam.G * area for area in (beam.shear_area_y, beam.shear_area_z)
     )
     section = Section(
-        beam.E * beam.area, beam.G * beam.J, (beam.E * beam.Iy, beam.E * beam.Iz),
+        beam.E * beam.area,
+        beam.G * beam.J,
+        (beam.E * beam.Iy, beam.E * beam.Iz),
         (along_z, along_y),
-    )  # fmt: skip
+    )
     mass = beam.density * beam.area * beam.length
     return Beam(indices, beam.length / beam.segments, section, link, mass)
 
@@ -212,8 +214,11 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
     for line in lines:
         a, b = line.frames
         if mechanism.tree.placement(a).joint == mechanism.tree.placement(b).joint:
-            raise InputError("a line between two points of one link never changes its length",
-                             where="lines", got=f"{a!r} and {b!r}")  # fmt: skip
+            raise InputError(
+                "a line between two points of one link never changes its length",
+                where="lines",
+                got=f"{a!r} and {b!r}",
+            )
         T, _ = mechanism.at(q).relative(a, b)
         ends = np.array([line.points[0]], float), np.array([line.points[1]], float)
         try:

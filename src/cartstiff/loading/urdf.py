@@ -91,8 +91,11 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
         what = f"joint {name!r}"
         kind = joint.get("type")
         if kind not in _JOINT_TYPES:
-            raise refuse(f"{what} has an unknown type", expected=", ".join(sorted(_JOINT_TYPES)),
-                         got=kind or "none")  # fmt: skip
+            raise refuse(
+                f"{what} has an unknown type",
+                expected=", ".join(sorted(_JOINT_TYPES)),
+                got=kind or "none",
+            )
         ends = []
         for end in ("parent", "child"):
             element = joint.find(end)
@@ -120,8 +123,9 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
         damping = numbers_of(dynamics.get(name), ("damping",), 1, what, refuse)
         if damping is not None and kind in _AXIAL_TYPES:
             if damping[0] < 0.0:
-                raise refuse(f"{what}: damping is negative", expected="zero or more",
-                             got=f"{damping[0]:g}")  # fmt: skip
+                raise refuse(
+                    f"{what}: damping is negative", expected="zero or more", got=f"{damping[0]:g}"
+                )
             ET.SubElement(joint, "dynamics", damping=repr(damping[0]))
         limit = joint.find("limit")
         if kind in ("revolute", "prismatic"):
@@ -137,8 +141,11 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
                 for key in ("lower", "upper", "effort", "velocity")
             )
             if lower > upper and kind in ("revolute", "prismatic"):
-                raise refuse(f"{what}: limits are the wrong way round", expected="lower <= upper",
-                             got=f"{lower:g}, {upper:g}")  # fmt: skip
+                raise refuse(
+                    f"{what}: limits are the wrong way round",
+                    expected="lower <= upper",
+                    got=f"{lower:g}, {upper:g}",
+                )
         mimic = joint.find("mimic")
         if mimic is not None:
             joint.remove(mimic)
@@ -148,9 +155,11 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
                 raise refuse(f"{what}: mimic names no joint", expected="<mimic joint=...>")
             for follower in (name, leader):
                 if follower in joints and joints[follower].get("type") in ("floating", "planar"):
-                    raise refuse(f"{what} cannot mimic", expected="two joints with one coordinate",
-                                 got=f"joint {follower!r} of type "
-                                 f"{joints[follower].get('type')}")  # fmt: skip
+                    raise refuse(
+                        f"{what} cannot mimic",
+                        expected="two joints with one coordinate",
+                        got=f"joint {follower!r} of type {joints[follower].get('type')}",
+                    )
             factor = numbers_of(mimic, ("multiplier",), 1, what, refuse) or [1.0]
             offset = numbers_of(mimic, ("offset",), 1, what, refuse) or [0.0]
             if kind != "fixed":

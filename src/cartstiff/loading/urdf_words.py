@@ -35,11 +35,21 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SILENT = {
     "robot": ("material", "gazebo", "transmission", "ros2_control", "sensor", "group"),
     "link": (
-        "visual", "collision", "material", "gazebo", "sensor", "contact", "surface", "gravity",
-        "kinematic", "self_filter", "self_collision_checking", "collision_checking",
+        "visual",
+        "collision",
+        "material",
+        "gazebo",
+        "sensor",
+        "contact",
+        "surface",
+        "gravity",
+        "kinematic",
+        "self_filter",
+        "self_collision_checking",
+        "collision_checking",
     ),
     "joint": ("dynamics", "calibration", "safety_controller", "gazebo"),
-}  # fmt: skip
+}
 
 
 # All attributes of the elements that are shown, and such as are met in the wild.
@@ -55,10 +65,18 @@ _ATTRIBUTES = {
     "inertia": INERTIA,
     "mimic": ("joint", "multiplier", "offset"),
     "limit": (
-        "lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk",
-        "current", "gear_velocity", "command_effort",
+        "lower",
+        "upper",
+        "effort",
+        "velocity",
+        "acceleration",
+        "deceleration",
+        "jerk",
+        "current",
+        "gear_velocity",
+        "command_effort",
     ),
-}  # fmt: skip
+}
 
 
 # Where nothing but these attributes makes sense: nothing else may stand there, nor inside.
@@ -105,8 +123,9 @@ def understood(root: ET.Element, refuse: Any) -> list[Note]:
                 continue  # a tag with a namespace is an extension
             _refuse_slip(child.tag, shown, f"{place}: unknown element", f"<{child.tag}>", refuse)
             if element.tag in _STRICT:
-                raise refuse(f"{place} holds an element", expected="attributes only",
-                             got=f"<{child.tag}>")  # fmt: skip
+                raise refuse(
+                    f"{place} holds an element", expected="attributes only", got=f"<{child.tag}>"
+                )
             unknown.append(f"<{child.tag}> in <{element.tag}>")
         tags = [child.tag for child in element]
         for tag in set(tags):
@@ -140,8 +159,11 @@ def _check_attributes(element: ET.Element, place: str, unknown: list[str], refus
         _refuse_slip(key, known[:4], what, key, refuse)
         unknown.append(f"{key}= in <{element.tag}>")
     if strange and element.tag == "limit" and not {"lower", "upper"} & set(element.attrib):
-        raise refuse(f"{place}: no lower and no upper", expected="lower=... upper=...",
-                     got=", ".join(strange))  # fmt: skip
+        raise refuse(
+            f"{place}: no lower and no upper",
+            expected="lower=... upper=...",
+            got=", ".join(strange),
+        )
 
 
 def _check_text(element: ET.Element, place: str, unknown: list[str], refuse: Any) -> None:
@@ -151,8 +173,11 @@ def _check_text(element: ET.Element, place: str, unknown: list[str], refuse: Any
         if not words:
             continue
         if element.tag in _STRICT or _ASSIGNMENT.search(words):
-            raise refuse(f"{place} holds text", expected="attributes only, within a tag",
-                         got=repr(words[:40]))  # fmt: skip
+            raise refuse(
+                f"{place} holds text",
+                expected="attributes only, within a tag",
+                got=repr(words[:40]),
+            )
         unknown.append(f"text {words[:40]!r} in <{element.tag}>")
 
 
@@ -202,7 +227,10 @@ def numbers_of(
                 f"{what}: {element.tag} {key} is not {count} finite number(s)", got=repr(text)
             )
         if any(abs(v) > largest for v in values):
-            raise refuse(f"{what}: {element.tag} {key} is too large",
-                         expected=f"at most {largest:g}", got=repr(text))  # fmt: skip
+            raise refuse(
+                f"{what}: {element.tag} {key} is too large",
+                expected=f"at most {largest:g}",
+                got=repr(text),
+            )
         element.set(key, " ".join(repr(v) for v in values))
     return values

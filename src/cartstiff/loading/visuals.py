@@ -25,8 +25,10 @@ from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece,
 from cartstiff.mechanisms.tree import FixedFrame
 
 Kind = Literal["visual", "collision"]
-_TYPES: dict[Kind, Any] = {"visual": pin.GeometryType.VISUAL,
-                           "collision": pin.GeometryType.COLLISION}  # fmt: skip
+_TYPES: dict[Kind, Any] = {
+    "visual": pin.GeometryType.VISUAL,
+    "collision": pin.GeometryType.COLLISION,
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,11 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
             raise InputError("is not a regular file", where=where, expected="a file")
         if status.st_size > largest:
             raise InputError(
-                "file is too large", where=where, expected=f"at most {largest} bytes",
+                "file is too large",
+                where=where,
+                expected=f"at most {largest} bytes",
                 got=str(status.st_size),
-            )  # fmt: skip
+            )
         with path.open("rb") as file:
             data = file.read(largest + 1)
     except InputError:
@@ -98,9 +100,10 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
         documents = list(islice(yaml.compose_all(text), 2))
         if len(documents) != 1 or documents[0] is None:
             raise InputError(
-                "file must hold one YAML document", where=where,
+                "file must hold one YAML document",
+                where=where,
                 got="several" if len(documents) > 1 else "none",
-            )  # fmt: skip
+            )
         data = _Reader(lines, where).plain(documents[0], ())
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -111,9 +114,11 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
         raise InputError("YAML is nested too deeply", where=where) from None
     if not isinstance(data, dict):
         raise InputError(
-            "file must hold a mapping of keys", where=where, expected="'kind: ...' and so on",
+            "file must hold a mapping of keys",
+            where=where,
+            expected="'kind: ...' and so on",
             got=type(data).__name__,
-        )  # fmt: skip
+        )
     return data, lines
 
 
@@ -170,8 +175,11 @@ class _Reader:
                     raise InputError("key stands twice", where=key_place, got="'<<'")
                 merged = value_node.value if value_node.id == "sequence" else [value_node]
                 if any(part.id != "mapping" for part in merged):
-                    raise InputError("cannot be merged", where=key_place,
-                                     expected="a mapping, or a list of mappings")  # fmt: skip
+                    raise InputError(
+                        "cannot be merged",
+                        where=key_place,
+                        expected="a mapping, or a list of mappings",
+                    )
                 continue
             if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(key_node.tag):
                 raise InputError("YAML tags are not supported", where=key_place, got=key_node.tag)
@@ -182,8 +190,9 @@ class _Reader:
         own: set[str] = set()
         for key, line, value_node in pairs:
             if key in own:
-                raise InputError("key stands twice", where=f"{self._where}, line {line}",
-                                 got=repr(key))  # fmt: skip
+                raise InputError(
+                    "key stands twice", where=f"{self._where}, line {line}", got=repr(key)
+                )
             own.add(key)
             data[key] = self.plain(value_node, (*at, key))
             self._lines[(*at, key)] = line
@@ -192,8 +201,9 @@ class _Reader:
 
 def _check_count(count: int, where: str) -> None:
     if count > MOST_VALUES:
-        raise InputError("too many values", where=where, expected=f"at most {MOST_VALUES}",
-                         got=count)  # fmt: skip
+        raise InputError(
+            "too many values", where=where, expected=f"at most {MOST_VALUES}", got=count
+        )
 
 
 def _scalar(node: Any, tag: str, place: str) -> Any:

@@ -22,10 +22,14 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 _LINE, _MEBIBYTE = 8, 1 << 17
 #: What can be asked for.
 OUTPUTS = (
-    "pose", "jacobian", "wrench", "energy",
-    *(f"stiffness_{c}" for c in OF_MANY), *(f"compliance_{c}" for c in OF_MANY),
+    "pose",
+    "jacobian",
+    "wrench",
+    "energy",
+    *(f"stiffness_{c}" for c in OF_MANY),
+    *(f"compliance_{c}" for c in OF_MANY),
     *(f"root_{others}_{c}" for others in ("held", "free") for c in OF_MANY),
-)  # fmt: skip
+)
 
 
 def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
@@ -107,8 +111,11 @@ def checked_count(what: str, value: object) -> int | None:
 
 def _shape(name: str, count: int, n: int) -> tuple[int, ...]:
     sizes: dict[str, tuple[int, ...]] = {
-        "pose": (4, 4), "jacobian": (6, n), "wrench": (6,), "energy": (),
-    }  # fmt: skip
+        "pose": (4, 4),
+        "jacobian": (6, n),
+        "wrench": (6,),
+        "energy": (),
+    }
     return (count, *sizes.get(name, (6, 6)))
 
 
@@ -146,9 +153,11 @@ def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
             return
         got = f"shape {array.shape}, {array.dtype}" + ", read-only" * (not is_open)
     raise InputError(
-        "array to write into cannot be used", where=f"out, {name}",
-        expected=f"a writeable array of doubles of shape {shape}", got=got,
-    )  # fmt: skip
+        "array to write into cannot be used",
+        where=f"out, {name}",
+        expected=f"a writeable array of doubles of shape {shape}",
+        got=got,
+    )
 
 
 def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -> None:
@@ -160,8 +169,12 @@ def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -
     for name, array in own.items():
         for other, values in others:
             if overlap(array, values):
-                raise InputError("array to write into shares memory", where=f"out, {name}",
-                                 expected="its own", got=f"that of {other}")  # fmt: skip
+                raise InputError(
+                    "array to write into shares memory",
+                    where=f"out, {name}",
+                    expected="its own",
+                    got=f"that of {other}",
+                )
         others.append((name, array))
 
 

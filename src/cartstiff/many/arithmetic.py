@@ -188,6 +188,5 @@ def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Sc
 
 def shared_inputs(wrench: str) -> list[str]:
     """Inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
-    own = ["stiffness", "rest", "forces", "weight", "lines", "anchors", "points",
-           "length"]  # fmt: skip
+    own = ["stiffness", "rest", "forces", "weight", "lines", "anchors", "points", "length"]
     return own + (["wrench"] if wrench == "shared" else [])

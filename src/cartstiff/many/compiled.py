@@ -99,9 +99,12 @@ class Buffers:
             scratch[:] = 0.0
 
     def run(
-        self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int,
+        self,
+        inputs: Mapping[str, Array],
+        outputs: Mapping[str, Array],
+        count: int,
         stream: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Compute `count` rows: rows of inputs to rows of outputs, all of them contiguous."""
         block, program = self._kernel.block, self._kernel.program
         whole = count - count % block

@@ -94,8 +94,9 @@ class Evaluated:
         wrench (1 or N, 6) is for struts to carry.
         """
         count, n = q.shape
-        sums = _Sums(np.zeros((count, 1)), np.zeros((0, n)), np.zeros((0, n, n)),
-                     np.full(count, PLAIN))  # fmt: skip
+        sums = _Sums(
+            np.zeros((count, 1)), np.zeros((0, n)), np.zeros((0, n, n)), np.full(count, PLAIN)
+        )
         inputs = {"energies": sums.energies}
         if self.is_dense:
             sums = sums._replace(gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n)))

@@ -171,9 +171,11 @@ def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
 
 
 def lasting_path(
-    elastic: ElasticMechanism, wrench: Literal["none", "shared", "each"], names: tuple[str, ...],
+    elastic: ElasticMechanism,
+    wrench: Literal["none", "shared", "each"],
+    names: tuple[str, ...],
     count: int,
-) -> Backend:  # fmt: skip
+) -> Backend:
     """The path that serves `count` postures, whatever was compiled in this process before."""
     answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(answer, str):
@@ -188,9 +190,13 @@ class _Standing:
     """Ways to postures that can be looked at: chains closed, links bent by the load."""
 
     def __init__(
-        self, taken: BoundCase, compiled: bool, rows: int, threads: int = 1,
+        self,
+        taken: BoundCase,
+        compiled: bool,
+        rows: int,
+        threads: int = 1,
         dead_load_at: tuple[float, float, float] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         make = _compiled_kernel if compiled else _portable_kernel
         case, workers, self._home = taken.case, _workers(threads, rows), taken.home
         ways = case.ways if isinstance(case, ClosedCase) else ()
@@ -243,9 +249,13 @@ class _Standing:
 
 
 def bent(
-    elastic: ElasticMechanism, q: Array, loads: Array, at: tuple[float, float, float],
-    path: Backend, threads: int,
-) -> tuple[Array, Array]:  # fmt: skip
+    elastic: ElasticMechanism,
+    q: Array,
+    loads: Array,
+    at: tuple[float, float, float],
+    path: Backend,
+    threads: int,
+) -> tuple[Array, Array]:
     """Coordinates (N, n) of links that carry loads (N, 6) given along the axes of F, at a point.
 
     Also the loads in M, about its origin: NaN, with the coordinates as given, where the engine has
@@ -305,9 +315,15 @@ class Closer:
 
 
 def run(
-    taken: BoundCase, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
-    verdicts: NDArray[np.uint8], threads: int, size: int | None,
-) -> None:  # fmt: skip
+    taken: BoundCase,
+    kernel: Any,
+    q: Array,
+    loads: Array | None,
+    arrays: Mapping[str, Array],
+    verdicts: NDArray[np.uint8],
+    threads: int,
+    size: int | None,
+) -> None:
     """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN.
 
     Coordinates of closed chains are replaced by those that close them, those of links that give by
@@ -328,9 +344,15 @@ def _way(taken: BoundCase, kernel: Any) -> str:
 
 
 def _run(
-    taken: BoundCase, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
-    verdicts: NDArray[np.uint8], threads: int, size: int | None,
-) -> None:  # fmt: skip
+    taken: BoundCase,
+    kernel: Any,
+    q: Array,
+    loads: Array | None,
+    arrays: Mapping[str, Array],
+    verdicts: NDArray[np.uint8],
+    threads: int,
+    size: int | None,
+) -> None:
     count = len(q)
     exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
     for name, array in arrays.items():

@@ -19,9 +19,12 @@ from cartstiff.stiffness.applied_load import LoadKind
 
 
 def tensions_of_many(
-    elastic: ElasticMechanism, q: Array, wrench: Array | None, kind: LoadKind,
+    elastic: ElasticMechanism,
+    q: Array,
+    wrench: Array | None,
+    kind: LoadKind,
     axes: Literal["body", "world"],
-) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+) -> tuple[Array, NDArray[np.bool_]]:
     """Tensions (N, m) at postures q (N, 6), and at which of these they are known.
 
     Under a wrench (6,), given as to `cartstiff.analyse`; where they are not known, the engine is to

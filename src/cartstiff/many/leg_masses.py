@@ -37,9 +37,18 @@ class LegMasses:
     def of(struts: Struts) -> LegMasses:
         """Those of a platform's legs."""
         turning = sum(struts.turning_moments)
-        return LegMasses(*map(numbers, (
-            struts.fixed, struts.moving, struts.fixed_com, struts.moving_com, np.asarray(turning),
-        )))  # fmt: skip
+        return LegMasses(
+            *map(
+                numbers,
+                (
+                    struts.fixed,
+                    struts.moving,
+                    struts.fixed_com,
+                    struts.moving_com,
+                    np.asarray(turning),
+                ),
+            )
+        )
 
     def weighed(
         self, points: Array, u: Array, lengths: Array, weight: Array

@@ -62,9 +62,13 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
 
 
 def fill(
-    elastic: ElasticMechanism, q: Array, wrench: Array | None, rows: Mapping[str, Array],
-    load: LoadKind, axes: Literal["body", "world"],
-) -> tuple[str, Array]:  # fmt: skip
+    elastic: ElasticMechanism,
+    q: Array,
+    wrench: Array | None,
+    rows: Mapping[str, Array],
+    load: LoadKind,
+    axes: Literal["body", "world"],
+) -> tuple[str, Array]:
     """Write one posture's arrays into `rows`; its state, and its coordinates.
 
     Those of a chain that can be closed are the closed ones, whatever its state.

@@ -220,9 +220,14 @@ def _spring_values(springs: JointSprings) -> tuple[dict[str, Array], Mapping[int
 
 
 def _with_fields(
-    elastic: ElasticMechanism, chain: Chain, case: ChainCase, others: Sequence[Potential],
-    shared: dict[str, Array], laws: Mapping[int, SpringLaw], freedoms: int,
-) -> BoundCase:  # fmt: skip
+    elastic: ElasticMechanism,
+    chain: Chain,
+    case: ChainCase,
+    others: Sequence[Potential],
+    shared: dict[str, Array],
+    laws: Mapping[int, SpringLaw],
+    freedoms: int,
+) -> BoundCase:
     """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
     fields, forces, loose, beams = [], [], [], list[Beam]()
     lines, known = list[Line](), list[Array]()
@@ -259,8 +264,9 @@ def _with_fields(
     laws = {j: law for j, law in laws.items() if not is_recorded(law)}
     beside = Evaluated(chain, tuple(loose), laws, rest, tuple(beams))
     if fields or beside:
-        case = replace(case, fields=tuple(fields), derivatives=beside.is_dense,
-                       segments=beside.segments)  # fmt: skip
+        case = replace(
+            case, fields=tuple(fields), derivatives=beside.is_dense, segments=beside.segments
+        )
     state = "deficient" if freedoms < 6 else "regular"
     return BoundCase(case, shared, state, beside, chain.home)
 
@@ -328,9 +334,11 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
         shared["weight"] = (elastic.gravity / platform.units.newtons)[None]
     if platform.is_one_of_many:
         case = replace(case, anchors=(), points=(), length=1.0, lines=m)
-        shared |= {"anchors": platform.anchors.reshape(1, -1),
-                   "points": platform.points.reshape(1, -1),
-                   "length": np.array([[float(platform.length)]])}  # fmt: skip
+        shared |= {
+            "anchors": platform.anchors.reshape(1, -1),
+            "points": platform.points.reshape(1, -1),
+            "length": np.array([[float(platform.length)]]),
+        }
     return BoundCase(case, shared, "regular", Evaluated(platform, tuple(loose)))
 
 
@@ -365,14 +373,22 @@ def _strut_plan(
     m = len(struts.stiffness)
     # The wrench is known to the struts' rest lengths; to the program it is what they exert.
     case = PlatformCase(
-        numbers(platform.anchors), numbers(platform.points), numbers(platform.T_P_M),
-        float(platform.length), points_of_forces=tuple(points), derivatives=True,
-    )  # fmt: skip
+        numbers(platform.anchors),
+        numbers(platform.points),
+        numbers(platform.T_P_M),
+        float(platform.length),
+        points_of_forces=tuple(points),
+        derivatives=True,
+    )
     shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
     beside = Evaluated(
-        platform, tuple(loose), struts=struts, forces=tuple(forces),
-        points=tuple(map(np.array, points)), is_loaded=wrench != "none",
-    )  # fmt: skip
+        platform,
+        tuple(loose),
+        struts=struts,
+        forces=tuple(forces),
+        points=tuple(map(np.array, points)),
+        is_loaded=wrench != "none",
+    )
     return BoundCase(case, shared, "regular", beside)

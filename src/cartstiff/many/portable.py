@@ -27,10 +27,18 @@ def _larger(x: Array, y: Array, out: Array) -> None:
 
 
 _CALLS: dict[str, Callable[..., Any]] = {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative,
-    "sqrt": np.sqrt, "abs": np.absolute, "max": _larger, "copysign": np.copysign,
-    "sin": np.sin, "cos": np.cos,
-}  # fmt: skip
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "sqrt": np.sqrt,
+    "abs": np.absolute,
+    "max": _larger,
+    "copysign": np.copysign,
+    "sin": np.sin,
+    "cos": np.cos,
+}
 
 
 class PortableKernel:
@@ -142,11 +150,19 @@ def _choose(out: Array, yes: Array, no: Array, mask: Array) -> None:
 HELPERS = "const withSign=(x,y)=>y<0||Object.is(y,-0)?-Math.abs(x):Math.abs(x);"
 
 _WORDS = {
-    "add": "({}+{})", "sub": "({}-{})", "mul": "{}*{}", "div": "{}/{}", "neg": "(-{})",
-    "sqrt": "Math.sqrt({})", "abs": "Math.abs({})", "max": "Math.max({},{})",
-    "copysign": "withSign({},{})", "sin": "Math.sin({})", "cos": "Math.cos({})",
+    "add": "({}+{})",
+    "sub": "({}-{})",
+    "mul": "{}*{}",
+    "div": "{}/{}",
+    "neg": "(-{})",
+    "sqrt": "Math.sqrt({})",
+    "abs": "Math.abs({})",
+    "max": "Math.max({},{})",
+    "copysign": "withSign({},{})",
+    "sin": "Math.sin({})",
+    "cos": "Math.cos({})",
     "pick": "({}<{}?{}:{})",
-}  # fmt: skip
+}
 # Characters of an expression from which on it gets a name, so that none is nested too deeply.
 _LONGEST = 160
 

@@ -126,10 +126,14 @@ class Postures:
             Without xarray.
         """
         axes: dict[str, tuple[str, ...]] = {
-            "pose": ("row", "column"), "jacobian": ("motion", "coordinate"), "wrench": ("wrench",),
-            "energy": (), "stiffness": ("wrench", "motion"), "compliance": ("motion", "wrench"),
+            "pose": ("row", "column"),
+            "jacobian": ("motion", "coordinate"),
+            "wrench": ("wrench",),
+            "energy": (),
+            "stiffness": ("wrench", "motion"),
+            "compliance": ("motion", "wrench"),
             "root": ("motion", "factor"),
-        }  # fmt: skip
+        }
         arrays: dict[str, tuple[tuple[str, ...], Array]] = {
             "q": (("posture", "coordinate"), self.q),
             "state": (("posture",), np.array(self.codes)[self.state]),
@@ -157,8 +161,11 @@ class Postures:
         """
         names = [name for name in self.arrays if name.startswith(("stiffness", "compliance"))]
         if not names:
-            raise InputError("no matrices are among the outputs", expected='outputs=["K"]',
-                             got=", ".join(self.arrays))  # fmt: skip
+            raise InputError(
+                "no matrices are among the outputs",
+                expected='outputs=["K"]',
+                got=", ".join(self.arrays),
+            )
         short = [f"{name[0].upper().replace('S', 'K')}_{name.partition('_')[2]}" for name in names]
         return self.to_xarray()[short].to_dataframe(("posture", "wrench", "motion"))
 
@@ -242,8 +249,9 @@ def analyse_many(
         raise UnknownNameError("path", str(path), BACKENDS)
     size = checked_count("chunk", chunk)
     if one_by_one is not None and one_by_one < 0:
-        raise InputError("count cannot be used", where="one_by_one", expected="0 or more",
-                         got=one_by_one)  # fmt: skip
+        raise InputError(
+            "count cannot be used", where="one_by_one", expected="0 or more", got=one_by_one
+        )
     arrays = arrays_for(names, out, coordinates.shape, {"q": coordinates, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
@@ -258,10 +266,12 @@ def analyse_many(
         coordinates = coordinates.copy()
     if taken is None:
         everything = np.arange(len(state))
-        _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes,
-                   reason)  # fmt: skip
-        return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names,
-                        len(state))  # fmt: skip
+        _by_engine(
+            elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes, reason
+        )
+        return Postures(
+            coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names, len(state)
+        )
     if each is not None:
         each = loads_in_body(elastic, coordinates, each, kind, load_axes, path, threads, chunk)
     by_kernel = with_room(known, arrays, coordinates.shape)
@@ -306,15 +316,21 @@ def analyse_many(
             array[doubtful[left]] = np.nan
         doubtful = doubtful[~left]
     _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
-    return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names,
-                    len(doubtful))  # fmt: skip
+    return Postures(
+        coordinates, arrays, state, tuple(codes), ran, reason, elastic.names, len(doubtful)
+    )
 
 
 def loads_in_body(
-    elastic: ElasticMechanism, q: Array, loads: Array, kind: LoadKind,
-    axes: Literal["body", "world"], path: Backend, threads: int | None = None,
+    elastic: ElasticMechanism,
+    q: Array,
+    loads: Array,
+    kind: LoadKind,
+    axes: Literal["body", "world"],
+    path: Backend,
+    threads: int | None = None,
     chunk: int | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Wrenches about M's origin in the axes of M, from one (6,) or one a posture as given.
 
     Coordinates of links that give are replaced by those where they carry loads along the axes of F;
@@ -329,15 +345,18 @@ def loads_in_body(
     if settled_coordinates(elastic).size:  # links that give turn M
         q[...], found = bent(elastic, q, loads, kind.at, path, threads or 1)
         return found
-    posed = analyse_many(elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads,
-                         path=path, chunk=chunk)["pose"]  # fmt: skip
+    posed = analyse_many(
+        elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads, path=path, chunk=chunk
+    )["pose"]
     return wrench_in_body(loads, posed, kind.at, axes).reshape(loads.shape)
 
 
 def _under_load(
-    kind: LoadKind, known: Mapping[str, Array], arrays: Mapping[str, Array],
+    kind: LoadKind,
+    known: Mapping[str, Array],
+    arrays: Mapping[str, Array],
     state: NDArray[np.uint8],
-) -> None:  # fmt: skip
+) -> None:
     """Tangents and their inverses from those of K^B; the engine decides where digits are lost."""
     if "stiffness_load" not in arrays and "compliance_load" not in arrays:
         return
@@ -351,9 +370,11 @@ def _under_load(
 
 
 def _under_load_again(
-    kind: LoadKind, known: Mapping[str, Array], arrays: Mapping[str, Array],
+    kind: LoadKind,
+    known: Mapping[str, Array],
+    arrays: Mapping[str, Array],
     which: NDArray[np.intp],
-) -> NDArray[np.intp]:  # fmt: skip
+) -> NDArray[np.intp]:
     """`_under_load` for some postures whose `known` arrays are other ones now; those that stand."""
     state = np.zeros(len(which), np.uint8)
     some = {name: array[which] for name, array in arrays.items() if name.endswith("_load")}
@@ -370,10 +391,17 @@ def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
 
 
 def _by_engine(
-    elastic: ElasticMechanism, q: Array, loads: Array | None, arrays: Mapping[str, Array],
-    which: NDArray[np.intp], state: NDArray[np.uint8], codes: list[str], kind: LoadKind,
-    axes: Literal["body", "world"], reason: str = "",
-) -> None:  # fmt: skip
+    elastic: ElasticMechanism,
+    q: Array,
+    loads: Array | None,
+    arrays: Mapping[str, Array],
+    which: NDArray[np.intp],
+    state: NDArray[np.uint8],
+    codes: list[str],
+    kind: LoadKind,
+    axes: Literal["body", "world"],
+    reason: str = "",
+) -> None:
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     is_moved = _is_moved(elastic, loads)
     way = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"

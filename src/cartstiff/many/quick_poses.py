@@ -46,8 +46,11 @@ class QuickPoses(JointPoses):
             return super()._errors(q, T_wanted, free)
         count, n = q.shape
         kernel = self._kernel("errors", lambda: _error_program(constants, self.length, self.sizes))
-        arrays = {"e": aligned_empty(count, 6), "jacobian": aligned_empty(count, 6 * n),
-                 "verdict": aligned_empty(count, 1)}  # fmt: skip
+        arrays = {
+            "e": aligned_empty(count, 6),
+            "jacobian": aligned_empty(count, 6 * n),
+            "verdict": aligned_empty(count, 1),
+        }
         inputs = {"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)}
         kernel.run({name: np.ascontiguousarray(a) for name, a in inputs.items()}, arrays, count)
         e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
@@ -61,14 +64,16 @@ class QuickPoses(JointPoses):
             return super()._step(q, e, J, mu)
         count, n = q.shape
         is_limited = bool(np.isfinite([self.lower, self.upper]).any())
-        kernel = self._kernel(
-            f"step {is_limited}", lambda: _step_program(self.sizes, is_limited)
-        )  # fmt: skip
+        kernel = self._kernel(f"step {is_limited}", lambda: _step_program(self.sizes, is_limited))
         arrays = {"step": aligned_empty(count, n + n % 2)}
         inputs = {
-            "q": q, "e": e, "jacobian": J.reshape(count, 6 * n), "mu": mu[:, None],
-            "lower": self.lower[None], "upper": self.upper[None],
-        }  # fmt: skip
+            "q": q,
+            "e": e,
+            "jacobian": J.reshape(count, 6 * n),
+            "mu": mu[:, None],
+            "lower": self.lower[None],
+            "upper": self.upper[None],
+        }
         kernel.run({name: np.ascontiguousarray(a) for name, a in inputs.items()}, arrays, count)
         return arrays["step"][:, :n]
 

@@ -39,9 +39,17 @@ if TYPE_CHECKING:
     from cartstiff.many.plans import BoundCase
 
 #: What the code writes down of a posture.
-RECORDED = ("pose", "jacobian", "wrench", "energy",
-          *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
-          *UNDER_LOAD, "actuation", "verdict", "noteworthy")  # fmt: skip
+RECORDED = (
+    "pose",
+    "jacobian",
+    "wrench",
+    "energy",
+    *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
+    *UNDER_LOAD,
+    "actuation",
+    "verdict",
+    "noteworthy",
+)
 
 
 class QuickPosture(PostureStiffness):
@@ -57,9 +65,14 @@ class QuickPosture(PostureStiffness):
     ) -> None:
         record.flags.writeable = False
         vars(self).update(
-            q=q, load=DEAD_AT_ORIGIN, _load_is_given=wrench is not None and any(wrench.tolist()),
-            _code=code, _asked=asked, _given=wrench, _record=record,
-        )  # fmt: skip
+            q=q,
+            load=DEAD_AT_ORIGIN,
+            _load_is_given=wrench is not None and any(wrench.tolist()),
+            _code=code,
+            _asked=asked,
+            _given=wrench,
+            _record=record,
+        )
 
     _code: PostureCode
     _asked: ElasticMechanism
@@ -204,9 +217,13 @@ class QuickPosture(PostureStiffness):
                 return self._engine.notes_on_posture
             near = self._code.near_notes(self)
         return (
-            *self._asked.notes, *near, *self._remarks, *limit_notes(mechanism, self), *self._forces,
+            *self._asked.notes,
+            *near,
+            *self._remarks,
+            *limit_notes(mechanism, self),
+            *self._forces,
             *self._code.notes_on_weight,
-        )  # fmt: skip
+        )
 
     @property
     def _remarks(self) -> list[Note]:

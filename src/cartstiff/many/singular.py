@@ -27,9 +27,15 @@ _MARGIN = 10.0
 
 
 def lost_ranks(
-    taken: BoundCase, q: Array, loads: Array | None, arrays: Mapping[str, Array],
-    which: NDArray[np.intp], compiled: bool, threads: int, size: int | None,
-) -> tuple[str, NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
+    taken: BoundCase,
+    q: Array,
+    loads: Array | None,
+    arrays: Mapping[str, Array],
+    which: NDArray[np.intp],
+    compiled: bool,
+    threads: int,
+    size: int | None,
+) -> tuple[str, NDArray[np.intp], NDArray[np.intp]]:
     """Fill those of some postures that have plainly lost rank.
 
     Returns

@@ -188,9 +188,14 @@ def _step(alike: _Alike) -> Program:
     unit[strut.at] = strut.k[strut.at]
     more_q, more_W = strut.answer(unit, zeros(6))
     state = {
-        "q": strut.x, "W": strut.W, "dq": dq, "dW": dW, "more_q": more_q, "more_W": more_W,
+        "q": strut.x,
+        "W": strut.W,
+        "dq": dq,
+        "dW": dW,
+        "more_q": more_q,
+        "more_W": more_W,
         "rest": np.array([strut.rest], object),
-    }  # fmt: skip
+    }
     outputs = {name: in_pairs(values) for name, values in state.items()}
     outputs["seen"] = np.array([strut.now, strut.verdict, strut.near, strut.whole], object)
     return tape.program(outputs, [])
@@ -208,10 +213,14 @@ def _condensed(alike: _Alike) -> Program:
         back[:3, 3 + a] = cross(p, R[:, a])
     K = congruence(back.T, inverse((strut.C + strut.C.T) * 0.5))
     energy = (strut.k * strut.stretched) @ strut.stretched * 0.5
-    return tape.program({
-        "energy": in_pairs(np.array([energy], object)), "wrench": back @ strut.W,
-        "stiffness": in_pairs(lower_triangle(K)),
-    }, [])  # fmt: skip
+    return tape.program(
+        {
+            "energy": in_pairs(np.array([energy], object)),
+            "wrench": back @ strut.W,
+            "stiffness": in_pairs(lower_triangle(K)),
+        },
+        [],
+    )
 
 
 def _coupling(alike: _Alike) -> Program:
@@ -284,8 +293,10 @@ class _Search:
         done = is_plain & settled.all(axis=1)
         rows = {"numbers": self.rows["numbers"], **outputs, "shift": shift}
         if done.any():
-            own, kept = _rows_of(done, m), _rows_of(np.isin(np.arange(len(self.is_known)),
-                                                            self.which[done]), m)  # fmt: skip
+            own, kept = (
+                _rows_of(done, m),
+                _rows_of(np.isin(np.arange(len(self.is_known)), self.which[done]), m),
+            )
             for name in _BALANCE:
                 self.balance[name][kept] = rows[name][own]
             self.is_known[self.which[done]] = near[done].max(axis=1) == PLAIN
@@ -306,10 +317,13 @@ class _Search:
         outputs = self._program(_condensed)(inputs)
         stands = np.ones((count, m), bool)
         return Struck(
-            outputs["energy"][:, 0].reshape(count, m), outputs["wrench"].reshape(count, m, 6),
+            outputs["energy"][:, 0].reshape(count, m),
+            outputs["wrench"].reshape(count, m, 6),
             from_triangles(outputs["stiffness"]).reshape(count, m, 6, 6),
-            self.struts.made + inputs["rest"][:, 0].reshape(count, m), stands, stands,
-        )  # fmt: skip
+            self.struts.made + inputs["rest"][:, 0].reshape(count, m),
+            stands,
+            stands,
+        )
 
 
 def _rows_of(which: NDArray[np.bool_], m: int) -> slice | NDArray[np.bool_]:

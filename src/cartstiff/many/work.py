@@ -90,9 +90,11 @@ def timed(what: str, postures: int = 0, program: Program | None = None) -> Itera
 
 
 def each_in_turn(
-    work: Callable[[Any], int], parts: Sequence[Any], threads: int,
+    work: Callable[[Any], int],
+    parts: Sequence[Any],
+    threads: int,
     advance: Callable[[int], None] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Work on parts in threads, and tell how many postures of each are done, in order."""
     with ThreadPoolExecutor(threads) if threads > 1 and len(parts) > 1 else nullcontext() as pool:
         try:
@@ -141,11 +143,23 @@ def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
             row["writing"] = share.postures * share.bytes / machine["bytes_written"]
         shares.append(row)
     known = sum(share.seconds for share in work.shares.values())
-    shares.append({"what": "all else", **vars(Share(0, max(spent - known, 0.0))),
-                   "arithmetic": None, "writing": None})  # fmt: skip
+    shares.append(
+        {
+            "what": "all else",
+            **vars(Share(0, max(spent - known, 0.0))),
+            "arithmetic": None,
+            "writing": None,
+        }
+    )
     largest = max(shares, key=lambda row: row["seconds"])
-    return {"seconds": seconds, "processor_seconds": spent, **hardware, "machine": machine,
-            "shares": shares, "limit": _limit(largest)}  # fmt: skip
+    return {
+        "seconds": seconds,
+        "processor_seconds": spent,
+        **hardware,
+        "machine": machine,
+        "shares": shares,
+        "limit": _limit(largest),
+    }
 
 
 def _limit(largest: dict[str, Any]) -> str:
@@ -159,8 +173,11 @@ def _limit(largest: dict[str, Any]) -> str:
 
 def describe(facts: dict[str, Any]) -> list[str]:
     """The same as lines."""
-    lines = ["", f"How it was computed: {facts['seconds']:.3g} s, "
-             f"{facts['processor_seconds']:.3g} s of processor time"]  # fmt: skip
+    lines = [
+        "",
+        f"How it was computed: {facts['seconds']:.3g} s, "
+        f"{facts['processor_seconds']:.3g} s of processor time",
+    ]
     for row in facts["shares"]:
         line = f"  {row['what']}: {round(row['seconds'], 9):.3g} s"
         if row["postures"]:

@@ -49,8 +49,11 @@ def _check(path: str) -> None:
         node = _step(node, key)
     if isinstance(node, bool) or not isinstance(node, (int, float)):
         shown = "a group" if isinstance(node, dict) else "a list" if isinstance(node, list) else ""
-        raise InputError(f"{path} is not a number of the analysis", expected="a path to one number",
-                         got=shown or repr(node))  # fmt: skip
+        raise InputError(
+            f"{path} is not a number of the analysis",
+            expected="a path to one number",
+            got=shown or repr(node),
+        )
 
 
 def _step(node: Any, key: str) -> Any:
@@ -76,12 +79,17 @@ def _analyses(s: Stacks) -> list[dict[str, Any]]:
         rows.append(
             plain(
                 summarise(
-                    matrices, W, settings.length, connection=settings.connection,
-                    compliance=compliance, inverse=_or_none(s.C[i]), roots=s.roots(i),
+                    matrices,
+                    W,
+                    settings.length,
+                    connection=settings.connection,
+                    compliance=compliance,
+                    inverse=_or_none(s.C[i]),
+                    roots=s.roots(i),
                     springs=False,
                 )
             )
-        )  # fmt: skip
+        )
     return rows
 
 

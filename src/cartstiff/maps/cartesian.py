@@ -179,10 +179,14 @@ class CartesianGrid(Sampling):
             some = list(poses[first : first + PLACES_AT_ONCE])
             with timed("inverse kinematics of the places", len(some)):
                 part = inverse_kinematics(
-                    elastic, some, self.starts(elastic), free=self.free,
+                    elastic,
+                    some,
+                    self.starts(elastic),
+                    free=self.free,
                     cost=cost if self.redundancy == "best" else away,
-                    most=max(self.branches, _LISTED), solver=self._solver(elastic),
-                )  # fmt: skip
+                    most=max(self.branches, _LISTED),
+                    solver=self._solver(elastic),
+                )
             for cell, solutions in enumerate(part, start=first):
                 # The nearest first; equally near ones stay in their order.
                 order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]

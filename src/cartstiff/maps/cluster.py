@@ -72,10 +72,16 @@ def run_on_cluster(
             # A trajectory's postures go to the workers chunk by chunk.
             part, box = job.sampling.part(file.boxes[chunk])
             return client.submit(
-                _compute_chunk, type(job), elastic, {**rest, "sampling": part}, str(path), chunk,
+                _compute_chunk,
+                type(job),
+                elastic,
+                {**rest, "sampling": part},
+                str(path),
+                chunk,
                 box,
-                key=f"cartstiff-map-{run}-{chunk}", pure=False,
-            )  # fmt: skip
+                key=f"cartstiff-map-{run}-{chunk}",
+                pure=False,
+            )
 
         wanted, looked = _wanted(client), time.monotonic()
         finished = distributed.as_completed([submit(c) for c in islice(waiting, wanted)])
@@ -145,14 +151,16 @@ def _client(scheduler: str) -> Iterator[Any]:
         client = _distributed().Client(scheduler, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
-            "no scheduler answers", where=one_line(scheduler),
+            "no scheduler answers",
+            where=one_line(scheduler),
             expected="the address of a running Dask scheduler, such as tls://10.0.0.5:8786",
             got=type(error).__name__,
-        ) from None  # fmt: skip
+        ) from None
     with client:
         if not client.nthreads():
-            raise InputError("the scheduler has no workers", where=one_line(scheduler),
-                             expected="at least one")  # fmt: skip
+            raise InputError(
+                "the scheduler has no workers", where=one_line(scheduler), expected="at least one"
+            )
         yield client
 
 
@@ -171,8 +179,10 @@ def shared_out(scheduler: str) -> Iterator[Any]:
         try:
             yield client.get_executor(pure=False)
         except _distributed().KilledWorker as error:
-            raise CartstiffError("the workers that had one task died one after the other: "
-                                 + one_line(str(error), 200)) from None  # fmt: skip
+            raise CartstiffError(
+                "the workers that had one task died one after the other: "
+                + one_line(str(error), 200)
+            ) from None
 
 
 def _require_folder(client: Any, path: Path) -> None:
@@ -181,10 +191,11 @@ def _require_folder(client: Any, path: Path) -> None:
     blind = [str(worker) for worker, sees in answers.items() if not sees]
     if blind:
         raise InputError(
-            "a worker does not see the map's folder", where=one_line(str(path)),
+            "a worker does not see the map's folder",
+            where=one_line(str(path)),
             expected="a folder that all machines share, under the same path",
             got=", ".join(blind),
-        )  # fmt: skip
+        )
 
 
 def _sees(path: str) -> bool:

@@ -37,9 +37,11 @@ class CommandGrid(Sampling):
     stores_q = True
 
     def __init__(
-        self, axes: Mapping[str, Axis | Sequence[float]], elastic: ElasticMechanism,
+        self,
+        axes: Mapping[str, Axis | Sequence[float]],
+        elastic: ElasticMechanism,
         base: ArrayLike | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         checked_command(elastic, dict.fromkeys(axes, 0.0))
         names = drives(elastic)
         self.base = elastic.mechanism.assembled(elastic.q if base is None else base)
@@ -70,8 +72,11 @@ class CommandGrid(Sampling):
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         axes = zip(self.names, self._grid.axes.values(), strict=True)
-        return {"kind": "command", "axes": {name: axis.as_list() for name, axis in axes},
-                "base": self.base.tolist()}  # fmt: skip
+        return {
+            "kind": "command",
+            "axes": {name: axis.as_list() for name, axis in axes},
+            "base": self.base.tolist(),
+        }
 
 
 @dataclass(frozen=True)
@@ -125,9 +130,11 @@ class CommandedJob(MapJob):
             np.concatenate([a.q for a in answers]),
             np.concatenate([a.state for a in answers]),
             np.concatenate([a.poses for a in answers]),
-            {quantity.name: np.concatenate([a.values[quantity.name] for a in answers])
-             for quantity in quantities},
-        )  # fmt: skip
+            {
+                quantity.name: np.concatenate([a.values[quantity.name] for a in answers])
+                for quantity in quantities
+            },
+        )
 
     def _row(self, q: Array, told: Mapping[str, float], quantities: Sequence[Quantity]) -> MapRows:
         """What is known after one command."""

@@ -43,9 +43,10 @@ def require_plain_files(folder: Path) -> None:
     for path, mode in _entries(folder):
         if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
             raise InputError(
-                "is a link" if stat.S_ISLNK(mode) else "is no file", where=one_line(str(path)),
+                "is a link" if stat.S_ISLNK(mode) else "is no file",
+                where=one_line(str(path)),
                 expected="files and folders only in a map",
-            )  # fmt: skip
+            )
 
 
 def description_checksum(folder: Path) -> str:
@@ -78,15 +79,22 @@ def described(folder: Path, schema: str) -> dict[str, Any]:
             "is not a map, or its zarr.json is damaged", where=where, expected=_ANEW
         ) from None
     if there != schema:
-        raise InputError("is a map of another version", where=where,
-                         expected=f"schema {schema}, or another file name", got=there)  # fmt: skip
+        raise InputError(
+            "is a map of another version",
+            where=where,
+            expected=f"schema {schema}, or another file name",
+            got=there,
+        )
     try:
         whole = attributes[CHECKSUM] == description_checksum(folder)
     except (OSError, ValueError, KeyError, TypeError):
         whole = False
     if not whole:
-        raise InputError("map is damaged: a zarr.json in it does not agree with its checksum",
-                         where=where, expected=_ANEW)  # fmt: skip
+        raise InputError(
+            "map is damaged: a zarr.json in it does not agree with its checksum",
+            where=where,
+            expected=_ANEW,
+        )
     return dict(attributes)
 
 

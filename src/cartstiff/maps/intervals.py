@@ -38,8 +38,9 @@ def why_none(elastic: ElasticMechanism, is_loaded: bool) -> Note | None:
     if elastic.identified is None or is_loaded or elastic.springs is None:
         return None
     has_spring = elastic.springs.stiffness > 0.0
-    if not np.any(~np.isnan(elastic.springs.rest) & has_spring & np.isfinite(
-        elastic.springs.stiffness)):  # fmt: skip
+    if not np.any(
+        ~np.isnan(elastic.springs.rest) & has_spring & np.isfinite(elastic.springs.stiffness)
+    ):
         return None
     words = (
         "no intervals here: the file gives rest positions, so that forces would change with the "

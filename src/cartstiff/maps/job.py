@@ -42,11 +42,26 @@ BEYOND = "beyond-limits"
 NO_REST = "no-equilibrium"
 #: Names of the states that ``state`` counts from 0.
 STATES = (
-    REGULAR, "deficient", "serial-singularity", "type-2-singularity", "singular-stiffness",
-    "unbalanced", "buckled", "idle-self-motion", "constraint-singularity",
-    "non-regular-redundancy", "wrench-ignored", NOT_ASSEMBLED, UNREACHABLE, "other", BEYOND,
-    "lost-digits", NO_REST, "strut-buckled", "strut-not-found",
-)  # fmt: skip
+    REGULAR,
+    "deficient",
+    "serial-singularity",
+    "type-2-singularity",
+    "singular-stiffness",
+    "unbalanced",
+    "buckled",
+    "idle-self-motion",
+    "constraint-singularity",
+    "non-regular-redundancy",
+    "wrench-ignored",
+    NOT_ASSEMBLED,
+    UNREACHABLE,
+    "other",
+    BEYOND,
+    "lost-digits",
+    NO_REST,
+    "strut-buckled",
+    "strut-not-found",
+)
 
 # Postures at once: as few as are worth compiling for, so that their matrices stay in the cache.
 _ROWS = 8192
@@ -261,9 +276,10 @@ class MapJob:
         values = self._values(result, quantities)
         if self.with_interval:
             widths = half_widths(
-                self.elastic, lambda other: self._with_springs(other, result.q),
+                self.elastic,
+                lambda other: self._with_springs(other, result.q),
                 self.with_interval,
-            )  # fmt: skip
+            )
             values |= {half_width_name(name): width for name, width in widths.items()}
         to_own = np.array([_code(c) for c in result.codes], np.uint8)
         return MapRows(result.q, to_own[result.state], result.arrays["pose"], values)
@@ -277,9 +293,16 @@ class MapJob:
         names, own = readable(self.elastic, self.names, wrench, self.load_axes), self.settings
         length, force = convert_length(Units(), self.elastic.units)
         readings = Readings(
-            names, own.connection, own.length, own.direction, own.deflect, own.deflect_at,
-            own.world, own.load, float(np.sqrt(length / force)) / (2.0 * np.pi),
-        )  # fmt: skip
+            names,
+            own.connection,
+            own.length,
+            own.direction,
+            own.deflect,
+            own.deflect_at,
+            own.world,
+            own.load,
+            float(np.sqrt(length / force)) / (2.0 * np.pi),
+        )
         # Where frequencies take too many operations, the rest may still be read.
         few = tuple(name for name in names if name not in FREQUENCIES)
         for some in filter(None, dict.fromkeys((names, few))):
@@ -304,9 +327,16 @@ class MapJob:
         self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None
     ) -> Postures:
         return analyse_many(
-            self.elastic, q, wrench=self.wrench, outputs=outputs, out=out, threads=1,
-            path=self.path, one_by_one=self.one_by_one, **self._acting,
-        )  # fmt: skip
+            self.elastic,
+            q,
+            wrench=self.wrench,
+            outputs=outputs,
+            out=out,
+            threads=1,
+            path=self.path,
+            one_by_one=self.one_by_one,
+            **self._acting,
+        )
 
     def _vibrations(self, q: Array, arrays: Mapping[str, Array]) -> ManyModes:
         """Small vibrations of postures under the load, from their arrays where these tell them."""

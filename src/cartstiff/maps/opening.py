@@ -141,8 +141,10 @@ def open_map(path: str | Path) -> xarray.Dataset:
             stored = StoredArray(file, name)
             about = file.arrays[name].metadata
             variables[name] = (
-                about.dimension_names, lazy(stored, stored.chunks), dict(about.attributes),
-            )  # fmt: skip
+                about.dimension_names,
+                lazy(stored, stored.chunks),
+                dict(about.attributes),
+            )
     if "q" not in parts:
         if sampling is None:
             raise InputError("the map does not say where it looked", where=one_line(str(path)))
@@ -154,8 +156,11 @@ def open_map(path: str | Path) -> xarray.Dataset:
     coordinates: dict[str, Any] = {"joint": joints, "xyz": ["x", "y", "z"]}
     for name in axes:
         if (what := file.axis_damage(name)) is not None:
-            raise InputError(f"an axis is damaged: {what}", where=one_line(str(path)),
-                             expected="to be computed anew by the same command")  # fmt: skip
+            raise InputError(
+                f"an axis is damaged: {what}",
+                where=one_line(str(path)),
+                expected="to be computed anew by the same command",
+            )
         array = file.arrays[name]
         coordinates[name] = (array.metadata.dimension_names, array[:], dict(array.attrs))
     dataset = xarray.Dataset(variables, coordinates, attributes)

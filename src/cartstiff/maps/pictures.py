@@ -21,9 +21,14 @@ if TYPE_CHECKING:
 
 
 def draw_map(
-    dataset: xarray.Dataset, quantity: str, kind: str = "auto", *, by: str | None = None,
-    level: float | None = None, angle: str = "rad",
-) -> Any:  # fmt: skip
+    dataset: xarray.Dataset,
+    quantity: str,
+    kind: str = "auto",
+    *,
+    by: str | None = None,
+    level: float | None = None,
+    angle: str = "rad",
+) -> Any:
     """Draw a map in the way that suits its dimensions, or in a given one.
 
     Parameters

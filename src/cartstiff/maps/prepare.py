@@ -97,8 +97,11 @@ def map_job(
     if connection not in OF_MANY:
         raise UnknownNameError("connection", connection, OF_MANY)
     acting: dict[str, Any] = {
-        "wrench": load, "load_kind": kind.kind, "load_at": kind.at, "load_axes": load_axes
-    }  # fmt: skip
+        "wrench": load,
+        "load_kind": kind.kind,
+        "load_at": kind.at,
+        "load_axes": load_axes,
+    }
     settings = Settings(
         connection,
         default_length(elastic, connection, **acting) if length is None else _positive(length),
@@ -118,8 +121,12 @@ def map_job(
     if not told and not isinstance(sampling, CommandGrid):
         return MapJob(*own)
     if isinstance(sampling, CartesianGrid) and sampling.redundancy == "best":
-        raise InputError("is chosen before drives are told", where="redundancy",
-                         expected="the nearest posture", got="best")  # fmt: skip
+        raise InputError(
+            "is chosen before drives are told",
+            where="redundancy",
+            expected="the nearest posture",
+            got="best",
+        )
     steps = checked_command(elastic, told) if told else {}
     if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
         raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
@@ -129,8 +136,12 @@ def map_job(
 def _acting(job: MapJob) -> dict[str, Any]:
     """The load of a map as `analyse` takes it."""
     kind = job.settings.load
-    return {"wrench": job.wrench, "load_kind": kind.kind, "load_at": kind.at,
-            "load_axes": job.load_axes}  # fmt: skip
+    return {
+        "wrench": job.wrench,
+        "load_kind": kind.kind,
+        "load_at": kind.at,
+        "load_axes": job.load_axes,
+    }
 
 
 def prepare_map(
@@ -150,9 +161,11 @@ def prepare_map(
     """
     if not isinstance(sampling, Sampling):
         raise InputError(
-            "not a choice of postures", where="sampling", got=type(sampling).__name__,
+            "not a choice of postures",
+            where="sampling",
+            got=type(sampling).__name__,
             expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
-        )  # fmt: skip
+        )
     path = Path(file)
     if path.suffix != ".zarr":
         raise InputError("unknown file ending", where=one_line(str(file)), expected=".zarr")
@@ -167,9 +180,10 @@ def prepare_map(
     cartesian = sampling if isinstance(sampling, CartesianGrid) else None
     if cartesian and cartesian.redundancy == "best" and chosen[0].better is None:
         raise InputError(
-            f"neither end of {chosen[0].name} is better", where="redundancy",
+            f"neither end of {chosen[0].name} is better",
+            where="redundancy",
             expected="another first quantity, or the nearest posture",
-        )  # fmt: skip
+        )
     probe = _probe(elastic, sampling, _acting(job))
     description = {
         "joints": list(elastic.names),
@@ -243,16 +257,18 @@ def prepare_map(
             "long_name": f"half width of the {100 * known.level:g} % interval of {q.name} that "
             "measured springs leave",
         }
-        for q in chosen if known is not None and q.name in job.with_interval
-    }  # fmt: skip
+        for q in chosen
+        if known is not None and q.name in job.with_interval
+    }
     variables["state"] = {
         "long_name": "state of the mechanism",
         "flag_values": [*range(len(STATES)), NOT_COMPUTED],
         "flag_meanings": " ".join([*STATES, "not-computed"]),
     }
     variables["position"] = {
-        "units": units.length, "long_name": "position of the body frame's origin in F"
-    }  # fmt: skip
+        "units": units.length,
+        "long_name": "position of the body frame's origin in F",
+    }
     if job.stores_q:
         variables["q"] = {"long_name": "coordinates of the posture"}
     if cartesian:
@@ -261,13 +277,20 @@ def prepare_map(
         dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates
     } | dict.fromkeys(cartesian.axes if cartesian else (), units.length)
     if isinstance(sampling, CommandGrid):
-        axis_units = {name: axis_units.get(name.removeprefix("command_"), units.length)
-                      for name in sampling.dims}  # fmt: skip
+        axis_units = {
+            name: axis_units.get(name.removeprefix("command_"), units.length)
+            for name in sampling.dims
+        }
     return job, MapFile.create(
-        path, sampling, variables, attributes, units=axis_units,
-        coordinates=len(elastic.names), single=single,
+        path,
+        sampling,
+        variables,
+        attributes,
+        units=axis_units,
+        coordinates=len(elastic.names),
+        single=single,
         postures_per_chunk=chunk or job.usual_chunk,
-    )  # fmt: skip
+    )
 
 
 def _about_command(job: MapJob) -> dict[str, str]:

@@ -39,9 +39,10 @@ def packed(thing: Any) -> bytes:
         return pickle.dumps(thing)
     except Exception as error:  # pickle raises what the objects in it raise
         raise InputError(
-            "mechanism cannot be sent to other processes", got=str(error),
+            "mechanism cannot be sent to other processes",
+            got=str(error),
             expected="functions of modules in its potentials, or threads",
-        ) from None  # fmt: skip
+        ) from None
 
 
 def run_in_processes(
@@ -91,9 +92,11 @@ def run_in_processes(
 def _finished(data: bytes, file: MapFile, todo: list[int], workers: int) -> Iterator[int]:
     """Chunks in the order in which they are done."""
     pool = ProcessPoolExecutor(
-        min(workers, len(todo)), multiprocessing.get_context("spawn"), _begin,
+        min(workers, len(todo)),
+        multiprocessing.get_context("spawn"),
+        _begin,
         (data, str(file.path.resolve())),
-    )  # fmt: skip
+    )
     coming = iter(todo)
     try:
         running: set[Future[int]] = {

@@ -45,8 +45,10 @@ def each_block(
     from dask.delayed import delayed
     from dask.threaded import get
 
-    parts = [[delayed(functions[name])(part) for part in array.data.to_delayed().ravel()]
-             for name, array in arrays.items()]  # fmt: skip
+    parts = [
+        [delayed(functions[name])(part) for part in array.data.to_delayed().ravel()]
+        for name, array in arrays.items()
+    ]
     # By name, or without one, a package for clusters would be imported to ask for its client.
     computed = compute(*parts, scheduler=get)  # type: ignore[no-untyped-call]
     return dict(zip(arrays, computed, strict=True))
@@ -209,8 +211,12 @@ def share_within(
     values = np.asarray(best_branch(dataset, name)[name].values, float)
     known = values[np.isfinite(values)]
     within = int((known <= limit if below else known >= limit).sum())
-    return {"limit": limit, "reached": int(known.size), "within": within,
-            "share": within / known.size if known.size else 0.0}  # fmt: skip
+    return {
+        "limit": limit,
+        "reached": int(known.size),
+        "within": within,
+        "share": within / known.size if known.size else 0.0,
+    }
 
 
 def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:

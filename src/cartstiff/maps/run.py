@@ -138,11 +138,27 @@ def compute_map(
         After Ctrl-C; the file is valid and the same call goes on with it.
     """
     job, map_file = prepare_map(
-        checked_elastic(elastic), sampling, quantities, file, connection=connection, length=length,
-        direction=direction, deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench,
-        load_kind=load_kind, load_at=load_at, load_axes=load_axes, damping=damping,
-        milling=milling, told=told, single=single, chunk=chunk, command=command,
-    )  # fmt: skip
+        checked_elastic(elastic),
+        sampling,
+        quantities,
+        file,
+        connection=connection,
+        length=length,
+        direction=direction,
+        deflect=deflect,
+        deflect_at=deflect_at,
+        world=world,
+        wrench=wrench,
+        load_kind=load_kind,
+        load_at=load_at,
+        load_axes=load_axes,
+        damping=damping,
+        milling=milling,
+        told=told,
+        single=single,
+        chunk=chunk,
+        command=command,
+    )
     run_map(job, map_file, threads=threads, workers=workers, scheduler=scheduler, progress=progress)
     return open_map(file)
 
@@ -194,9 +210,12 @@ def run_map(
 
 
 def _run_here(
-    job: MapJob, file: MapFile, todo: Sequence[int], threads: int,
+    job: MapJob,
+    file: MapFile,
+    todo: Sequence[int],
+    threads: int,
     advance: Callable[[int], None],
-) -> dict[int, dict[str, Any]]:  # fmt: skip
+) -> dict[int, dict[str, Any]]:
     """In this process: while a chunk is written, which mostly waits, the next one is computed."""
     boxes, facts = [file.boxes[chunk] for chunk in todo], dict[int, dict[str, Any]]()
     with ThreadPoolExecutor(1) as pool:
@@ -227,8 +246,9 @@ def _write(
 ) -> None:
     with timed("writing the file"):
         file.write(chunk, arrays)
-    facts[chunk] = facts_of({n: a.astype(file.arrays[n].dtype, copy=False)
-                             for n, a in arrays.items()})  # fmt: skip
+    facts[chunk] = facts_of(
+        {n: a.astype(file.arrays[n].dtype, copy=False) for n, a in arrays.items()}
+    )
 
 
 def _bar(

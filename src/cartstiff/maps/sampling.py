@@ -39,8 +39,11 @@ class Axis:
         if not (np.isfinite(self.low) and np.isfinite(self.high)):
             raise InputError("ends of an axis must be finite", got=(self.low, self.high))
         if not 1 <= self.count <= _MOST_VALUES:
-            raise InputError("an axis cannot have so many values",
-                             expected=f"1 to {_MOST_VALUES}", got=self.count)  # fmt: skip
+            raise InputError(
+                "an axis cannot have so many values",
+                expected=f"1 to {_MOST_VALUES}",
+                got=self.count,
+            )
         if self.count > 1 and not self.high > self.low:
             raise InputError("an axis must rise", expected="low < high", got=(self.low, self.high))
 
@@ -261,9 +264,7 @@ class RandomPostures(Sampling):
                 low, high = max(low, -np.pi) if np.isinf(low) else low, high
                 high = min(high, np.pi) if np.isinf(high) else high
             if not (np.isfinite(low) and np.isfinite(high)):
-                raise InputError(
-                    f"coordinate {c.name!r} has no limits", expected="a range for it"
-                )  # fmt: skip
+                raise InputError(f"coordinate {c.name!r} has no limits", expected="a range for it")
             lower.append(low)
             upper.append(high)
         return cls(count, seed, lower, upper)

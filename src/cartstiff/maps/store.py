@@ -140,9 +140,11 @@ class MapFile:
         )
         count = prod(ceil(n / c) for n, c in zip(shape, chunk, strict=True))
         if count > _MOST_CHUNKS:
-            raise InputError(f"map of {prod(shape)} postures has too many parts",
-                             expected=f"at most {_MOST_CHUNKS}: fewer postures, or more in each",
-                             got=count)  # fmt: skip
+            raise InputError(
+                f"map of {prod(shape)} postures has too many parts",
+                expected=f"at most {_MOST_CHUNKS}: fewer postures, or more in each",
+                got=count,
+            )
         kind = np.float32 if single else np.float64
         own: dict[str, tuple[Any, float, tuple[int, ...], tuple[str, ...]]] = {
             "state": (np.uint8, NOT_COMPUTED, (), ()),
@@ -159,27 +161,43 @@ class MapFile:
                 dtype, fill, tail, names = own.get(name, (kind, np.nan, (), ()))
                 places = len(dims) - (name == "branches")
                 group.create_array(
-                    name, shape=(*shape[:places], *tail), chunks=(*chunk[:places], *tail),
-                    dtype=dtype, fill_value=fill, dimension_names=(*dims[:places], *names),
-                    attributes=dict(about), compressors=_compressors(),
-                )  # fmt: skip
+                    name,
+                    shape=(*shape[:places], *tail),
+                    chunks=(*chunk[:places], *tail),
+                    dtype=dtype,
+                    fill_value=fill,
+                    dimension_names=(*dims[:places], *names),
+                    attributes=dict(about),
+                    compressors=_compressors(),
+                )
             for name, (values, dim) in _whole(sampling).items():
                 axis = group.create_array(
-                    name, shape=values.shape, chunks=values.shape, dtype=values.dtype,
-                    dimension_names=(dim,), compressors=_compressors(plain=True),
+                    name,
+                    shape=values.shape,
+                    chunks=values.shape,
+                    dtype=values.dtype,
+                    dimension_names=(dim,),
+                    compressors=_compressors(plain=True),
                     attributes={"units": units.get(name, "s")},
-                )  # fmt: skip
+                )
                 _writeable(axis)[:] = values
             group.create_array(
-                "done", shape=(count * (1 + len(variables)),), chunks=(1 + len(variables),),
-                dtype=np.uint32, fill_value=0, dimension_names=("checksum",),
-                attributes={"long_name": "for each chunk that is done: whose it is, and the "
-                                         "checksums of its files in the order of parts"},
+                "done",
+                shape=(count * (1 + len(variables)),),
+                chunks=(1 + len(variables),),
+                dtype=np.uint32,
+                fill_value=0,
+                dimension_names=("checksum",),
+                attributes={
+                    "long_name": "for each chunk that is done: whose it is, and the "
+                    "checksums of its files in the order of parts"
+                },
                 compressors=_compressors(plain=True),
-            )  # fmt: skip
+            )
             group.attrs["parts"] = list(variables)
-            group.attrs["axes"] = {n: checksum_of(_file(group[n], new, (0,)))
-                                   for n in _whole(sampling)}  # fmt: skip
+            group.attrs["axes"] = {
+                n: checksum_of(_file(group[n], new, (0,))) for n in _whole(sampling)
+            }
             group.attrs[CHECKSUM] = description_checksum(new)
             new.rename(place)
         except OSError as error:
@@ -276,8 +294,9 @@ class MapFile:
         """The line about a damaged chunk."""
         return InputError(
             f"part {chunk + 1} of {len(self.boxes)} is damaged: {what}",
-            where=one_line(str(self.path)), expected="to be computed anew by the same command",
-        )  # fmt: skip
+            where=one_line(str(self.path)),
+            expected="to be computed anew by the same command",
+        )
 
     def forget(self, chunk: int) -> None:
         """Take away the mark of a chunk, so that it is computed anew."""
@@ -318,8 +337,10 @@ class MapFile:
         for name, values in arrays.items():
             array = _writeable(self.arrays[name])
             array[box[: values.ndim] if values.ndim < len(box) else box] = values
-        files = [_file(self.arrays[n], self.path, self._place(n, chunk))
-                 for n in self.attributes["parts"]]  # fmt: skip
+        files = [
+            _file(self.arrays[n], self.path, self._place(n, chunk))
+            for n in self.attributes["parts"]
+        ]
         mark, width = [self._identity(chunk), *map(checksum_of, files)], 1 + len(files)
         self.arrays["done"][chunk * width : (chunk + 1) * width] = mark
 

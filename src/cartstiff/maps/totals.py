@@ -108,9 +108,11 @@ def summary_of_file(
 
 
 def _added_up(
-    facts: Mapping[str, Sequence[Any]], about: Mapping[str, Mapping[str, Any]],
-    sizes: Mapping[str, int], attributes: Mapping[str, Any],
-) -> dict[str, Any]:  # fmt: skip
+    facts: Mapping[str, Sequence[Any]],
+    about: Mapping[str, Mapping[str, Any]],
+    sizes: Mapping[str, int],
+    attributes: Mapping[str, Any],
+) -> dict[str, Any]:
     """The summary from facts about parts, and from attributes and sizes of the arrays, by name."""
     names, counts = named_states(about["state"]), dict[str, int]()
     every = np.sum(facts["state"], axis=0)
@@ -132,7 +134,9 @@ def _added_up(
     if "branches" in facts:
         sampling = json.loads(attributes["description"])["sampling"]
         branches["branches"] = {
-            "starts": 1 + sampling["starts"], "legs": sampling.get("legs", 0),
-            "found": max(facts["branches"]), "kept": sampling["branches"],
-        }  # fmt: skip
+            "starts": 1 + sampling["starts"],
+            "legs": sampling.get("legs", 0),
+            "found": max(facts["branches"]),
+            "kept": sampling["branches"],
+        }
     return {"states": counts, "quantities": ranges, **branches}

@@ -276,9 +276,11 @@ class Chain(Mechanism):
             raise UnknownNameError("frame", name, ["world", "body", *self.tree.frames]) from None
 
     def with_placements(
-        self, placements: Mapping[int, Array], T_j_M: ArrayLike,
+        self,
+        placements: Mapping[int, Array],
+        T_j_M: ArrayLike,
         frames: Mapping[str, FixedFrame] | None = None,
-    ) -> Chain:  # fmt: skip
+    ) -> Chain:
         """The same chain with joints, the body frame on its last joint, and frames elsewhere."""
         other = copy(self)
         other.tree = self.tree.changed(placements, frames=frames)
@@ -362,8 +364,11 @@ class Chain(Mechanism):
         movable[:] = True
         closed, iterations, size = self._close(posture, movable, tolerance)
         if closed is None:
-            raise ConvergenceError("the closures cannot be assembled from this posture",
-                                   iterations=iterations, residual=size)  # fmt: skip
+            raise ConvergenceError(
+                "the closures cannot be assembled from this posture",
+                iterations=iterations,
+                residual=size,
+            )
         return closed
 
     def _led(self, home: Home, q: Array, tolerance: float) -> ChainPosture | None:

@@ -139,9 +139,11 @@ def checked_gravity(
     other = units.length != SI.length and abs(size - in_units) < 0.02 * in_units
     if size > _STRONGEST or other:
         raise InputError(
-            "gravity is in m/s^2, whatever the units of the mechanism", where=where,
-            expected=f"at most {_STRONGEST:g}; {EARTH:g} on the earth", got=f"{size:g}",
-        )  # fmt: skip
+            "gravity is in m/s^2, whatever the units of the mechanism",
+            where=where,
+            expected=f"at most {_STRONGEST:g}; {EARTH:g} on the earth",
+            got=f"{size:g}",
+        )
     return fixed(field)
 
 
@@ -350,9 +352,10 @@ def named_values(
             if name not in names:
                 raise UnknownNameError("joint", str(name), names, where=what)
             values[names.index(name)] = (
-                np.inf if infinite and _is_infinite(value)
+                np.inf
+                if infinite and _is_infinite(value)
                 else checked_number(value, f"{what} of {name}")
-            )  # fmt: skip
+            )
         return values
     if not isinstance(numbers, (list, tuple)) and np.ndim(numbers) == 0:
         one = np.inf if infinite and _is_infinite(numbers) else checked_number(numbers, what)

@@ -382,8 +382,11 @@ def checked_elastic(source: object) -> ElasticMechanism:
     if isinstance(source, ElasticMechanism):
         return source
     shown = repr(source) if isinstance(source, (str, Path)) else "a name, file or model"
-    raise InputError("not a mechanism with springs", expected=f"cartstiff.load({shown})",
-                     got=type(source).__name__)  # fmt: skip
+    raise InputError(
+        "not a mechanism with springs",
+        expected=f"cartstiff.load({shown})",
+        got=type(source).__name__,
+    )
 
 
 def _is_outside(term: Potential) -> bool:

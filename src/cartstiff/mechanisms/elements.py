@@ -195,8 +195,9 @@ class Elements:
         S = np.tensordot(change, self.patterns(patterns), axes=1)
         laws = {
             p.law: coefficient(self.elastic, p.law) + float(step)
-            for p, step in zip(patterns, change, strict=True) if p.law is not None
-        }  # fmt: skip
+            for p, step in zip(patterns, change, strict=True)
+            if p.law is not None
+        }
         return with_coefficients(self.with_compliance(self.compliance + S), laws)
 
     def with_compliance(self, compliance: Array) -> ElasticMechanism:

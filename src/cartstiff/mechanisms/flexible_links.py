@@ -21,9 +21,13 @@ if TYPE_CHECKING:
 VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
 #: Those of a beam's segment: section to chord, along and about the chord, chord to section.
 SEGMENT = (
-    ("near_ry", "RY"), ("near_rz", "RZ"), ("px", "PX"), ("rx", "RX"), ("far_rz", "RZ"),
+    ("near_ry", "RY"),
+    ("near_rz", "RZ"),
+    ("px", "PX"),
+    ("rx", "RX"),
+    ("far_rz", "RZ"),
     ("far_ry", "RY"),
-)  # fmt: skip
+)
 
 
 #: A joint, and the pose of another frame in its frame.
@@ -69,9 +73,10 @@ class Give:
         mass, about_y, about_z = (h * x for x in self.own)
         bar = mass * h * h / 12
         return pin.Inertia(
-            mass, np.array([sign * 0.5 * h, 0.0, 0.0]),
+            mass,
+            np.array([sign * 0.5 * h, 0.0, 0.0]),
             np.diag([about_y + about_z, about_y + bar, about_z + bar]),
-        )  # fmt: skip
+        )
 
     @property
     def joints(self) -> list[tuple[str, str, float]]:
@@ -197,8 +202,10 @@ def masses_by_side(
             place = side(k, joint)
             if place is not near:
                 # Pinocchio's difference is no number where neither has a mass.
-                own = own - inertia if inertia.mass > 0 else pin.Inertia(
-                    own.mass, own.lever, own.inertia - inertia.inertia
-                )  # fmt: skip
+                own = (
+                    own - inertia
+                    if inertia.mass > 0
+                    else pin.Inertia(own.mass, own.lever, own.inertia - inertia.inertia)
+                )
                 beyond.append((place, inertia))
     return [(near, own), *beyond]

@@ -125,16 +125,24 @@ class Identified:
             else:
                 factor = 1.0 if pattern.is_share else per(*pattern.entries[0][:2])
             factors.append(factor)
-            patterns.append(replace(pattern, entries=tuple(
-                (i, j, weight * per(i, j) / factor) for i, j, weight in pattern.entries
-            )))  # fmt: skip
+            patterns.append(
+                replace(
+                    pattern,
+                    entries=tuple(
+                        (i, j, weight * per(i, j) / factor) for i, j, weight in pattern.entries
+                    ),
+                )
+            )
         # Ties have a name of their own, and so have axes of a link.
         of = {name: per(name, name) for name in size} | dict(zip(self.names, factors, strict=True))
         least = {name: k / of[name] for name, k in (self.at_least or {}).items()}
         return replace(
-            self, patterns=tuple(patterns), values=self.values * factors,
-            covariance=self.covariance * np.multiply.outer(factors, factors), at_least=least,
-        )  # fmt: skip
+            self,
+            patterns=tuple(patterns),
+            values=self.values * factors,
+            covariance=self.covariance * np.multiply.outer(factors, factors),
+            at_least=least,
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -24,8 +24,9 @@ def check_coordinates(model: pin.Model) -> None:
         With their number.
     """
     if model.nv > MOST_COORDINATES:
-        raise InputError("too many coordinates", expected=f"at most {MOST_COORDINATES}",
-                         got=model.nv)  # fmt: skip
+        raise InputError(
+            "too many coordinates", expected=f"at most {MOST_COORDINATES}", got=model.nv
+        )
 
 
 # How joints with several coordinates are written as successive one-coordinate joints; the order
@@ -36,17 +37,28 @@ _EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
     "JointModelTranslation": (("x", "PX"), ("y", "PY"), ("z", "PZ")),
     "JointModelPlanar": (("x", "PX"), ("y", "PY"), ("angle", "RZ")),
     "JointModelFreeFlyer": (
-        ("x", "PX"), ("y", "PY"), ("z", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"),
+        ("x", "PX"),
+        ("y", "PY"),
+        ("z", "PZ"),
+        ("rx", "RX"),
+        ("ry", "RY"),
+        ("rz", "RZ"),
     ),
-}  # fmt: skip
+}
 PLAIN = {
-    "JointModelRX": "revolute", "JointModelRY": "revolute", "JointModelRZ": "revolute",
+    "JointModelRX": "revolute",
+    "JointModelRY": "revolute",
+    "JointModelRZ": "revolute",
     "JointModelRevoluteUnaligned": "revolute",
-    "JointModelPX": "prismatic", "JointModelPY": "prismatic", "JointModelPZ": "prismatic",
+    "JointModelPX": "prismatic",
+    "JointModelPY": "prismatic",
+    "JointModelPZ": "prismatic",
     "JointModelPrismaticUnaligned": "prismatic",
-    "JointModelHX": "helical", "JointModelHY": "helical", "JointModelHZ": "helical",
+    "JointModelHX": "helical",
+    "JointModelHY": "helical",
+    "JointModelHZ": "helical",
     "JointModelHelicalUnaligned": "helical",
-}  # fmt: skip
+}
 _UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": "RZ"}
 
 
@@ -135,8 +147,11 @@ def set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
     """Put a joint with one coordinate at a position (rad, m) in a configuration."""
     joint = model.joints[index]
     if joint.nv != 1:
-        raise InputError(f"joint {model.names[index]!r} cannot be locked at one number",
-                         expected="a joint with one coordinate", got=joint.shortname())  # fmt: skip
+        raise InputError(
+            f"joint {model.names[index]!r} cannot be locked at one number",
+            expected="a joint with one coordinate",
+            got=joint.shortname(),
+        )
     if joint.nq == 2:
         q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
     else:

@@ -64,10 +64,14 @@ class LegLimits:
                 ]
         if self.diameters is not None:
             limits += [
-                (f"distance of leg{i + 1} and leg{j + 1}",
-                 0.5 * float(self.diameters[i] + self.diameters[j]), np.inf, False)
+                (
+                    f"distance of leg{i + 1} and leg{j + 1}",
+                    0.5 * float(self.diameters[i] + self.diameters[j]),
+                    np.inf,
+                    False,
+                )
                 for i, j in self.pairs(anchors, points)
-            ]  # fmt: skip
+            ]
         return limits
 
     def values(self, anchors: Array, points: Array, pose: Array) -> Array:
@@ -87,10 +91,12 @@ class LegLimits:
             first, second = pairs.T
             parts.append(
                 distances_of_segments(
-                    starts[..., first, :], ends[..., first, :], starts[..., second, :],
+                    starts[..., first, :],
+                    ends[..., first, :],
+                    starts[..., second, :],
                     ends[..., second, :],
                 )
-            )  # fmt: skip
+            )
         return np.concatenate(parts, axis=-1) if parts else np.empty((*pose.shape[:-2], 0))
 
 

@@ -105,9 +105,13 @@ class LegShape:
         T[:3, 3] *= a
         home = self.home if self.family == "crank" else self.home * a
         return replace(
-            self, anchor=self.anchor * a, crank=self.crank * a, rod=self.rod * a, home=home,
+            self,
+            anchor=self.anchor * a,
+            crank=self.crank * a,
+            rod=self.rod * a,
+            home=home,
             end_home=T,
-        )  # fmt: skip
+        )
 
     def driven(self, B: Array, mode: int) -> tuple[Array, Array]:
         """Driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
@@ -296,8 +300,9 @@ def _across(axis: Array, line: Array) -> tuple[Array, Array]:
     m = line - (line @ axis) * axis
     size = float(np.linalg.norm(m))
     if size < numerics.NEARBY:
-        raise InputError("the rod lies along an axis of its universal joint",
-                         expected="another axis or pose")  # fmt: skip
+        raise InputError(
+            "the rod lies along an axis of its universal joint", expected="another axis or pose"
+        )
     m = m / size
     return m, np.cross(axis, m)
 

@@ -69,10 +69,14 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
     if damping is not None:
         damping = damping * efforts_of_springs / sizes_of_springs
     return replace(
-        elastic, mechanism=mechanism, q=elastic.q * sizes, springs=springs, damping=damping,
+        elastic,
+        mechanism=mechanism,
+        q=elastic.q * sizes,
+        springs=springs,
+        damping=damping,
         potentials=tuple(_potential(p, a, sizes, efforts) for p in elastic.potentials),
         identified=None if known is None else known.scaled(Elements(elastic), a),
-    )  # fmt: skip
+    )
 
 
 def shown_factors(elastic: ElasticMechanism) -> dict[str, float]:
@@ -164,8 +168,9 @@ def _law(law: SpringLaw, size: float, effort: float) -> SpringLaw:
         return TabulatedLaw(
             tuple(x * size for x in law.deflections), tuple(t * effort for t in law.torques)
         )
-    raise InputError("a spring's law is not converted to other units", where="--units",
-                     got=type(law).__name__)  # fmt: skip
+    raise InputError(
+        "a spring's law is not converted to other units", where="--units", got=type(law).__name__
+    )
 
 
 def _joints(springs: JointSprings, sizes: Array, efforts: Array) -> JointSprings:
@@ -183,10 +188,12 @@ def _potential(potential: Potential, a: float, sizes: Array, efforts: Array) -> 
         return replace(potential, matrix=potential.matrix * efforts[at][:, None] / sizes[at])
     if isinstance(potential, Beam):
         s = potential.section
-        section = Section(s.axial, s.torsion * a * a, (s.bending[0] * a * a, s.bending[1] * a * a),
-                          s.shear)  # fmt: skip
+        section = Section(
+            s.axial, s.torsion * a * a, (s.bending[0] * a * a, s.bending[1] * a * a), s.shear
+        )
         return replace(potential, length=potential.length * a, section=section)
     if a == 1.0:
         return potential
-    raise InputError("is not converted to other units", where="--units",
-                     got=type(potential).__name__)  # fmt: skip
+    raise InputError(
+        "is not converted to other units", where="--units", got=type(potential).__name__
+    )

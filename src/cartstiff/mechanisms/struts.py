@@ -58,8 +58,11 @@ class Struts:
         for field in fields(self):
             value = checked_array(getattr(self, field.name), ("m",), f"legs' {field.name}")
             if value.shape != np.shape(self.fixed) or (value < 0.0).any():
-                raise InputError(f"legs' {field.name} cannot be used", got=value.tolist(),
-                                 expected="one number from zero per leg")  # fmt: skip
+                raise InputError(
+                    f"legs' {field.name} cannot be used",
+                    got=value.tolist(),
+                    expected="one number from zero per leg",
+                )
             value.flags.writeable = False
             object.__setattr__(self, field.name, value)
 
@@ -100,11 +103,19 @@ class Struts:
             turn = (v - np.outer(u, u @ v)) / L  # of the direction
             spin = se3.skew(u) @ turn
             for mass, J, at, velocity in (
-                (self.fixed[k], turning[0][k], b + (self.fixed_com[k] - L) * u,
-                 self.fixed_com[k] * turn),
-                (self.moving[k], turning[1][k], b - self.moving_com[k] * u,
-                 v - self.moving_com[k] * turn),
-            ):  # fmt: skip
+                (
+                    self.fixed[k],
+                    turning[0][k],
+                    b + (self.fixed_com[k] - L) * u,
+                    self.fixed_com[k] * turn,
+                ),
+                (
+                    self.moving[k],
+                    turning[1][k],
+                    b - self.moving_com[k] * u,
+                    v - self.moving_com[k] * turn,
+                ),
+            ):
                 total[:3] += mass * se3.skew(at) @ velocity + J * spin
                 total[3:] += mass * velocity
         return total

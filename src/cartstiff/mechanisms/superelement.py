@@ -139,8 +139,9 @@ def superelement_mass(
     if values[0] < -numerics.TELLING:
         raise InputError(
             "the mass matrix gives a motion negative energy",
-            expected="no negative eigenvalue", got=f"{values[0]:.2g} of the tip's",
-        )  # fmt: skip
+            expected="no negative eigenvalue",
+            got=f"{values[0]:.2g} of the tip's",
+        )
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * (vectors.T * sizes)
     return SuperelementMass(*inertia, share, root)
 
@@ -188,8 +189,9 @@ def _sorted(
         raise InputError(
             "the superelement resists a motion as a whole: the nodes' unit or the order of the "
             "rows is another one, or it is held somewhere",
-            expected=f"forces below {numerics.LOST:g} of their terms", got=f"{worst:.2g}",
-        )  # fmt: skip
+            expected=f"forces below {numerics.LOST:g} of their terms",
+            got=f"{worst:.2g}",
+        )
     rows = slice(6 * tip, 6 * tip + 6)
     others = np.delete(np.arange(6 * n), [*range(6 * n)[rows], *range(6 * base, 6 * base + 6)])
     return K, points, _Parts(tip, rows, others)
@@ -212,15 +214,20 @@ def _static_modes(K: Array, parts: _Parts) -> Array:
         sizes = numerics.equilibration(inner)
         least = float(np.linalg.eigvalsh(inner / np.outer(sizes, sizes))[0])
         if least < -numerics.LOST:
-            raise InputError("nodes between base and tip are pushed away from rest",
-                             expected="a positive definite matrix of their freedoms",
-                             got=f"{least:.2g} of their stiffness along a motion")  # fmt: skip
+            raise InputError(
+                "nodes between base and tip are pushed away from rest",
+                expected="a positive definite matrix of their freedoms",
+                got=f"{least:.2g} of their stiffness along a motion",
+            )
         inverse = numerics.invert(inner)
         if inverse is None or inverse.error > numerics.LOST:
-            raise InputError("nodes between base and tip can move without a force, or so stiff a "
-                             "part is among them that the digits of the soft ones are lost",
-                             got="a singular matrix of their freedoms" if inverse is None
-                             else f"a relative error of {inverse.error:.1g}")  # fmt: skip
+            raise InputError(
+                "nodes between base and tip can move without a force, or so stiff a "
+                "part is among them that the digits of the soft ones are lost",
+                got="a singular matrix of their freedoms"
+                if inverse is None
+                else f"a relative error of {inverse.error:.1g}",
+            )
         modes[r] = -inverse.matrix @ K[r, parts.tip]
     return modes
 
@@ -242,7 +249,8 @@ def _body_of(whole: Array) -> tuple[float, Array, Array]:
         raise InputError(
             "the mass matrix is that of no body: the nodes' unit or the order of the rows is "
             "another one, or the mass differs by direction",
-            expected=f"a misfit below {numerics.LOST:g}", got=f"{worst:.2g}",
-        )  # fmt: skip
+            expected=f"a misfit below {numerics.LOST:g}",
+            got=f"{worst:.2g}",
+        )
     inertia = whole[:3, :3] + mass * turned @ turned
     return mass, centre, np.asarray(0.5 * (inertia + inertia.T))

@@ -144,9 +144,11 @@ class KinematicTree:
         model, at = pin.Model(), {0: 0}
         for j in order:
             at[j] = model.addJoint(
-                at[self._parents[j]], self.model.joints[j], self.model.jointPlacements[j],
+                at[self._parents[j]],
+                self.model.joints[j],
+                self.model.jointPlacements[j],
                 self.model.names[j],
-            )  # fmt: skip
+            )
             model.armature[model.idx_vs[at[j]]] = self.model.armature[self.model.idx_vs[j]]
             model.appendBodyToJoint(at[j], self.model.inertias[j], pin.SE3.Identity())
         places = np.array(order, np.intp) - 1
@@ -196,10 +198,11 @@ class KinematicTree:
         return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
 
     def changed(
-        self, placements: Mapping[int, Array] | None = None,
+        self,
+        placements: Mapping[int, Array] | None = None,
         masses: Mapping[int, float] | None = None,
         frames: Mapping[str, FixedFrame] | None = None,
-    ) -> KinematicTree:  # fmt: skip
+    ) -> KinematicTree:
         """The same tree with other poses ``T_parent_joint`` or masses [kg] of joints, from 1.
 
         Named frames may stand elsewhere, too.

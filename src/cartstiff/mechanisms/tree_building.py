@@ -141,8 +141,9 @@ def plain_tree(
         if frame == UNFRAMED and len(hung) > 1:
             raise InputError(
                 "several links that give are fixed together, and a joint has no frame that tells "
-                "which of them carries it", expected="a frame for each joint",
-            )  # fmt: skip
+                "which of them carries it",
+                expected="a frame for each joint",
+            )
         return hung[-1] if hung else near[joint]
 
     def carry(joint: int, T_j: Array, inertia: Any) -> None:
@@ -248,8 +249,9 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
                 at[parent], tree.model.joints[j], placement, prefix + tree.model.names[j]
             )
             for own, of in (
-                (model.armature, tree.model.armature), (model.damping, tree.model.damping)
-            ):  # fmt: skip
+                (model.armature, tree.model.armature),
+                (model.damping, tree.model.damping),
+            ):
                 own[model.idx_vs[at[j]]] = of[tree.model.idx_vs[j]]
             model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]

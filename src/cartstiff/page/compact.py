@@ -94,8 +94,9 @@ def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
         return None
     arrays = {
         name: np.frombuffer(attributes[name]["array"].data, kind).reshape(-1, 3)
-        for name, kind in kinds.items() if name in attributes
-    }  # fmt: skip
+        for name, kind in kinds.items()
+        if name in attributes
+    }
     positions = arrays["position"]
     if not len(positions):
         return None
@@ -107,11 +108,17 @@ def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
     corners = np.frombuffer(index["array"].data, "<u2" if "16" in index["type"] else "<u4")
     del data["attributes"], data["index"]
     parts = [
-        _steps(np.round(positions / grid), "<i4"), _steps(corners, "<i4"),
+        _steps(np.round(positions / grid), "<i4"),
+        _steps(corners, "<i4"),
         *(np.ascontiguousarray(arrays[n].T).tobytes() for n in ("normal", "color") if n in arrays),
-    ]  # fmt: skip
-    facts = {"path": path, "object": lowered, "counts": [len(positions), len(corners)],
-             "grid": grid, "coloured": "color" in arrays}  # fmt: skip
+    ]
+    facts = {
+        "path": path,
+        "object": lowered,
+        "counts": [len(positions), len(corners)],
+        "grid": grid,
+        "coloured": "color" in arrays,
+    }
     return facts, b"".join(parts)
 
 

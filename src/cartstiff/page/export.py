@@ -111,18 +111,26 @@ def export_steps(
         result = session.result(first)
         here = replace(source, q=result.q, load=None, command=None)
         state = first.model_copy(
-            update={"command": None, "load": None, "stiffness": None, "q": result.q.tolist(),
-                    "load_at": first.acts_at, **weighs}
-        )  # fmt: skip
-        steps = export_steps(here, result.elastic, state, frames, picture=picture, number=number,
-                             address=address)  # fmt: skip
+            update={
+                "command": None,
+                "load": None,
+                "stiffness": None,
+                "q": result.q.tolist(),
+                "load_at": first.acts_at,
+                **weighs,
+            }
+        )
+        steps = export_steps(
+            here, result.elastic, state, frames, picture=picture, number=number, address=address
+        )
         return (yield from steps)
     if first.gravity is not None or first.payload is not None:
         # The file is of the machine as it weighs.
         heavy = session.changed(first.model_copy(update={"stiffness": None}))
         state = first.model_copy(update=weighs)
-        steps = export_steps(source, heavy, state, frames, picture=picture, number=number,
-                             address=address)  # fmt: skip
+        steps = export_steps(
+            source, heavy, state, frames, picture=picture, number=number, address=address
+        )
         return (yield from steps)
     hello = session.hello().data
     base = session.result(first)
@@ -199,8 +207,12 @@ def _sweep_frames(
     elastic = session.elastic
     sliders = slider_coordinates(elastic)
     if len(sliders) * count > _MOST_FRAMES:
-        raise InputError("too many frames for one page", where="--frames",
-                         expected=f"at most {_MOST_FRAMES // len(sliders)}", got=count)  # fmt: skip
+        raise InputError(
+            "too many frames for one page",
+            where="--frames",
+            expected=f"at most {_MOST_FRAMES // len(sliders)}",
+            got=count,
+        )
     ranges = slider_ranges(elastic, base.q)
     results = [base]
     sweeps: dict[int, list[int]] = {}
@@ -234,8 +246,12 @@ def _trajectory_frames(
     trajectory = session.source.trajectory
     postures = np.empty((0, 0)) if trajectory is None else trajectory.q
     if len(postures) > _MOST_FRAMES:
-        raise InputError("too many postures for one page", where="--trajectory",
-                         expected=f"at most {_MOST_FRAMES}", got=len(postures))  # fmt: skip
+        raise InputError(
+            "too many postures for one page",
+            where="--trajectory",
+            expected=f"at most {_MOST_FRAMES}",
+            got=len(postures),
+        )
     for q in postures:
         yield
         result = _reached(session, state, q, None)
@@ -272,10 +288,12 @@ class _Recorder:
 
     def _looks(self) -> list[tuple[str, ViewState]]:
         return [
-            (f"{quantity}/{name}",
-             self._state.model_copy(update={"quantity": quantity, "connection": name}))
+            (
+                f"{quantity}/{name}",
+                self._state.model_copy(update={"quantity": quantity, "connection": name}),
+            )
             for quantity, name in _VARIANTS
-        ]  # fmt: skip
+        ]
 
     def _draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         at = state.model_copy(update={"q": result.q.tolist()})
@@ -314,8 +332,12 @@ class _Recorder:
         parts = {part: self._hidden_by(first, part) for part in _PARTS}
         other = "light" if self._state.theme == "dark" else "dark"
         themes = {name: self._theme(first, name) for name in (self._state.theme, other)}
-        own = {key for paths in parts.values() for path in paths
-               for key in [("set_property", path, "visible")]}  # fmt: skip
+        own = {
+            key
+            for paths in parts.values()
+            for path in paths
+            for key in [("set_property", path, "visible")]
+        }
         complete(self._states, self.pictures)
         same = common_part(self._states)
         changing = {key for state in self._states for key in state} - (same - own)
@@ -340,10 +362,12 @@ class _Recorder:
         after = self.pictures.state()
         self._draw(result, self._state)
         return [
-            path for kind, path, what in after
-            if kind == "set_property" and what == "visible"
+            path
+            for kind, path, what in after
+            if kind == "set_property"
+            and what == "visible"
             and after[kind, path, what] != before.get((kind, path, what))
-        ]  # fmt: skip
+        ]
 
     def _theme(self, result: PostureStiffness, name: str) -> dict[Key, int]:
         """The viewer's state in a theme, every variant drawn."""

@@ -32,8 +32,19 @@ from cartstiff.page.verdict import DEFINITE, NEAR
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
 
-_NAMES = ("pose", "jacobian", "wrench", "energy", "stiffness_B", "stiffness_F", "hessian",
-          "lagrangian", "length", "frames", "tensions")  # fmt: skip
+_NAMES = (
+    "pose",
+    "jacobian",
+    "wrench",
+    "energy",
+    "stiffness_B",
+    "stiffness_F",
+    "hessian",
+    "lagrangian",
+    "length",
+    "frames",
+    "tensions",
+)
 
 
 @dataclass(frozen=True)
@@ -128,8 +139,10 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
         "are_lengths": [c.is_length for c in mechanism.coordinates],
         "length_unit": elastic.units.length,
         "limits": {
-            "names": list(limits.names), "columns": limits.columns.tolist(),
-            "lower": plain(limits.lower.tolist()), "upper": plain(limits.upper.tolist()),
+            "names": list(limits.names),
+            "columns": limits.columns.tolist(),
+            "lower": plain(limits.lower.tolist()),
+            "upper": plain(limits.upper.tolist()),
         },
         "notes": [note.as_dict() for note in elastic.notes],
         "last_notes": [
@@ -137,7 +150,7 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
             for note in (*([] if elastic.gravity is None else weights_of(elastic).notes), *chart)
         ],
         "base": result.as_dict(),
-    }  # fmt: skip
+    }
     described["reach"] = result.posture.length
     if isinstance(mechanism, Platform):
         bounds = mechanism.limits
@@ -174,14 +187,17 @@ def computing(
     legend = session.with_colour_bar(picture.draw(base, shown))
     units, trajectory = session.elastic.units, session.source.trajectory
     data = {
-        "start": start, "themes": themes, "kit": kit, "cloud": legend.get("cloud"),
+        "start": start,
+        "themes": themes,
+        "kit": kit,
+        "cloud": legend.get("cloud"),
         "scene": {
             "units": {"length": units.length, "force": units.force, "moment": units.moment},
             "lines": [line for line in legend["lines"] if line["mark"] == "note"],
             "notes": legend["notes"],
         },
         "trajectory": None if trajectory is None else trajectory.q.tolist(),
-    }  # fmt: skip
+    }
     return data, [start, *themes.values()], pictures
 
 

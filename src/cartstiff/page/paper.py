@@ -76,8 +76,12 @@ def report_page(
     start = elastic.mechanism.assembled(
         elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
     )
-    load: dict[str, Any] = {"wrench": wrench, "load_kind": load_kind, "load_at": load_at,
-                            "load_axes": load_axes}  # fmt: skip
+    load: dict[str, Any] = {
+        "wrench": wrench,
+        "load_kind": load_kind,
+        "load_at": load_at,
+        "load_axes": load_axes,
+    }
     with np.errstate(all="ignore"):
         result = analyse(elastic, start, **load)
         analysis = analyse_posture(result)
@@ -106,8 +110,12 @@ def report_page(
     parts += [f"<section><h2>{_text(head)}</h2>{body}</section>" for head, body in sections]
     if elastic.source:
         notes.insert(0, f"The file says of its numbers: {elastic.source}")
-    about = [f"cartstiff {__version__}", f"Pinocchio {version('pin')}",
-             f"NumPy {np.__version__}", f"Python {platform.python_version()}"]  # fmt: skip
+    about = [
+        f"cartstiff {__version__}",
+        f"Pinocchio {version('pin')}",
+        f"NumPy {np.__version__}",
+        f"Python {platform.python_version()}",
+    ]
     parts += [
         f"<section><h2>What is assumed</h2><ul>{_items(notes or ['nothing'])}</ul></section>",
         f'<section><h2>Made by</h2><p class="quiet"><code>{_text(command)}</code><br>'
@@ -116,14 +124,21 @@ def report_page(
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width"><title>{_text(title)}</title><style>\n{_STYLE.read_text("utf-8")}</style>\n'
-        + "\n".join(parts) + "</html>\n"
-    )  # fmt: skip
+        + "\n".join(parts)
+        + "</html>\n"
+    )
 
 
 def _answer(
-    elastic: ElasticMechanism, start: Array, wrench: ArrayLike | None, kind: LoadKind, axes: Any,
-    result: PostureStiffness, analysis: dict[str, Any], swept: dict[str, tuple[Array, Array]],
-) -> tuple[list[str], list[str]]:  # fmt: skip
+    elastic: ElasticMechanism,
+    start: Array,
+    wrench: ArrayLike | None,
+    kind: LoadKind,
+    axes: Any,
+    result: PostureStiffness,
+    analysis: dict[str, Any],
+    swept: dict[str, tuple[Array, Array]],
+) -> tuple[list[str], list[str]]:
     """The sentences of the answer, and everything that was assumed."""
     lines: list[str] = []
     notes = {str(note): None for note in result.notes}
@@ -158,9 +173,12 @@ def _answer(
             lines.append(f"Softest direction: ({along}) in F, {soft:.4g} N/mm.")
     if state is not None:
         lines.append(
-            {True: "The equilibrium is stable.", False: "The equilibrium is NOT stable.",
-             None: "Whether the equilibrium is stable is not decided."}[state.stable]
-        )  # fmt: skip
+            {
+                True: "The equilibrium is stable.",
+                False: "The equilibrium is NOT stable.",
+                None: "Whether the equilibrium is stable is not decided.",
+            }[state.stable]
+        )
     better = [
         (float(y[i]), name, float(x[i]))
         for name, (x, y) in swept.items()
@@ -204,18 +222,28 @@ def _swept(
         Q = np.tile(start, (_COUNT, 1))
         Q[:, j] = x
         many = analyse_many(
-            elastic, Q, wrench=W, load_kind=kind.kind, load_at=kind.at, load_axes="world",
+            elastic,
+            Q,
+            wrench=W,
+            load_kind=kind.kind,
+            load_at=kind.at,
+            load_axes="world",
             outputs=("wrench", "compliance_load"),
-        )  # fmt: skip
+        )
         motion = np.einsum("nij,nj->ni", many.arrays["compliance_load"], many.arrays["wrench"])
         sweeps[c.name] = x, np.linalg.norm(motion[:, 3:], axis=1)
     return sweeps
 
 
 def _picture(
-    elastic: ElasticMechanism, result: PostureStiffness, wrench: ArrayLike | None, load_kind: Any,
-    load_at: Sequence[float], load_axes: str, frames: int | None,
-) -> str:  # fmt: skip
+    elastic: ElasticMechanism,
+    result: PostureStiffness,
+    wrench: ArrayLike | None,
+    load_kind: Any,
+    load_at: Sequence[float],
+    load_axes: str,
+    frames: int | None,
+) -> str:
     source = Source(
         elastic,
         result.q,
@@ -263,14 +291,20 @@ def _skeleton(elastic: ElasticMechanism, q: Array) -> str:
         for line in lines:
             flat = (line - low) / size * 210
             pairs = " ".join(f"{left + p[across]:.1f},{235 - p[up]:.1f}" for p in flat)
-            drawn.append(f'<polyline points="{pairs}" fill="none" stroke="#666" stroke-width="4" '
-                         'stroke-linejoin="round"/>')  # fmt: skip
-            drawn += [f'<circle cx="{left + p[across]:.1f}" cy="{235 - p[up]:.1f}" r="4" '
-                      'fill="#2060c0"/>' for p in flat]  # fmt: skip
+            drawn.append(
+                f'<polyline points="{pairs}" fill="none" stroke="#666" stroke-width="4" '
+                'stroke-linejoin="round"/>'
+            )
+            drawn += [
+                f'<circle cx="{left + p[across]:.1f}" cy="{235 - p[up]:.1f}" r="4" fill="#2060c0"/>'
+                for p in flat
+            ]
         tip = (posture.pose[:3, 3] - low) / size * 210
-        drawn.append(f'<circle cx="{left + tip[across]:.1f}" cy="{235 - tip[up]:.1f}" r="6" '
-                     f'fill="#c04020"/><text x="{left}" y="255">{title}: {"xyz"[across]} to the '
-                     f'right, {"xyz"[up]} up; M in red</text>')  # fmt: skip
+        drawn.append(
+            f'<circle cx="{left + tip[across]:.1f}" cy="{235 - tip[up]:.1f}" r="6" '
+            f'fill="#c04020"/><text x="{left}" y="255">{title}: {"xyz"[across]} to the '
+            f"right, {'xyz'[up]} up; M in red</text>"
+        )
     return (
         '<svg viewBox="0 0 640 260" width="640" height="260" font-size="11" '
         f'font-family="sans-serif" role="img">{"".join(drawn)}</svg>'
@@ -336,10 +370,11 @@ def _matrix(result: PostureStiffness) -> str:
         return "<p>Neither stiffness nor compliance exists here; see what is assumed.</p>"
     small = numerics.BLANK * np.abs(K).max()
     rows = [
-        "<tr>" + "".join(f"<td>{0.0 if abs(x) < small else x:.6g}</td>" for x in row)
+        "<tr>"
+        + "".join(f"<td>{0.0 if abs(x) < small else x:.6g}</td>" for x in row)
         + f"<td>{pair[i // 3]}</td></tr>"
         for i, row in enumerate(K)
-    ]  # fmt: skip
+    ]
     order = "rows are moments, then forces, columns rotations, then translations."
     return f"<p>{name}, in M; {order}</p><table>{''.join(rows)}</table>"
 

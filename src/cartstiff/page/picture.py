@@ -47,9 +47,12 @@ class Picture:
             if facts is not None and facts["shown"]
         }
         return {
-            "lines": _legend_lines(legend), "notes": legend["notes"], "measures": measures,
-            "per_length": legend["length"]["scene_units_per_unit"], "screws": legend["screws"],
-        }  # fmt: skip
+            "lines": _legend_lines(legend),
+            "notes": legend["notes"],
+            "measures": measures,
+            "per_length": legend["length"]["scene_units_per_unit"],
+            "screws": legend["screws"],
+        }
 
     def kit(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Every part that another state needs is sent; what places them, see `Scene.kit`."""
@@ -102,13 +105,23 @@ def _look(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Lo
     measures = state.measures
     kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}
     return Look(
-        connection=state.connection, quantity=state.quantity, translation=state.translation,
-        rotation=state.rotation, scale=state.scale, axes=state.labels,
-        labels=state.labels, wrench=state.wrench,
-        deflection=state.deflection, screws=state.screws, centres=state.centres,
-        ghost=None if state.ghost is None else tuple(state.ghost), point=state.point,
-        theme=state.theme, nodal=nodal, measures=kept,
-    )  # fmt: skip
+        connection=state.connection,
+        quantity=state.quantity,
+        translation=state.translation,
+        rotation=state.rotation,
+        scale=state.scale,
+        axes=state.labels,
+        labels=state.labels,
+        wrench=state.wrench,
+        deflection=state.deflection,
+        screws=state.screws,
+        centres=state.centres,
+        ghost=None if state.ghost is None else tuple(state.ghost),
+        point=state.point,
+        theme=state.theme,
+        nodal=nodal,
+        measures=kept,
+    )
 
 
 # -- the legend in words ----------------------------------------------------------------------

@@ -78,9 +78,10 @@ def _listening(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
-            f"cannot serve here: {reason}", where=f"{host}:{port}",
+            f"cannot serve here: {reason}",
+            where=f"{host}:{port}",
             expected="an address of this machine and a free port (0 finds one)",
-        ) from None  # fmt: skip
+        ) from None
     listening.setblocking(False)
     return listening
 

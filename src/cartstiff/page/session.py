@@ -110,12 +110,19 @@ class Session:
         """What is shown at first: the matrix that exists, stiffness where there is one."""
         source = self.source
         state = ViewState(
-            q=self._q.tolist(), load=_six(source.load), load_kind=source.load_kind,
-            load_at=source.load_at, load_axes=source.load_axes, command=source.command,
-        )  # fmt: skip
+            q=self._q.tolist(),
+            load=_six(source.load),
+            load_kind=source.load_kind,
+            load_at=source.load_at,
+            load_axes=source.load_axes,
+            command=source.command,
+        )
         result = self.result(state)
-        quantity = "compliance" if result.reduction.stiffness is None and \
-            result.compliances["B"] is not None else "stiffness"  # fmt: skip
+        quantity = (
+            "compliance"
+            if result.reduction.stiffness is None and result.compliances["B"] is not None
+            else "stiffness"
+        )
         cloud = self.source.cloud
         return state.model_copy(
             update={
@@ -160,8 +167,11 @@ class Session:
         legend = self._draw(result, state)
         data["bounds"] = self.picture.bounds(result)
         if with_numbers:
-            data["first"] = {"numbers": self._numbers(result, state), "legend": legend,
-                             "followed": None}  # fmt: skip
+            data["first"] = {
+                "numbers": self._numbers(result, state),
+                "legend": legend,
+                "followed": None,
+            }
         return Answer(data, self.picture.whole())
 
     def answer(self, message: Message) -> Answer:
@@ -237,8 +247,9 @@ class Session:
         q = mechanism.checked(self._q if state.q is None else state.q)
         moved = state.moved
         if moved is not None and moved >= len(q):
-            raise InputError("no such coordinate", where="moved", expected=f"below {len(q)}",
-                             got=moved)  # fmt: skip
+            raise InputError(
+                "no such coordinate", where="moved", expected=f"below {len(q)}", got=moved
+            )
         if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
             if hold is not None or not is_left:  # else `analyse` closes it in the same way
@@ -287,13 +298,20 @@ class Session:
             now = self._follower.follow(q, pose, message.towards.turning)
             state = state.model_copy(update={"q": now.q.tolist(), "moved": None})
             followed = {
-                "distance": now.distance, "angle": now.angle, "reached": now.reached,
+                "distance": now.distance,
+                "angle": now.angle,
+                "reached": now.reached,
                 "stopped": list(now.stopped),
-            }  # fmt: skip
+            }
         result = self.result(state)
         numbers = self._numbers(result, state)
-        data = {"id": message.id, "do": "draw", "numbers": numbers, "followed": followed,
-                "legend": self._draw(result, state)}  # fmt: skip
+        data = {
+            "id": message.id,
+            "do": "draw",
+            "numbers": numbers,
+            "followed": followed,
+            "legend": self._draw(result, state),
+        }
         return Answer(data, self.picture.changes())
 
     # -- questions --------------------------------------------------------------------------
@@ -318,11 +336,14 @@ class Session:
         pictures = self.picture.along([*swung.postures, swings.posture])
         return Answer(
             {
-                "id": message.id, "do": "swing", "counts": [len(one) for one in pictures],
-                "displacement": swung.displacement, "turn": swung.turn,
+                "id": message.id,
+                "do": "swing",
+                "counts": [len(one) for one in pictures],
+                "displacement": swung.displacement,
+                "turn": swung.turn,
             },
             [command for one in pictures for command in one],
-        )  # fmt: skip
+        )
 
     def _analysis(self, message: Analysis) -> Answer:
         result = self.result(message.state)
@@ -351,8 +372,15 @@ class Session:
             narrow = (values[-1] - values[0]) / (message.steps - 1) / _FINEST
             yield from refine(rows, row, i, narrow, 2 * message.steps)
         at = sorted(rows)
-        return Answer({"id": message.id, "do": "sweep", "coordinate": i,
-                       "at": at, "rows": [rows[x] for x in at]})  # fmt: skip
+        return Answer(
+            {
+                "id": message.id,
+                "do": "sweep",
+                "coordinate": i,
+                "at": at,
+                "rows": [rows[x] for x in at],
+            }
+        )
 
     def _series(self, message: Series) -> _Work:
         trajectory = self.source.trajectory
@@ -362,8 +390,9 @@ class Session:
         for q in trajectory.q:
             rows.append(self._row(message.state, q, None))
             yield
-        return Answer({"id": message.id, "do": "series", "at": trajectory.time.tolist(),
-                       "rows": rows})  # fmt: skip
+        return Answer(
+            {"id": message.id, "do": "series", "at": trajectory.time.tolist(), "rows": rows}
+        )
 
     def _row(self, state: ViewState, q: Array, moved: int | None) -> dict[str, Any] | None:
         """One posture of a series; None where it cannot be reached."""

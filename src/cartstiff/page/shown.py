@@ -249,8 +249,12 @@ def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
     complete = len(values) >= wanted > 0
     smallest = float(values[wanted - 1]) if complete else 0.0
     largest = float(values[0]) if len(values) else 0.0
-    return {"kind": kind, "ratio": smallest / largest if largest > 0 else 0.0,
-            "smallest": smallest, "largest": largest}  # fmt: skip
+    return {
+        "kind": kind,
+        "ratio": smallest / largest if largest > 0 else 0.0,
+        "smallest": smallest,
+        "largest": largest,
+    }
 
 
 def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
@@ -266,10 +270,8 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     tensions = plain(springs.tensions(lengths)) if isinstance(springs, LineSprings) else nothing
     return [
         {"length": length, "tension": tension, "lower": low, "upper": high}
-        for length, tension, low, high in zip(
-            lengths.tolist(), tensions, lower, upper, strict=True
-        )
-    ]  # fmt: skip
+        for length, tension, low, high in zip(lengths.tolist(), tensions, lower, upper, strict=True)
+    ]
 
 
 def _deflection(result: PostureStiffness, state: ViewState, notes: Notes) -> FoundDeflection | None:
@@ -290,8 +292,9 @@ def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
     found = _deflection(result, state, notes)
     if found is None:
         return None
-    spread = notes.attempt("interval of the deflection", deflection_half_width, result,
-                           np.array(state.point))  # fmt: skip
+    spread = notes.attempt(
+        "interval of the deflection", deflection_half_width, result, np.array(state.point)
+    )
     whole, rows = found.whole, found.shares["shares"] if found.shares else []
     return {
         "displacement": whole.displacement.tolist(),

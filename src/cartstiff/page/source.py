@@ -136,9 +136,11 @@ def changed(
 
 
 def read_trajectory(
-    path: Path, names: tuple[str, ...], units: Units = SI,
+    path: Path,
+    names: tuple[str, ...],
+    units: Units = SI,
     factors: Mapping[str, float] = MappingProxyType({}),
-) -> Playback:  # fmt: skip
+) -> Playback:
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
 
     A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
@@ -156,8 +158,9 @@ def read_trajectory(
     columns, table, unused = rows.arranged(names, ("time", *names))
     where = one_line(str(path))
     if len(table) > _MOST_POSTURES:
-        raise InputError("too many postures", where=where, expected=f"at most {_MOST_POSTURES}",
-                         got=len(table))  # fmt: skip
+        raise InputError(
+            "too many postures", where=where, expected=f"at most {_MOST_POSTURES}", got=len(table)
+        )
     timed = len(columns) > len(names)
     time = table[:, 0] if timed else np.arange(float(len(table)))
     if np.any(np.diff(time) < 0):
@@ -202,14 +205,17 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
             units[str(name)] = str(variable.attrs.get("units", ""))
     if position.shape[-1] != 3 or not values:
         raise InputError(
-            "map cannot be shown", where=where,
+            "map cannot be shown",
+            where=where,
             expected="positions (..., 3) and a quantity over the same postures",
-        )  # fmt: skip
+        )
     reached = np.isfinite(flat).all(axis=1)  # places of a Cartesian grid that no posture reaches
     if not reached.any():
         raise InputError("map holds no posture", where=where, expected="a finite position")
-    cloud = _thinned(Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
-                     0 if elastic is None else len(elastic.names))  # fmt: skip
+    cloud = _thinned(
+        Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
+        0 if elastic is None else len(elastic.names),
+    )
     own = [] if elastic is None or "q" not in data else [str(name) for name in data["joint"].values]
     if elastic is None or own != list(elastic.names):
         return cloud
@@ -242,11 +248,17 @@ def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
     units = SI if elastic is None else elastic.units
     heads = [named_unit(name, units, cells.place) for name in cells.names]
     if [name for name, _ in heads] != ["x", "y", "z", "limit"]:
-        raise InputError("boundary cannot be shown", where=cells.place, got=", ".join(cells.names),
-                         expected="columns x, y, z and limit, as `workspace --csv` writes them of "
-                         "a body that takes all positions")  # fmt: skip
-    numbers = [parse_numbers(",".join(row[:3]), place, 3)
-               for row, place in zip(cells.rows, cells.places, strict=True)]  # fmt: skip
+        raise InputError(
+            "boundary cannot be shown",
+            where=cells.place,
+            got=", ".join(cells.names),
+            expected="columns x, y, z and limit, as `workspace --csv` writes them of "
+            "a body that takes all positions",
+        )
+    numbers = [
+        parse_numbers(",".join(row[:3]), place, 3)
+        for row, place in zip(cells.rows, cells.places, strict=True)
+    ]
     factors = [1.0 if factor is None else factor for _, factor in heads[:3]]
     return _cut(np.array(numbers) * factors, [row[3] for row in cells.rows], elastic)
 
@@ -260,9 +272,12 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
         For workspaces along other coordinates than x, y, z, and those without a boundary.
     """
     if reached.axes != ("x", "y", "z"):
-        raise InputError("the workspace cannot be shown among the mechanism's positions",
-                         where="workspace", expected="a body that takes all positions",
-                         got=", ".join(reached.axes))  # fmt: skip
+        raise InputError(
+            "the workspace cannot be shown among the mechanism's positions",
+            where="workspace",
+            expected="a body that takes all positions",
+            got=", ".join(reached.axes),
+        )
     if reached.positions is None or not reached.positions.edges:
         why = "; ".join(note.message for note in reached.notes[-1:])
         raise InputError("the workspace has no boundary", where="workspace", got=why or "none")
@@ -291,8 +306,11 @@ def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
             f"{name}, least": (f"{low:.4g} {unit}",),
             f"{name}, most": (f"{high:.4g} {unit}",),
         }
-    forces = mechanism.leg_limits.forces if isinstance(mechanism, Platform) and \
-        mechanism.leg_limits is not None else None  # fmt: skip
+    forces = (
+        mechanism.leg_limits.forces
+        if isinstance(mechanism, Platform) and mechanism.leg_limits is not None
+        else None
+    )
     for i, pair in enumerate(() if forces is None else forces.tolist(), start=1):
         for side, bound in zip(("least", "most"), pair, strict=True):
             words[f"force of leg{i}, {side}"] = (f"{bound:.4g} {elastic.units.force}",)

@@ -220,9 +220,19 @@ class Bounds(_Asked):
 
 
 Message = (
-    Draw | Numbers | Result | Sweep | Series | Swing | Response | Analysis | Export | Frame | Bounds
+    Draw
+    | Numbers
+    | Result
+    | Sweep
+    | Series
+    | Swing
+    | Response
+    | Analysis
+    | Export
+    | Frame
+    | Bounds
     | Living
-)  # fmt: skip
+)
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
 _T = TypeVar("_T")
 
@@ -241,8 +251,9 @@ def read_message(text: str | bytes) -> Message:
 
 def _read(kind: TypeAdapter[_T], text: str | bytes) -> _T:
     if len(text) > LARGEST_MESSAGE:
-        raise InputError("message is too long", expected=f"at most {LARGEST_MESSAGE} bytes",
-                         got=f"{len(text)}")  # fmt: skip
+        raise InputError(
+            "message is too long", expected=f"at most {LARGEST_MESSAGE} bytes", got=f"{len(text)}"
+        )
     try:
         return kind.validate_json(text)
     except ValidationError as error:

@@ -252,9 +252,14 @@ class TabSocket(Guarded, WebSocketHandler):
         if not isinstance(message, Export):
             return session.work(message)
         return export_steps(
-            session.source, session.elastic, message.state, message.frames,
-            picture=self._page.picture, number=message.id, address=message.address,
-        )  # fmt: skip
+            session.source,
+            session.elastic,
+            message.state,
+            message.frames,
+            picture=self._page.picture,
+            number=message.id,
+            address=message.address,
+        )
 
 
 def _number(text: str | bytes) -> int:

@@ -52,8 +52,10 @@ def asymmetries(matrices: list[Array]) -> list[float]:
     stack = np.array(matrices)
     differences = (stack - stack.swapaxes(1, 2)).max(axis=(1, 2)).tolist()
     largest = np.abs(stack).max(axis=(1, 2)).tolist()
-    return [difference if difference > _ROUNDING * size else 0.0
-            for difference, size in zip(differences, largest, strict=True)]  # fmt: skip
+    return [
+        difference if difference > _ROUNDING * size else 0.0
+        for difference, size in zip(differences, largest, strict=True)
+    ]
 
 
 def verdict(

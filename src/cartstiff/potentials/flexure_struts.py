@@ -111,19 +111,28 @@ class FlexureStruts(LineSprings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if np.any(self.slides <= 0.0):
-            raise InputError("a strut cannot be stiffer than its flexures",
-                             expected=f"below {1.0 / self._soft:g}",
-                             got=float(self.stiffness.max()))  # fmt: skip
+            raise InputError(
+                "a strut cannot be stiffer than its flexures",
+                expected=f"below {1.0 / self._soft:g}",
+                got=float(self.stiffness.max()),
+            )
         if np.any(self.bars <= 0.0):
-            raise InputError("a strut's flexures pass each other",
-                             expected=f"offsets that add up to less than {self.made.min():g}",
-                             got=self.lower.offset + self.upper.offset)  # fmt: skip
+            raise InputError(
+                "a strut's flexures pass each other",
+                expected=f"offsets that add up to less than {self.made.min():g}",
+                got=self.lower.offset + self.upper.offset,
+            )
 
     @staticmethod
     def between(
-        anchors: Array, points: Array, T_F_M: Array, axial: Array, lower: Flexure, upper: Flexure,
+        anchors: Array,
+        points: Array,
+        T_F_M: Array,
+        axial: Array,
+        lower: Flexure,
+        upper: Flexure,
         rest_length: Array,
-    ) -> FlexureStruts:  # fmt: skip
+    ) -> FlexureStruts:
         """Struts as made between points of F and points of M (m, 3) with the body at a pose."""
         ends = points @ T_F_M[:3, :3].T + T_F_M[:3, 3]
         along = ends - anchors
@@ -140,10 +149,16 @@ class FlexureStruts(LineSprings):
         home = np.array([se3.pose(r, b) for r, b in zip(R, ends, strict=True)])
         soft = 1.0 / lower.axial + 1.0 / upper.axial
         return FlexureStruts(
-            anchors=anchors, points=points, stiffness=1.0 / (1.0 / axial + soft),
-            rest_length=rest_length, lower=lower, upper=upper, feet=feet, made=made,
+            anchors=anchors,
+            points=points,
+            stiffness=1.0 / (1.0 / axial + soft),
+            rest_length=rest_length,
+            lower=lower,
+            upper=upper,
+            feet=feet,
+            made=made,
             home=se3.inverse(T_F_M) @ home,
-        )  # fmt: skip
+        )
 
     def scaled(self, a: float) -> FlexureStruts:
         """The same with all lengths times `a`."""
@@ -151,10 +166,17 @@ class FlexureStruts(LineSprings):
         feet[:, :3, 3] *= a
         home[:, :3, 3] *= a
         return replace(
-            self, anchors=self.anchors * a, points=self.points * a, feet=feet, home=home,
-            stiffness=self.stiffness / a, rest_length=self.rest_length * a, made=self.made * a,
-            lower=self.lower.scaled(a), upper=self.upper.scaled(a),
-        )  # fmt: skip
+            self,
+            anchors=self.anchors * a,
+            points=self.points * a,
+            feet=feet,
+            home=home,
+            stiffness=self.stiffness / a,
+            rest_length=self.rest_length * a,
+            made=self.made * a,
+            lower=self.lower.scaled(a),
+            upper=self.upper.scaled(a),
+        )
 
     @property
     def _soft(self) -> float:
@@ -176,8 +198,10 @@ class FlexureStruts(LineSprings):
         """Stiffnesses (m, 13) of all coordinates of each strut, infinite where it is rigid."""
         k = np.empty((len(self.made), 13))
         k[:, :SLIDE], k[:, SLIDE], k[:, SLIDE + 1 :] = (
-            self.lower.springs, self.slides, self.upper.springs
-        )  # fmt: skip
+            self.lower.springs,
+            self.slides,
+            self.upper.springs,
+        )
         return k
 
     @property
@@ -271,8 +295,10 @@ class FlexureStruts(LineSprings):
             0.5 * (k * (q - rest) ** 2).sum(axis=-1),
             (back @ W[..., None])[..., 0],
             back @ (0.5 * (K + K.swapaxes(-1, -2))) @ to_end,
-            self.made + rest[..., SLIDE], settled, stable,
-        )  # fmt: skip
+            self.made + rest[..., SLIDE],
+            settled,
+            stable,
+        )
 
     def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> FlexureStruts:
         """The same struts with rest lengths at which they exert a gradient (6,) at a posture.
@@ -287,9 +313,11 @@ class FlexureStruts(LineSprings):
         start = np.where(np.isnan(self.rest_length), self.lengths_of(T[None]), self.rest_length)
         at = self._balancing(T[None], start, gradient[None], free)
         if not at.is_found.all():
-            raise InputError("no rest lengths of the struts balance this load at this pose",
-                             expected="a load that the struts can carry, and a pose near that at "
-                             "which they were made")  # fmt: skip
+            raise InputError(
+                "no rest lengths of the struts balance this load at this pose",
+                expected="a load that the struts can carry, and a pose near that at "
+                "which they were made",
+            )
         return replace(self, rest_length=at.rest_length[0])
 
     def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> Struck:
@@ -328,22 +356,27 @@ class FlexureStruts(LineSprings):
         if not at.is_found.all():
             raise UndefinedError(
                 f"the flexures of strut {first} find no balance: they are bent too far",
-                code="strut-not-found", values={"strut": first},
-            )  # fmt: skip
+                code="strut-not-found",
+                values={"strut": first},
+            )
         if not at.is_stable.all():
             raise UndefinedError(
                 f"strut {first} has buckled: between its flexures it gives way by itself, and what "
                 "is left is no stiffness of a balance that lasts",
-                code="strut-buckled", values={"strut": first},
-            )  # fmt: skip
+                code="strut-buckled",
+                values={"strut": first},
+            )
         return float(at.energy.sum()), at.wrench[0].sum(axis=0), at.stiffness[0].sum(axis=0)
 
 
 def ideal_joints_only(springs: object, what: str) -> None:
     """Refuse struts with flexures in what takes legs for lines; InputError."""
     if isinstance(springs, FlexureStruts):
-        raise InputError(f"{what} take legs for springs along lines between ideal joints",
-                         expected="legs with a stiffness", got="struts with flexures")  # fmt: skip
+        raise InputError(
+            f"{what} take legs for springs along lines between ideal joints",
+            expected="legs with a stiffness",
+            got="struts with flexures",
+        )
 
 
 def solved(M: Array, right: Array) -> Array:
@@ -359,10 +392,20 @@ def solved(M: Array, right: Array) -> Array:
 def turned(angles: Array) -> tuple[Array, Array]:
     """Rotations by hinges about x, y, z in a row (..., 3, 3), and their axes at the far end."""
     (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (sines_of, cosines_of))
-    R = np.stack([
-        cy * cz, -cy * sz, sy, cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy,
-        sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy,
-    ], axis=-1).reshape(*sx.shape, 3, 3)  # fmt: skip
+    R = np.stack(
+        [
+            cy * cz,
+            -cy * sz,
+            sy,
+            cx * sz + sx * sy * cz,
+            cx * cz - sx * sy * sz,
+            -sx * cy,
+            sx * sz - cx * sy * cz,
+            sx * cz + cx * sy * sz,
+            cx * cy,
+        ],
+        axis=-1,
+    ).reshape(*sx.shape, 3, 3)
     zero, one = np.zeros_like(sx), np.ones_like(sx)
     axes = np.stack([cy * cz, sz, zero, -cy * sz, cz, zero, sy, zero, one], axis=-1)
     return R, axes.reshape(*sx.shape, 3, 3)

@@ -195,10 +195,13 @@ class LineSprings(PosePotential):
         """The same lines with all lengths times `a`."""
         at = self.balanced_at
         return replace(
-            self, anchors=self.anchors * a, points=self.points * a, stiffness=self.stiffness / a,
+            self,
+            anchors=self.anchors * a,
+            points=self.points * a,
+            stiffness=self.stiffness / a,
             rest_length=self.rest_length * a,
             balanced_at=None if at is None else (at[0] * a, at[1]),
-        )  # fmt: skip
+        )
 
     @property
     def is_complete(self) -> bool:

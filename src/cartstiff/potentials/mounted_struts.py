@@ -109,8 +109,10 @@ class MountedStruts(FlexureStruts):
             own.energy + energy[:, None] / m,
             (to_end[:, None] @ own.wrench[..., None])[..., 0],
             np.repeat(0.5 * (K + K.swapaxes(-1, -2))[:, None], m, axis=1),
-            own.rest_length, own.is_found & at.is_found[:, None], own.is_stable & stable[:, None],
-        )  # fmt: skip
+            own.rest_length,
+            own.is_found & at.is_found[:, None],
+            own.is_stable & stable[:, None],
+        )
 
     @np.errstate(over="ignore", invalid="ignore")
     def _bearing(self, T: Array, W: Array) -> _Row:

@@ -53,16 +53,21 @@ def with_strut_numbers(
         return struts
     slides = [values.get(name := f"stiffness.{leg}", nominal.get(name, np.inf)) for leg in legs]
     lower, upper = (
-        Flexure(**{word: values.get(_name(end, word), x) for word, x in
-                   getattr(struts, end)._asdict().items()})
+        Flexure(
+            **{
+                word: values.get(_name(end, word), x)
+                for word, x in getattr(struts, end)._asdict().items()
+            }
+        )
         for end in _ENDS
-    )  # fmt: skip
+    )
     soft = 1.0 / lower.axial + 1.0 / upper.axial
     stiffness = 1.0 / (1.0 / np.array(slides) + soft)
     mounts: dict[str, Any] = {
         end: Mount(mount.place, values.get(name, 1.0) * mount.stiffness)
-        for name, end in _mounts(struts).items() if (mount := getattr(struts, end))
-    }  # fmt: skip
+        for name, end in _mounts(struts).items()
+        if (mount := getattr(struts, end))
+    }
     return replace(struts, lower=lower, upper=upper, stiffness=stiffness, **mounts)
 
 
@@ -78,6 +83,10 @@ def with_strut_points(struts: FlexureStruts, anchors: Array, points: Array) -> F
         anchors, points, T_F_M, struts.slides, struts.lower, struts.upper, struts.rest_length
     )
     return replace(
-        struts, anchors=made.anchors, points=made.points, feet=made.feet, home=made.home,
+        struts,
+        anchors=made.anchors,
+        points=made.points,
+        feet=made.feet,
+        home=made.home,
         made=made.made,
-    )  # fmt: skip
+    )

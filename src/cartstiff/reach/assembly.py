@@ -105,13 +105,20 @@ class AssemblyModes(ShownInLines):
         if isinstance(search, PathCount):
             method = {"method": "homotopy", **search.as_dict()}
         elif search is not None:
-            method = {"method": "starts", "starts": search.starts, "found": search.found,
-                    "complete": False}  # fmt: skip
+            method = {
+                "method": "starts",
+                "starts": search.starts,
+                "found": search.found,
+                "complete": False,
+            }
         units = elastic.units
         return {
             "schema": ASSEMBLE_SCHEMA,
-            "mechanism": {"name": elastic.name, "kind": elastic.mechanism.kind,
-                          "joints": list(elastic.names)},
+            "mechanism": {
+                "name": elastic.name,
+                "kind": elastic.mechanism.kind,
+                "joints": list(elastic.names),
+            },
             "frame": elastic.mechanism.frame,
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
@@ -119,7 +126,7 @@ class AssemblyModes(ShownInLines):
             "search": method,
             "modes": [mode.as_dict() for mode in self.modes],
             "notes": [note.as_dict() for note in self.notes],
-        }  # fmt: skip
+        }
 
 
 def assemble(
@@ -184,21 +191,31 @@ def assemble(
     every = checked_flag(every, "every")
     values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
     mechanism = elastic.mechanism
-    stiffness = partial(analyse, elastic, wrench=wrench, load_kind=load_kind, load_at=load_at,
-                        load_axes=load_axes)  # fmt: skip
+    stiffness = partial(
+        analyse, elastic, wrench=wrench, load_kind=load_kind, load_at=load_at, load_axes=load_axes
+    )
     if isinstance(mechanism, Platform):
         if wrench is not None and isinstance(elastic.springs, FlexureStruts):
-            raise InputError("struts with flexures leave the mode under a load", where="wrench",
-                             expected="`equilibrium` from a mode found without it")  # fmt: skip
+            raise InputError(
+                "struts with flexures leave the mode under a load",
+                where="wrench",
+                expected="`equilibrium` from a mode found without it",
+            )
         if starts is not None or seed is not None:
-            raise InputError("random starts are for closed chains", got=mechanism.kind,
-                             expected="neither starts nor seed: a platform needs none")  # fmt: skip
+            raise InputError(
+                "random starts are for closed chains",
+                got=mechanism.kind,
+                expected="neither starts nor seed: a platform needs none",
+            )
         return _of_platform(elastic, mechanism, lengths, values, every, stiffness)
     if lengths is not None:
         raise InputError("leg lengths are for platforms", got=mechanism.kind)
     if not isinstance(mechanism, Chain) or not mechanism.closures:
-        raise InputError("assembly modes exist for closed chains and platforms", got=mechanism.kind,
-                         expected="for an arm, inverse_kinematics")  # fmt: skip
+        raise InputError(
+            "assembly modes exist for closed chains and platforms",
+            got=mechanism.kind,
+            expected="for an arm, inverse_kinematics",
+        )
     starts = _STARTS if starts is None else starts
     return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness, progress)
 
@@ -212,8 +229,10 @@ def _of_platform(
     stiffness: _Stiffness,
 ) -> AssemblyModes:
     if platform.kind != "stewart-gough" and getattr(elastic.springs, "unilateral", False):
-        raise InputError("cables do not hold a body by their lengths alone",
-                         expected="six legs that push and pull")  # fmt: skip
+        raise InputError(
+            "cables do not hold a body by their lengths alone",
+            expected="six legs that push and pull",
+        )
     if len(platform.points) != 6:
         raise InputError(
             "all assembly modes are found for six legs only", got=str(len(platform.points))
@@ -226,8 +245,9 @@ def _of_platform(
     if singular is not None:
         return AssemblyModes(elastic, lengths_by_leg, (), None, (*notes, singular))
     poses, counts, search, moving = poses_of_lengths(platform, wanted)
-    away = np.linalg.norm(se3.log(se3.inverse(start.pose) @ poses)
-                          / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1)  # fmt: skip
+    away = np.linalg.norm(
+        se3.log(se3.inverse(start.pose) @ poses) / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1
+    )
     order = np.argsort(away, kind="stable")[: None if every else 1]
     listed = []
     for i in order:
@@ -241,8 +261,13 @@ def _of_platform(
             "lie on curves: with these lengths the platform can move while its legs are held, "
             + ("for example from the pose in `values`" if len(moving) else "in complex poses")
         )
-        notes.append(Note("self-motion", message, {"paths": search.moving,
-                          "pose": moving.tolist() if len(moving) else None}))  # fmt: skip
+        notes.append(
+            Note(
+                "self-motion",
+                message,
+                {"paths": search.moving, "pose": moving.tolist() if len(moving) else None},
+            )
+        )
     if search.multiple:
         message = (
             f"{search.multiple} solutions meet in groups at singular poses (their `multiplicity`), "
@@ -250,20 +275,33 @@ def _of_platform(
         )
         notes.append(Note("multiple-solutions", message, {"paths": search.multiple}))
     if not search.is_complete:
-        notes.append(Note("paths-lost", f"{search.lost} of the paths are lost: assembly modes may "
-                          "be missing", {"lost": search.lost}))  # fmt: skip
+        notes.append(
+            Note(
+                "paths-lost",
+                f"{search.lost} of the paths are lost: assembly modes may be missing",
+                {"lost": search.lost},
+            )
+        )
     if listed:
         notes += limit_notes(platform, listed[0].result.posture)
     return AssemblyModes(elastic, lengths_by_leg, tuple(listed), search, tuple(notes))
 
 
 def _of_chain(
-    elastic: ElasticMechanism, chain: Chain, q: Array, starts: int, seed: int, every: bool,
-    stiffness: _Stiffness, progress: Callable[[int, int], None] | None,
-) -> AssemblyModes:  # fmt: skip
+    elastic: ElasticMechanism,
+    chain: Chain,
+    q: Array,
+    starts: int,
+    seed: int,
+    every: bool,
+    stiffness: _Stiffness,
+    progress: Callable[[int, int], None] | None,
+) -> AssemblyModes:
     if not chain.actuated:
-        raise InputError("the mechanism names no actuated joints, so that nothing is held",
-                         expected="actuated: [...] in its file")  # fmt: skip
+        raise InputError(
+            "the mechanism names no actuated joints, so that nothing is held",
+            expected="actuated: [...] in its file",
+        )
     if isinstance(starts, bool) or not isinstance(starts, (int, np.integer)) or starts < 0:
         raise InputError("number of starts cannot be used", expected="0 or more", got=starts)
     held = list(chain.actuated)

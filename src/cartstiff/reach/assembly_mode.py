@@ -124,10 +124,11 @@ class AssemblyMode(ShownInLines):
             "smallest_eigenvalue": self.eigenvalue,
             "stable": self.stable,
             "determinant": self.determinant,
-            "frequencies": None if frequencies is None
+            "frequencies": None
+            if frequencies is None
             else [float(f) if np.isfinite(f) else None for f in frequencies],
             "notes": [note.as_dict() for note in self._own_notes],
-        }  # fmt: skip
+        }
 
     @cached_property
     def _own_notes(self) -> list[Note]:

@@ -53,8 +53,10 @@ class LegMargins:
     def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
         chain, legs = elastic.mechanism, legs_of(elastic, limits=False)
         if not isinstance(chain, Chain) or legs is None:
-            raise InputError("workspaces are found for platforms, and for bodies on legs or cables",
-                             got=chain.kind)  # fmt: skip
+            raise InputError(
+                "workspaces are found for platforms, and for bodies on legs or cables",
+                got=chain.kind,
+            )
         self.elastic, self.chain, self.legs = elastic, chain, legs
         self.limits = Limits(chain)
         finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
@@ -92,10 +94,12 @@ class LegMargins:
         margins = np.full((len(q), len(self.names)), np.inf)
         values = self.limits.values(q, poses)
         n = len(self._lower) + len(self._upper)
-        margins[:, :n] = np.hstack([
-            values[:, self._lower] - self.limits.lower[self._lower],
-            self.limits.upper[self._upper] - values[:, self._upper],
-        ])  # fmt: skip
+        margins[:, :n] = np.hstack(
+            [
+                values[:, self._lower] - self.limits.lower[self._lower],
+                self.limits.upper[self._upper] - values[:, self._upper],
+            ]
+        )
         for i, leg in enumerate(self.chain.legs):
             short = [leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end]
             margins[~known, n + i] = np.where(np.array(short) > 0.0, -np.array(short), np.inf)
@@ -133,8 +137,10 @@ class LegMargins:
             slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
             lengths.append(sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum())
         if not np.isfinite(min(lengths)):
-            raise InputError("the slides have no limits, so that the workspace has no bound",
-                             expected="legs.limits, or a radius")  # fmt: skip
+            raise InputError(
+                "the slides have no limits, so that the workspace has no bound",
+                expected="legs.limits, or a radius",
+            )
         return 2.0 * float(min(lengths))
 
     def determinants(self, poses: Array) -> Array:

@@ -114,13 +114,18 @@ class Margins:
     """
 
     def __init__(
-        self, elastic: ElasticMechanism, load: LoadAt | None = None, sign: float = 0.0,
+        self,
+        elastic: ElasticMechanism,
+        load: LoadAt | None = None,
+        sign: float = 0.0,
         tensions: Distribution = "any",
-    ) -> None:  # fmt: skip
+    ) -> None:
         platform, springs = elastic.mechanism, elastic.springs
         if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
-            raise InputError("workspaces are found for platforms and bodies on cables",
-                             got=elastic.mechanism.kind)  # fmt: skip
+            raise InputError(
+                "workspaces are found for platforms and bodies on cables",
+                got=elastic.mechanism.kind,
+            )
         self.platform, self.springs, self.sign = platform, springs, sign
         self.limits, self.length = Limits(platform), platform.length
         self.load, self.weight = load, np.zeros(3)
@@ -132,8 +137,10 @@ class Margins:
         if self.forces is None and springs.unilateral:
             self.forces = np.tile([0.0, np.inf], (m, 1))
         if self.forces is not None and platform.struts is not None and elastic.gravity is not None:
-            raise InputError("force limits do not include the weight of the legs",
-                             expected="no gravity, or no legs.mass")  # fmt: skip
+            raise InputError(
+                "force limits do not include the weight of the legs",
+                expected="no gravity, or no legs.mass",
+            )
         if self.forces is not None:
             ideal_joints_only(springs, "limits of forces")
         if m < 6 and self.forces is not None:
@@ -146,15 +153,19 @@ class Margins:
         names += [f"{self.limits.names[i]}, most" for i in self._upper]
         self.tensions = tensions
         if tensions not in TENSIONS:
-            raise InputError("unknown distribution of tensions", expected=" or ".join(TENSIONS),
-                             got=tensions)  # fmt: skip
+            raise InputError(
+                "unknown distribution of tensions", expected=" or ".join(TENSIONS), got=tensions
+            )
         if tensions != "any" and (
             self.forces is None or not self.is_spread or not np.isfinite(self.forces).all()
         ):
             raise InputError(
                 "the middle of the limits exists for cables, or more than six legs, with least and "
-                "largest tensions", where="tensions", expected="legs.force", got=tensions,
-            )  # fmt: skip
+                "largest tensions",
+                where="tensions",
+                expected="legs.force",
+                got=tensions,
+            )
         if self.forces is not None and self.is_spread and tensions == "any":
             names.append("tensions")
         elif self.forces is not None:

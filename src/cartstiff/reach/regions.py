@@ -105,9 +105,13 @@ def sphere_rule(count: int) -> tuple[Array, Array]:
 
 
 def rays_to_boundaries(
-    margins: Inside, pose_at: Moved, reach: float, count: int, scan: int,
+    margins: Inside,
+    pose_at: Moved,
+    reach: float,
+    count: int,
+    scan: int,
     progress: Progress | None = None,
-) -> Rays:  # fmt: skip
+) -> Rays:
     """Boundaries along rays; `pose_at` makes poses (N, 4, 4) of offsets (N, 3) from the centre."""
     directions, weights = sphere_rule(count)
     d = len(directions)
@@ -197,7 +201,7 @@ def columns_inside(
     """Columns over the box around boundary positions (k, 3), widened until it holds all.
 
     Positions further than `reach` from the centre do not count.
-    """  # fmt: skip
+    """
 
     def within(places: Array) -> Array:
         offsets = places - centre

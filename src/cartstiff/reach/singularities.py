@@ -61,10 +61,13 @@ class Singular:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "metric": "sqrt(distance^2 + (length angle)^2)", "length": self.length,
-            "distance": self.distance, "pose": None if self.pose is None else self.pose.tolist(),
-            "shift": self.shift, "surface": self.surface.tolist(),
-        }  # fmt: skip
+            "metric": "sqrt(distance^2 + (length angle)^2)",
+            "length": self.length,
+            "distance": self.distance,
+            "pose": None if self.pose is None else self.pose.tolist(),
+            "shift": self.shift,
+            "surface": self.surface.tolist(),
+        }
 
 
 def singular_around(
@@ -85,10 +88,12 @@ def singular_around(
     x = nearest_singular(signed, pose, length, np.pi * length, range(6), few)
     shift = nearest_singular(signed, pose, length, np.pi * length, range(3, 6), few)
     return Singular(
-        surface, None if x is None else float(np.linalg.norm(x)),
+        surface,
+        None if x is None else float(np.linalg.norm(x)),
         None if x is None else around(pose, x[None], length)[0],
-        None if shift is None else float(np.linalg.norm(shift)), length,
-    )  # fmt: skip
+        None if shift is None else float(np.linalg.norm(shift)),
+        length,
+    )
 
 
 def least_ratio(
@@ -128,9 +133,13 @@ def crossings(
 
 
 def nearest_singular(
-    signed: Determinant, pose: Array, length: float, reach: float, axes: Sequence[int],
+    signed: Determinant,
+    pose: Array,
+    length: float,
+    reach: float,
+    axes: Sequence[int],
     rays: int = 200,
-) -> Array | None:  # fmt: skip
+) -> Array | None:
     """Shortest x (6,) found of the module's metric at which a determinant vanishes.
 
     Only the components `axes` of x, of which there are six, are moved. It is looked for on so many

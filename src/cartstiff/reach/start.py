@@ -19,8 +19,12 @@ from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 def carried(kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array) -> LoadAt:
     """The load at other poses, of which the components are known at the start."""
     if kind.kind == "conservative":
-        raise InputError("a moment that turns by half depends on where the body comes from",
-                         where="load_kind", expected="dead or follower", got=kind.kind)  # fmt: skip
+        raise InputError(
+            "a moment that turns by half depends on where the body comes from",
+            where="load_kind",
+            expected="dead or follower",
+            got=kind.kind,
+        )
     body = wrench_in_body(wrench, start, kind.at, axes)
     if kind.kind == "follower":
         return lambda poses: np.broadcast_to(body, (len(poses), 6))
@@ -55,6 +59,8 @@ def reach_of_lines(platform: Platform, pose: Array, radius: float | None) -> flo
     ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
     farthest = float(np.min(np.linalg.norm(ends, axis=1) + longest))
     if not np.isfinite(farthest):
-        raise InputError("the lengths of the legs have no upper limit, so that the workspace has "
-                         "no bound", expected="legs.limits, or a radius")  # fmt: skip
+        raise InputError(
+            "the lengths of the legs have no upper limit, so that the workspace has no bound",
+            expected="legs.limits, or a radius",
+        )
     return farthest

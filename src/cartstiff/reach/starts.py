@@ -19,9 +19,13 @@ _BY_ENGINE = 100
 
 
 def closed_from(
-    elastic: ElasticMechanism, chain: Chain, q: Array, starts: int, seed: int,
+    elastic: ElasticMechanism,
+    chain: Chain,
+    q: Array,
+    starts: int,
+    seed: int,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[list[Array], list[Array]]:  # fmt: skip
+) -> tuple[list[Array], list[Array]]:
     """Coordinates (n,) that differ, first those of `q`, and where all joints and the body are then.
 
     `q` is closed; its actuated and virtual joints stay. `progress` is called with how many starts

@@ -156,8 +156,10 @@ class Workspace(ShownInLines):
         return [(z + c * (x - z), a * b * area) for x, area in areas]
 
     def _lines(self) -> list[str]:
-        return [f"Workspace of {self.elastic.name}: volume {self.volume}",
-                f"  turns in every direction {self.least_turn} rad"]  # fmt: skip
+        return [
+            f"Workspace of {self.elastic.name}: volume {self.volume}",
+            f"  turns in every direction {self.least_turn} rad",
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
@@ -165,8 +167,11 @@ class Workspace(ShownInLines):
         sphere, cube, near = self.sphere, self.cube, self.singularity
         return {
             "schema": WORKSPACE_SCHEMA,
-            "mechanism": {"name": elastic.name, "kind": elastic.mechanism.kind,
-                          "joints": list(elastic.names)},
+            "mechanism": {
+                "name": elastic.name,
+                "kind": elastic.mechanism.kind,
+                "joints": list(elastic.names),
+            },
             "frame": elastic.mechanism.frame,
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "pose": self.pose.tolist(),
@@ -180,21 +185,26 @@ class Workspace(ShownInLines):
             "poses": sum(
                 r.poses for r in (self.positions, self.turns, self.columns) if r is not None
             ),
-            "sphere": None if sphere is None
+            "sphere": None
+            if sphere is None
             else {"centre": sphere[0].tolist(), "radius": sphere[1]},
             "cube": None if cube is None else {"centre": cube[0].tolist(), "edge": cube[1]},
-            "rotations": None if self.turns is None else {
-                "share": self.share_of_rotations, "every_axis": self.least_turn,
+            "rotations": None
+            if self.turns is None
+            else {
+                "share": self.share_of_rotations,
+                "every_axis": self.least_turn,
                 "cut_by": self.turns.shares(),
             },
-            "singularity": None if near is None
+            "singularity": None
+            if near is None
             else {"least_ratio": near[0], "position": near[1].tolist()},
             "singular": None if self.singular is None else self.singular.as_dict(),
             "tensions": self.distribution or None,
             "boundary": self.boundary.tolist(),
             "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
             "notes": [note.as_dict() for note in self.notes],
-        }  # fmt: skip
+        }
 
 
 def workspace(
@@ -270,8 +280,11 @@ def workspace(
     notes = list(elastic.notes)
     if isinstance(elastic.mechanism, Chain):
         if wrench is not None or tensions != "any":
-            raise InputError("is for limits of forces, which legs made of joints do not have",
-                             where="wrench or tensions", expected="neither")  # fmt: skip
+            raise InputError(
+                "is for limits of forces, which legs made of joints do not have",
+                where="wrench or tensions",
+                expected="neither",
+            )
         pose = elastic.mechanism.closed(values).pose
         on_legs = LegMargins(elastic, pose, through)
         margins: Margins | LegMargins = on_legs
@@ -286,10 +299,16 @@ def workspace(
         count = directions or (200 if margins.is_slow else 1000)
         most = reach_of_lines(margins.platform, pose, radius)
     axes, scales, moved = _followed(margins, pose, most)
-    about_load = None if wrench is None else {
-        "wrench": np.asarray(wrench, float).tolist(), "kind": kind.kind, "at": list(kind.at),
-        "axes": load_axes,
-    }  # fmt: skip
+    about_load = (
+        None
+        if wrench is None
+        else {
+            "wrench": np.asarray(wrench, float).tolist(),
+            "kind": kind.kind,
+            "at": list(kind.at),
+            "axes": load_axes,
+        }
+    )
     here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load, notes=tuple(notes))
 
     def turned(vectors: Array) -> Array:
@@ -334,10 +353,18 @@ def workspace(
     if singular is not None:
         singular = replace(singular, surface=singular.surface * scales + here.centre)
     return replace(
-        here, positions=positions, turns=turns, columns=columns, sphere=sphere, cube=cube,
-        singularity=near, singular=singular, margin=float(at_centre.min()), notes=tuple(notes),
+        here,
+        positions=positions,
+        turns=turns,
+        columns=columns,
+        sphere=sphere,
+        cube=cube,
+        singularity=near,
+        singular=singular,
+        margin=float(at_centre.min()),
+        notes=tuple(notes),
         distribution=margins.distribution(pose),
-    )  # fmt: skip
+    )
 
 
 def _places(rays: Rays) -> Array:
@@ -346,16 +373,22 @@ def _places(rays: Rays) -> Array:
 
 
 def _margins(
-    elastic: ElasticMechanism, values: Array, loaded: Callable[[Array], LoadAt] | None,
-    through: bool, tensions: Distribution,
-) -> tuple[Margins, Array] | Workspace:  # fmt: skip
+    elastic: ElasticMechanism,
+    values: Array,
+    loaded: Callable[[Array], LoadAt] | None,
+    through: bool,
+    tensions: Distribution,
+) -> tuple[Margins, Array] | Workspace:
     """Margins of a platform and its pose; or all that there is, where it is singular everywhere."""
     bare, platform = Margins(elastic, tensions=tensions), elastic.mechanism
     if not isinstance(platform, Platform):
         raise TypeError("a platform")
     if loaded is not None and bare.forces is None:
-        raise InputError("nothing limits forces, so that a load cuts nothing", where="wrench",
-                         expected="legs.force or cables")  # fmt: skip
+        raise InputError(
+            "nothing limits forces, so that a load cuts nothing",
+            where="wrench",
+            expected="legs.force or cables",
+        )
     pose, sign = platform.pose_of(np.asarray(values, float)), 0.0
     load = None if loaded is None else loaded(pose)
     if len(platform.points) >= 6:
@@ -363,8 +396,10 @@ def _margins(
         if singular is not None:
             return Workspace(elastic, pose, notes=(*elastic.notes, singular))
     if not bare.names:
-        raise InputError("no limits: every pose is within them",
-                         expected="limits, base_joints, diameter or force in legs")  # fmt: skip
+        raise InputError(
+            "no limits: every pose is within them",
+            expected="limits, base_joints, diameter or force in legs",
+        )
     if len(platform.points) == 6 and not through and not bare.springs.unilateral:
         sign = float(np.sign(bare.determinants(pose[None])[0]))
     return Margins(elastic, load, sign, tensions), pose

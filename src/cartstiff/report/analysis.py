@@ -158,8 +158,9 @@ def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
         if not largest > 0:
             continue
         if largest - e["eigenvalues"][0] <= numerics.CLOSE * largest:
-            lines.append(f"  softest: a {load} any axis alike, {number(1 / largest)} "
-                         f"{u.stiffness[freedom]}")  # fmt: skip
+            lines.append(
+                f"  softest: a {load} any axis alike, {number(1 / largest)} {u.stiffness[freedom]}"
+            )
             continue
         axis = vector(_upright([r[2] for r in e["axes"]]), size=COSINES)
         stiff = f"{number(1.0 / largest)} {u.stiffness[freedom]}"
@@ -185,11 +186,12 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
         titles += [f"{kind}, held [{unit}]", "free"]
     cells = [
         [
-            r["name"], vector(r["direction"]),
+            r["name"],
+            vector(r["direction"]),
             *(number(r[k][o]) for k in ("along", "about") for o in ("held", "free")),
         ]
         for r in shown
-    ]  # fmt: skip
+    ]
     return ["", "stiffness along and about lines through this point", *table(titles, cells)]
 
 
@@ -271,8 +273,10 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         if r["change"] is None:
             rows.append([f"K^{r['name']}", *["-"] * 5])
             continue
-        cells = [f"{_felt(r['largest'][b], r['relative'][b])} ({percent(r['relative'][b])})"
-                 for b in u.blocks]  # fmt: skip
+        cells = [
+            f"{_felt(r['largest'][b], r['relative'][b])} ({percent(r['relative'][b])})"
+            for b in u.blocks
+        ]
         rows.append([f"K^{r['name']}", *cells, percent(r["change"])])
     if rows:
         titles = [f"{b} [{unit}]" for b, unit in u.blocks.items()]

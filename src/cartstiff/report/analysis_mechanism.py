@@ -50,8 +50,10 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         parts = [f"{s['name']} {_share(s['share'])}" for s in main]
         return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
     rows = []
-    sizes = [max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)
-             for kind in (False, True)]  # fmt: skip
+    sizes = [
+        max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)
+        for kind in (False, True)
+    ]
     for s in shares:
         # A link turns and moves at once: its elongation has no single unit.
         unit = "" if s["is_length"] is None else u.length if s["is_length"] else angle
@@ -113,12 +115,11 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
         lines.append("  the posture is not stable with it: the target is not positive definite")
     if fit is not None:
         rows = [
-            [name, number(k, 5, "locked"), "" if k is None else x, number(tau),
-             u.effort(s)]
+            [name, number(k, 5, "locked"), "" if k is None else x, number(tau), u.effort(s)]
             for name, k, x, tau, s in zip(
                 t["joints"], fit["stiffness"], unit, t["torque"], t["are_lengths"], strict=True
             )
-        ]  # fmt: skip
+        ]
         lines += table(["joint", "stiffness", "", "carries", ""], rows)
     if full and not t["is_diagonal"]:
         lines.append("  matrix of joint stiffness that gives it exactly, rows and columns in order")
@@ -206,8 +207,10 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
             ]
             lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
     if not s["samples"] and any(_meet(spreads, prefix) for prefix in _SHOWN):
-        lines.append("  principal values meet here: to first order their spread is rough; draw "
-                     "samples instead")  # fmt: skip
+        lines.append(
+            "  principal values meet here: to first order their spread is rough; draw "
+            "samples instead"
+        )
     softest = spreads.get("ellipsoids.stiffness.translation.free.eigenvalues[0]")
     if softest is not None and "main_parameter" in softest:
         lines.append(
@@ -216,10 +219,13 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         )
     if full:
         rows = [
-            [name, _unit(name, u),
-             *(number(e[key], digits, size=_size(name, spreads)) for key, digits in _SPREAD)]
+            [
+                name,
+                _unit(name, u),
+                *(number(e[key], digits, size=_size(name, spreads)) for key, digits in _SPREAD),
+            ]
             for name, e in spreads.items()
-        ]  # fmt: skip
+        ]
         level = percent(s["level"])
         lines.append(f"  every number, with the interval that holds {level}")
         lines += table(["", "unit", "nominal", "mean", "deviation", "lower", "upper"], rows)

@@ -48,9 +48,13 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
     if designs.front:
         shown = designs.front[:best]
         names = [*study.variables, *study.measures]
-        title = "Best design" if len(designs.better) == 1 else (
-            f"Pareto front: {len(designs.front)} designs, of which none is better in everything"
-        )  # fmt: skip
+        title = (
+            "Best design"
+            if len(designs.better) == 1
+            else (
+                f"Pareto front: {len(designs.front)} designs, of which none is better in everything"
+            )
+        )
         lines += ["", title, *table(("design", *names), [_row(designs, i) for i in shown])]
         if len(designs.front) > len(shown):
             lines.append(f"  ... {len(designs.front) - len(shown)} more; --csv and --json have all")
@@ -122,9 +126,11 @@ def draw_designs(designs: Designs) -> Any:
     if all(design.state == "failed" for design in designs.designs):
         raise InputError("no design has values to draw", got="all have failed")
     single = len(names) == 1
-    pairs = [(v, names[0]) for v in designs.study.variables] if single else list(
-        itertools.combinations(names, 2)
-    )  # fmt: skip
+    pairs = (
+        [(v, names[0]) for v in designs.study.variables]
+        if single
+        else list(itertools.combinations(names, 2))
+    )
     pairs = pairs[:_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
@@ -138,8 +144,15 @@ def draw_designs(designs: Designs) -> Any:
         axis.plot(a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible")
         axis.plot(a[feasible], b[feasible], "o", color="C0", ms=4, label="feasible")
         order = sorted(front, key=lambda j: a[j])
-        axis.plot(a[order], b[order], "o-" if not single and len(names) == 2 else "o", color="C1",
-                  ms=6, lw=1.2, label="best" if single else "Pareto front")  # fmt: skip
+        axis.plot(
+            a[order],
+            b[order],
+            "o-" if not single and len(names) == 2 else "o",
+            color="C1",
+            ms=6,
+            lw=1.2,
+            label="best" if single else "Pareto front",
+        )
         axis.set(xlabel=_label(designs, x), ylabel=_label(designs, y))
         for values, direction in ((a, "x"), (b, "y")):
             if _decades(values):

@@ -54,8 +54,12 @@ def draw_response(
         phase.xaxis.set_minor_formatter("{x:g}" if _is_narrow(response.frequencies) else "")
     size.yaxis.set_major_formatter("{x:.0e}")
     size.set(ylabel=f"{response.kind} [{response.unit}]")
-    phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]", ylim=(-190, 190),
-              yticks=[-180, -90, 0, 90, 180])  # fmt: skip
+    phase.set(
+        xlabel="frequency [Hz]",
+        ylabel="phase [deg]",
+        ylim=(-190, 190),
+        yticks=[-180, -90, 0, 90, 180],
+    )
     if size.get_legend_handles_labels()[0]:
         size.legend()
     return figure
@@ -85,8 +89,9 @@ def draw_lobes(curve: Lobes, fine: Sequence[float], unit: str) -> Any:
     figure = new_figure(7.0, 4.0)
     axis = figure.subplots()
     for depths, name, style in (
-        (curve.depths, "zeroth order", "-"), (np.asarray(fine, float), "semi-discretisation", "o"),
-    ):  # fmt: skip
+        (curve.depths, "zeroth order", "-"),
+        (np.asarray(fine, float), "semi-discretisation", "o"),
+    ):
         axis.plot(curve.speeds, np.where(np.isfinite(depths), depths, np.nan), style, label=name)
     if np.isfinite(curve.least):
         axis.axhline(curve.least, color="0.6", linestyle="--", label="stable at every speed")

@@ -62,13 +62,21 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
         # As far as the curve goes: beyond it the prediction says nothing.
         share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))
         axes.plot(
-            [0.0, share * linear], [0.0, share * curve.factors[last]], ":", color="0.4",
+            [0.0, share * linear],
+            [0.0, share * curve.factors[last]],
+            ":",
+            color="0.4",
             label="linear",
-        )  # fmt: skip
+        )
     for point in curve.critical:
         axes.axhline(point.factor, color="C3", linewidth=0.8)
-        axes.annotate(f"{point.kind} {point.factor:.6g}", (0.02, point.factor),
-                      xycoords=("axes fraction", "data"), va="bottom", color="C3")  # fmt: skip
+        axes.annotate(
+            f"{point.kind} {point.factor:.6g}",
+            (0.02, point.factor),
+            xycoords=("axes fraction", "data"),
+            va="bottom",
+            color="C3",
+        )
     axes.set_xlabel(f"{'rotation' if rotation else 'displacement'} of the body frame [{unit}]")
     axes.set_ylabel("load factor")
     axes.set_title(curve.elastic.name)

@@ -29,8 +29,14 @@ def draw_path(result: OptimisedPath) -> Any:
     axes = np.atleast_1d(figure.subplots(1 if chosen is None else 2, 1, sharex=True))
     points = np.arange(1, len(result.q) + 1)
     if result.constant is not None:
-        axes[0].plot(points, result.constant.values, "s--", color="0.5", markersize=3,
-                     label="best constant choice")  # fmt: skip
+        axes[0].plot(
+            points,
+            result.constant.values,
+            "s--",
+            color="0.5",
+            markersize=3,
+            label="best constant choice",
+        )
     axes[0].plot(points, result.values, "o-", color="C0", markersize=3, label="optimised")
     better = result.criterion.better
     axes[0].set_ylabel(f"{result.criterion.name} [{result.unit}], {better} is better")
@@ -98,13 +104,20 @@ def draw_placement(placement: Placement) -> Any:
         axes.set_ylabel(label)
     else:
         x, y = (placement.axes[n] for n in shown)
-        mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(worst.T), shading="nearest",
-                               cmap="cividis")  # fmt: skip
+        mesh = axes.pcolormesh(
+            x, y, np.ma.masked_invalid(worst.T), shading="nearest", cmap="cividis"
+        )
         figure.colorbar(mesh, ax=axes, label=label)
         i, j = np.nonzero(np.isnan(worst))
         axes.plot(x[i], y[j], "x", color="0.4", label="cannot be followed")
-        axes.plot(placement.place[shown[0]], placement.place[shown[1]], "*", color="C3",
-                  markersize=14, label="best place")  # fmt: skip
+        axes.plot(
+            placement.place[shown[0]],
+            placement.place[shown[1]],
+            "*",
+            color="C3",
+            markersize=14,
+            label="best place",
+        )
         axes.set_ylabel(titles[1])
         figure.legend(loc="outside lower center", ncols=2)
     axes.set_xlabel(titles[0] if titles else "workpiece")

@@ -125,18 +125,29 @@ def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     if k in springs.laws or springs.stiffness[k] > 0.0:
         return {
             "stiffness": None if k in springs.laws else float(springs.stiffness[k]),
-            "rest": _limit(springs.rest[k]), "law": k in springs.laws, "rigid": False,
-        }  # fmt: skip
+            "rest": _limit(springs.rest[k]),
+            "law": k in springs.laws,
+            "rigid": False,
+        }
     return None
 
 
 def _body(platform: Platform) -> dict[str, Any]:
     return {
-        "name": "body", "parent": None, "type": "free", "lower": None, "upper": None, "q": None,
-        "spring": None, "follows": None, "actuated": None, "virtual": False,
-        "mass": float(sum(platform.masses().values())), "frames": ["body", platform.frame],
+        "name": "body",
+        "parent": None,
+        "type": "free",
+        "lower": None,
+        "upper": None,
+        "q": None,
+        "spring": None,
+        "follows": None,
+        "actuated": None,
+        "virtual": False,
+        "mass": float(sum(platform.masses().values())),
+        "frames": ["body", platform.frame],
         "carries_body": True,
-    }  # fmt: skip
+    }
 
 
 def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
@@ -144,14 +155,17 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
     limits = np.array([(0.0, np.inf)] * len(springs.stiffness)) if known is None else known
     return [
         {
-            "name": f"leg{i + 1}", "frames": [springs.frame_a, springs.frame_b],
+            "name": f"leg{i + 1}",
+            "frames": [springs.frame_a, springs.frame_b],
             "from": np.asarray(springs.anchors)[i].tolist(),
             "to": np.asarray(springs.points)[i].tolist(),
-            "stiffness": float(k), "rest": _limit(springs.rest_length[i]),
-            "shortest": _limit(limits[i][0]), "longest": _limit(limits[i][1]),
+            "stiffness": float(k),
+            "rest": _limit(springs.rest_length[i]),
+            "shortest": _limit(limits[i][0]),
+            "longest": _limit(limits[i][1]),
         }
         for i, k in enumerate(springs.stiffness)
-    ]  # fmt: skip
+    ]
 
 
 def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float = 0.0) -> str:
@@ -190,9 +204,10 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
         "",
         f"M at {vector(pose[:3, 3], 6, length)} {units.length} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
-        "Gravity: none" if answer["gravity"] is None
+        "Gravity: none"
+        if answer["gravity"] is None
         else f"Gravity: {vector(answer['gravity'], 6)} m/s^2",
-    ]  # fmt: skip
+    ]
     if answer["payload"]:
         lines.append(f"Payload: {answer['payload']:.6g} kg")
     return "\n".join(lines)

@@ -34,10 +34,17 @@ def describe_identification(result: Identification) -> str:
     body = []
     for name, entry in result.noise().items():
         origin = "estimated" if entry["sigma_is_estimated"] else "given"
-        body.append((
-            name, str(entry["count"]), number(entry["residual_rms"]), number(entry["sigma"]),
-            origin, number(entry["leave_one_out_rms"]), entry["unit"],
-        ))  # fmt: skip
+        body.append(
+            (
+                name,
+                str(entry["count"]),
+                number(entry["residual_rms"]),
+                number(entry["sigma"]),
+                origin,
+                number(entry["leave_one_out_rms"]),
+                entry["unit"],
+            )
+        )
     heads = ("", "numbers", "residual rms", "sd of one", "", "left-out rms", "unit")
     lines += table(heads, body)
     values = result.chosen.solved.singular_values
@@ -60,22 +67,38 @@ def describe_identification(result: Identification) -> str:
 def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     low, high = e.stiffness_interval
     words = {
-        "determined": "" if e.method == "linear" else e.method, "at-least": "at least",
+        "determined": "" if e.method == "linear" else e.method,
+        "at-least": "at least",
         "not-identifiable": "not identifiable" if e.method == "linear" else "bends, see notes",
         "negative": "negative",
-    }[e.verdict]  # fmt: skip
+    }[e.verdict]
     if e.verdict == "not-identifiable":
         return (e.name, "-", "-", "-", e.unknown.unit, "-", "-", "-", words)
     if e.unknown.law is not None and not e.unknown.has_stiffness and e.interval is not None:
         low, high = e.interval
-        return (e.name, number(e.compliance), number(low), number(high), e.unknown.unit, "-",
-                number(e.deviation, 3), number(robust), "coefficient")  # fmt: skip
+        return (
+            e.name,
+            number(e.compliance),
+            number(low),
+            number(high),
+            e.unknown.unit,
+            "-",
+            number(e.deviation, 3),
+            number(robust),
+            "coefficient",
+        )
     k = robust if not e.unknown.has_stiffness else 1.0 / robust if robust > 0.0 else None
     return (
-        e.name, number(e.stiffness), number(low),
-        number(high, missing="no end" if e.unknown.has_stiffness else "-"), e.unknown.unit,
-        number(e.compliance), number(e.deviation, 3), number(k), words,
-    )  # fmt: skip
+        e.name,
+        number(e.stiffness),
+        number(low),
+        number(high, missing="no end" if e.unknown.has_stiffness else "-"),
+        e.unknown.unit,
+        number(e.compliance),
+        number(e.deviation, 3),
+        number(k),
+        words,
+    )
 
 
 def _how_good(plan: Plan) -> list[str]:
@@ -83,9 +106,11 @@ def _how_good(plan: Plan) -> list[str]:
     worst, count = plan.worst, len(plan.rows)
     if not np.isfinite(worst):
         return []
-    chance = "not all springs" if not np.isfinite(plan.by_chance) else (
-        f"{plan.by_chance / worst:.2f} times this widest interval"
-    )  # fmt: skip
+    chance = (
+        "not all springs"
+        if not np.isfinite(plan.by_chance)
+        else (f"{plan.by_chance / worst:.2f} times this widest interval")
+    )
     return [
         f"{count} of the candidates drawn at random determine {chance} (median of many draws); no "
         f"choice of {count} from the rows looked at gives less than {plan.bound / worst:.2f} of it",
@@ -96,8 +121,11 @@ def describe_plan(plan: Plan) -> str:
     """Rows chosen, the intervals they will give, and how these fall with the number of rows."""
     data, rows = plan.as_dict(), plan.rows
     elastic = plan.unknowns.elements.elastic
-    what = {"all": "all compliances (D-optimal)", "worst": "the widest interval",
-            "posture": "the deflection at the test posture"}[plan.criterion]  # fmt: skip
+    what = {
+        "all": "all compliances (D-optimal)",
+        "worst": "the widest interval",
+        "posture": "the deflection at the test posture",
+    }[plan.criterion]
     lines = [f"{elastic.name}: {len(rows)} rows chosen for {what}", "", "Rows"]
     heads = ["row", *elastic.names_with_units, "mass [kg]", f"force in F [{elastic.units.force}]"]
     body = []
@@ -112,11 +140,18 @@ def describe_plan(plan: Plan) -> str:
     for entry in data["parameters"]:
         low, high = entry["interval"]
         lost = entry["relative_sd"] is None
-        body.append([
-            entry["name"], number(entry["stiffness"]), number(low),
-            "-" if lost else number(high, missing="no end"), entry["unit"],
-            "not identifiable" if lost else f"+- {100 * plan.factor * entry['relative_sd']:.3g} %",
-        ])  # fmt: skip
+        body.append(
+            [
+                entry["name"],
+                number(entry["stiffness"]),
+                number(low),
+                "-" if lost else number(high, missing="no end"),
+                entry["unit"],
+                "not identifiable"
+                if lost
+                else f"+- {100 * plan.factor * entry['relative_sd']:.3g} %",
+            ]
+        )
     lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
     lines += ["", *_how_good(plan)]
     lines += ["", "Widest interval with the number of rows"]

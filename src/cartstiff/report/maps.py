@@ -48,18 +48,25 @@ def describe_map(
         *table(
             ("quantity", "unit", "smallest", "mean", "largest", "undefined"),
             [
-                (name, q["unit"], *(number(q[k]) for k in ("smallest", "mean", "largest")),
-                 str(q["undefined"]))
+                (
+                    name,
+                    q["unit"],
+                    *(number(q[k]) for k in ("smallest", "mean", "largest")),
+                    str(q["undefined"]),
+                )
                 for name, q in answer["quantities"].items()
             ],
         ),
-    ]  # fmt: skip
+    ]
     for which in ("below", "above"):
         if (listed := answer.get(which)) is not None:
             unit = answer["quantities"][listed["quantity"]]["unit"]
-            lines += ["", f"{listed['quantity']} {which} {number(listed['limit'])} {unit}: "
-                      f"{100 * listed['share']:.1f} % of what is reached ({listed['within']} of "
-                      f"{listed['reached']})"]  # fmt: skip
+            lines += [
+                "",
+                f"{listed['quantity']} {which} {number(listed['limit'])} {unit}: "
+                f"{100 * listed['share']:.1f} % of what is reached ({listed['within']} of "
+                f"{listed['reached']})",
+            ]
             if (single := listed.get("single_branch")) is not None:
                 lines.append(
                     f"  by the best single branch, without a flip: {100 * single['share']:.1f} % "
@@ -128,12 +135,15 @@ def _postures(
     return table(
         titles,
         [
-            [number(row["value"]), *(number(row[name], 3) for name in half),
-             *(number(q * s) for q, s in zip(row["q"].values(), sizes, strict=True)),
-             *(number(x) for x in row["position"])]
+            [
+                number(row["value"]),
+                *(number(row[name], 3) for name in half),
+                *(number(q * s) for q, s in zip(row["q"].values(), sizes, strict=True)),
+                *(number(x) for x in row["position"]),
+            ]
             for row in rows
         ],
-    )  # fmt: skip
+    )
 
 
 def _slice(answer: Mapping[str, Any]) -> list[str]:
@@ -171,8 +181,12 @@ def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> 
     dataset = open_map(path)
     about = dataset.attrs
     if about["mechanism"] != elastic.name:
-        raise InputError("is the map of another mechanism", where="--map", expected=elastic.name,
-                         got=one_line(about["mechanism"]))  # fmt: skip
+        raise InputError(
+            "is the map of another mechanism",
+            where="--map",
+            expected=elastic.name,
+            got=one_line(about["mechanism"]),
+        )
     name = quantity or quantities_of(dataset)[0]
     words = quantity_of(dataset, name).attrs
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)

@@ -209,16 +209,28 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
 
 def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
     """Standard deviations of pose, stiffness and frequencies with the main contributors."""
-    lines = ["", f"Accuracy to first order: standard deviations ({known.factor:.4g} of them hold "
-             f"{100 * known.level:g} per cent), and who contributes to the variance"]  # fmt: skip
+    lines = [
+        "",
+        f"Accuracy to first order: standard deviations ({known.factor:.4g} of them hold "
+        f"{100 * known.level:g} per cent), and who contributes to the variance",
+    ]
     parts = [
-        ("pose", ["turn x", "turn y", "turn z", "place x", "place y", "place z"],
-         [units.angle] * 3 + [units.length] * 3),
-        ("K", ["K^K m_x/r_x", "K^K m_y/r_y", "K^K m_z/r_z", "K^K f_x/x", "K^K f_y/y", "K^K f_z/z"],
-         [units.stiffness["rotation"]] * 3 + [units.stiffness["translation"]] * 3),
-        ("frequencies", [f"mode {i + 1}" for i in range(len(known.nominal.get("frequencies", ())))],
-         ["Hz"] * len(known.nominal.get("frequencies", ()))),
-    ]  # fmt: skip
+        (
+            "pose",
+            ["turn x", "turn y", "turn z", "place x", "place y", "place z"],
+            [units.angle] * 3 + [units.length] * 3,
+        ),
+        (
+            "K",
+            ["K^K m_x/r_x", "K^K m_y/r_y", "K^K m_z/r_z", "K^K f_x/x", "K^K f_y/y", "K^K f_z/z"],
+            [units.stiffness["rotation"]] * 3 + [units.stiffness["translation"]] * 3,
+        ),
+        (
+            "frequencies",
+            [f"mode {i + 1}" for i in range(len(known.nominal.get("frequencies", ())))],
+            ["Hz"] * len(known.nominal.get("frequencies", ())),
+        ),
+    ]
     rows = []
     for quantity, names, unit in parts:
         if quantity not in known.deviations:
@@ -244,8 +256,11 @@ def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:
 
 def describe_response(response: FrequencyResponse, direction: ArrayLike | None) -> list[str]:
     """Largest values of each curve, and its values at both ends."""
-    lines = ["", f"Response: {response.kind} in {response.unit}, "
-             f"{response.frequencies[0]:.6g} to {response.frequencies[-1]:.6g} Hz"]  # fmt: skip
+    lines = [
+        "",
+        f"Response: {response.kind} in {response.unit}, "
+        f"{response.frequencies[0]:.6g} to {response.frequencies[-1]:.6g} Hz",
+    ]
     for name, values in response.curves(direction).items():
         size = np.abs(values)
         if not np.isfinite(size).any():

@@ -69,8 +69,11 @@ def write_result(
         write_whole(path, text.encode() + b"\n")
         return
     if path.suffix.lower() != ".npz":
-        raise InputError("unknown file ending", got=path.name,
-                         expected=" or ".join([".json", ".npz", ".urdf", *EXCHANGE]))  # fmt: skip
+        raise InputError(
+            "unknown file ending",
+            got=path.name,
+            expected=" or ".join([".json", ".npz", ".urdf", *EXCHANGE]),
+        )
     arrays = {"q": result.q, "pose": result.pose, "description": np.array(text)}
     arrays |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
     arrays |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}

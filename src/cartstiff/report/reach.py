@@ -129,15 +129,27 @@ def assembly_csv(modes: AssemblyModes) -> str:
     most = max((0 if m.frequencies is None else len(m.frequencies) for m in modes), default=0)
     units = modes.elastic.units
     head = [
-        *modes.elastic.names_with_units, f"residual [{units.length}]", "multiplicity",
-        f"smallest_eigenvalue [{units.stiffness['translation']}]", "stable", "determinant",
+        *modes.elastic.names_with_units,
+        f"residual [{units.length}]",
+        "multiplicity",
+        f"smallest_eigenvalue [{units.stiffness['translation']}]",
+        "stable",
+        "determinant",
         *(f"frequency_{i + 1} [Hz]" for i in range(most)),
-    ]  # fmt: skip
+    ]
     rows = []
     for mode in modes:
         own = [] if mode.frequencies is None else _first(mode.frequencies)
-        rows.append([
-            *shown(modes.elastic, mode.q).tolist(), mode.residual, mode.multiplicity,
-            mode.eigenvalue, mode.stable, mode.determinant, *own, *[None] * (most - len(own)),
-        ])  # fmt: skip
+        rows.append(
+            [
+                *shown(modes.elastic, mode.q).tolist(),
+                mode.residual,
+                mode.multiplicity,
+                mode.eigenvalue,
+                mode.stable,
+                mode.determinant,
+                *own,
+                *[None] * (most - len(own)),
+            ]
+        )
     return csv_rows(head, rows)

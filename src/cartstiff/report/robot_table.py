@@ -66,10 +66,13 @@ def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str
     to_mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     lengths = np.array([c.is_length for c in elastic.mechanism.coordinates])
     names = [f"{c.name} [{'mm' if c.is_length else 'deg'}]" for c in elastic.mechanism.coordinates]
-    columns = np.column_stack([
-        np.where(lengths, Q * to_mm, np.degrees(Q)), poses[:, :3, 3] * to_mm,
-        orientation_of(poses[:, :3, :3], controller),
-    ])  # fmt: skip
+    columns = np.column_stack(
+        [
+            np.where(lengths, Q * to_mm, np.degrees(Q)),
+            poses[:, :3, 3] * to_mm,
+            orientation_of(poses[:, :3, :3], controller),
+        ]
+    )
     lines = [",".join([*names, *CONTROLLERS[controller]])]
     lines += [",".join(f"{x + 0.0:.6f}" for x in row) for row in columns]
     return printable("\n".join(lines) + "\n")

@@ -71,11 +71,15 @@ def describe_workspace(reached: Workspace) -> str:
     if reached.distribution:
         t, how = reached.distribution["at_centre"], reached.distribution["distribution"]
         words = "any within the limits" if how == "any" else "nearest to the middle of the limits"
-        lines.append(f"Tensions that count: {words}" + (
-            "" if t is None
-            else f"; nearest to the middle at the position: {vector(np.array(t), 5)} "
-            f"{elastic.units.force}"
-        ))  # fmt: skip
+        lines.append(
+            f"Tensions that count: {words}"
+            + (
+                ""
+                if t is None
+                else f"; nearest to the middle at the position: {vector(np.array(t), 5)} "
+                f"{elastic.units.force}"
+            )
+        )
     if reached.singularity is not None:
         ratio, place = reached.singularity
         of, over = "legs' lines", "moments"
@@ -100,8 +104,10 @@ def _load(load: Mapping[str, Any]) -> str:
     """What is carried, in words."""
     of = "M at the start" if load["axes"] == "body" else "F"
     W = load["wrench"]
-    return (f"{load['kind']}, moment {vector(W[:3], 6)}, force {vector(W[3:], 6)} along the "
-            f"axes of {of}, at {vector(load['at'], 6)} of the body")  # fmt: skip
+    return (
+        f"{load['kind']}, moment {vector(W[:3], 6)}, force {vector(W[3:], 6)} along the "
+        f"axes of {of}, at {vector(load['at'], 6)} of the body"
+    )
 
 
 def _product(units: Sequence[str]) -> str:
@@ -151,8 +157,13 @@ def draw_workspace(reached: Workspace) -> Any:
         if is_place:
             axis.set_aspect("equal", adjustable="datalim" if len(shown) == 2 else "box")
     if kinds:
-        figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4,
-                      fontsize=7, markerscale=3)  # fmt: skip
+        figure.legend(
+            *axis.get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=4,
+            fontsize=7,
+            markerscale=3,
+        )
     words = "boundary with one orientation" if is_place else "boundary"
     figure.suptitle(f"{reached.elastic.name}: {words}, and the limit that cuts")
     return figure

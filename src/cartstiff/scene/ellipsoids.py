@@ -57,9 +57,14 @@ class EllipsoidPicture:
     """
 
     def __init__(
-        self, node: Node, colour: int, scale: Scale, size: float, look: theme.Theme,
+        self,
+        node: Node,
+        colour: int,
+        scale: Scale,
+        size: float,
+        look: theme.Theme,
         side: float = 1.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.node, self.scale = node, scale
         self._colour, self._size, self._side = colour, size, side
         self._body = node["body"]
@@ -115,9 +120,14 @@ class EllipsoidPicture:
         }
 
     def _axis(
-        self, i: int, columns: list[list[float]], length: float, negative: bool,
-        centre: list[float], wanted: bool,
-    ) -> None:  # fmt: skip
+        self,
+        i: int,
+        columns: list[list[float]],
+        length: float,
+        negative: bool,
+        centre: list[float],
+        wanted: bool,
+    ) -> None:
         node = self._axes[i]
         shown = wanted and length > 0.0
         node.show(shown)
@@ -127,9 +137,11 @@ class EllipsoidPicture:
         plus.show(not negative)
         minus.show(negative)
         node.set_columns(
-            _along(columns[i], 2.0 * length), columns[i - 2], columns[i - 1],
+            _along(columns[i], 2.0 * length),
+            columns[i - 2],
+            columns[i - 1],
             _along(columns[i], -length, centre),
-        )  # fmt: skip
+        )
 
     def make(self) -> None:
         """Send every part that any matrix needs, once."""

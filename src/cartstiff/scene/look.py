@@ -99,5 +99,6 @@ class Look:
             if value not in known:
                 raise UnknownNameError(name, str(value), known)
         if self.exaggeration is not None and not 0.0 < self.exaggeration < 1e30:
-            raise InputError("exaggeration cannot be used", expected="a number above zero",
-                             got=self.exaggeration)  # fmt: skip
+            raise InputError(
+                "exaggeration cannot be used", expected="a number above zero", got=self.exaggeration
+            )

@@ -68,9 +68,14 @@ class MechanismPicture:
     """
 
     def __init__(
-        self, node: Node, elastic: ElasticMechanism, size: float, look: theme.Theme,
-        *, ghost: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        node: Node,
+        elastic: ElasticMechanism,
+        size: float,
+        look: theme.Theme,
+        *,
+        ghost: bool = False,
+    ) -> None:
         self.node = node
         self.notes: list[str] = []
         self._elastic, self._ghost = elastic, ghost
@@ -89,10 +94,15 @@ class MechanismPicture:
         else:
             self.notes = [f"a {mechanism.kind} mechanism has no picture of its own"]
         self._lines = [
-            LinesPicture(node[f"springs {i + 1}"], len(term.points), 0.004 * size,
-                         cables=term.unilateral, ghost=ghost)
+            LinesPicture(
+                node[f"springs {i + 1}"],
+                len(term.points),
+                0.004 * size,
+                cables=term.unilateral,
+                ghost=ghost,
+            )
             for i, term in enumerate(lines)
-        ]  # fmt: skip
+        ]
         self._scales = [Tension() for _ in range(1 + len(lines))]
 
     def move(self, posture: MechanismPosture) -> None:

@@ -94,13 +94,17 @@ def read_mesh(path: Path) -> Mesh:
         raise InputError("not a usable mesh", where=path.name, got="no triangles")
     if not parts:  # a scene may be empty: it shows nothing, as it says
         nothing = np.zeros((0, 3))
-        return Mesh(nothing.astype(np.float32), nothing.astype(np.intp), nothing.astype(np.int8),
-                    None, None)  # fmt: skip
+        return Mesh(
+            nothing.astype(np.float32), nothing.astype(np.intp), nothing.astype(np.int8), None, None
+        )
     corners_in_all = sum(3 * len(part.faces) for part in parts)
     if corners_in_all > _MOST_VERTICES:
-        raise InputError("mesh is too large", where=path.name,
-                         expected=f"at most {_MOST_VERTICES // 3} triangles",
-                         got=corners_in_all // 3)  # fmt: skip
+        raise InputError(
+            "mesh is too large",
+            where=path.name,
+            expected=f"at most {_MOST_VERTICES // 3} triangles",
+            got=corners_in_all // 3,
+        )
     factor = _metres(scene, path)
     colours = [_colour(part) for part in parts]
     known = {c for c in colours if c is not None}
@@ -136,15 +140,25 @@ def _check_size(path: Path) -> None:
     """Refuse what could become more than its bytes say."""
     kind = path.suffix.lower()
     if kind not in _PLAIN:
-        raise InputError("unknown kind of mesh", where=path.name,
-                         expected=f"one of {', '.join(_PLAIN)}", got=kind)  # fmt: skip
+        raise InputError(
+            "unknown kind of mesh",
+            where=path.name,
+            expected=f"one of {', '.join(_PLAIN)}",
+            got=kind,
+        )
     data = read_bytes(path, _LARGEST)
     if kind in _COUNTED:
-        counts = [int(n) for match in _COUNTED[kind].findall(data[:65536])
-                  for n in (match if isinstance(match, tuple) else (match,))]  # fmt: skip
+        counts = [
+            int(n)
+            for match in _COUNTED[kind].findall(data[:65536])
+            for n in (match if isinstance(match, tuple) else (match,))
+        ]
         if sum(counts) > len(data):
-            raise InputError("not a usable mesh", where=path.name, got=(
-                f"a header that counts {sum(counts)} elements in {len(data)} bytes"))  # fmt: skip
+            raise InputError(
+                "not a usable mesh",
+                where=path.name,
+                got=(f"a header that counts {sum(counts)} elements in {len(data)} bytes"),
+            )
 
 
 def _metres(scene: Any, path: Path) -> float:

@@ -67,14 +67,24 @@ def mesh(
 def sphere(radius: float = 1.0, fine: bool = False) -> Object:
     """A sphere about the origin; a fine one for what is looked at closely."""
     n = 48 if fine else 20
-    return {"uuid": "geometry", "type": "SphereGeometry", "radius": radius,
-            "widthSegments": n, "heightSegments": n // 2 if not fine else 32}  # fmt: skip
+    return {
+        "uuid": "geometry",
+        "type": "SphereGeometry",
+        "radius": radius,
+        "widthSegments": n,
+        "heightSegments": n // 2 if not fine else 32,
+    }
 
 
 def box(sides: tuple[float, float, float]) -> Object:
     """A box about the origin."""
-    return {"uuid": "geometry", "type": "BoxGeometry",
-            "width": sides[0], "height": sides[1], "depth": sides[2]}  # fmt: skip
+    return {
+        "uuid": "geometry",
+        "type": "BoxGeometry",
+        "width": sides[0],
+        "height": sides[1],
+        "depth": sides[2],
+    }
 
 
 def cylinder(radius: float, length: float, segments: int = 20) -> Object:
@@ -84,26 +94,47 @@ def cylinder(radius: float, length: float, segments: int = 20) -> Object:
 
 def cone(radius: float, length: float, segments: int = 20, top: float = 0.0) -> Object:
     """A cone along y, its tip at +y."""
-    return {"uuid": "geometry", "type": "CylinderGeometry", "radiusTop": top,
-            "radiusBottom": radius, "height": length, "radialSegments": segments}  # fmt: skip
+    return {
+        "uuid": "geometry",
+        "type": "CylinderGeometry",
+        "radiusTop": top,
+        "radiusBottom": radius,
+        "height": length,
+        "radialSegments": segments,
+    }
 
 
 def torus(radius: float, tube: float, arc: float) -> Object:
     """Part of a ring about z, from the x axis on by an angle."""
-    return {"uuid": "geometry", "type": "TorusGeometry", "radius": radius, "tube": tube,
-            "radialSegments": 10, "tubularSegments": 40, "arc": arc}  # fmt: skip
+    return {
+        "uuid": "geometry",
+        "type": "TorusGeometry",
+        "radius": radius,
+        "tube": tube,
+        "radialSegments": 10,
+        "tubularSegments": 40,
+        "arc": arc,
+    }
 
 
-def solid(geometry: Object, colour: int, opacity: float = 1.0, matrix: Array | None = None,
-          **more: Any) -> Object:  # fmt: skip
+def solid(
+    geometry: Object, colour: int, opacity: float = 1.0, matrix: Array | None = None, **more: Any
+) -> Object:
     """A lit surface in one colour; a transparent one does not hide what is behind it."""
     vertex_colours = "color" in geometry.get("data", {}).get("attributes", {})
     material = {
-        "uuid": "material", "type": "MeshPhongMaterial", "color": colour, "specular": 0x202020,
-        "shininess": 30, "side": _BOTH_SIDES, "opacity": opacity,
-        "transparent": opacity < 1.0, "depthWrite": opacity >= 1.0,
-        "vertexColors": vertex_colours, **more,
-    }  # fmt: skip
+        "uuid": "material",
+        "type": "MeshPhongMaterial",
+        "color": colour,
+        "specular": 0x202020,
+        "shininess": 30,
+        "side": _BOTH_SIDES,
+        "opacity": opacity,
+        "transparent": opacity < 1.0,
+        "depthWrite": opacity >= 1.0,
+        "vertexColors": vertex_colours,
+        **more,
+    }
     return surface(geometry, material, "Mesh", matrix)
 
 
@@ -115,10 +146,13 @@ def surface(geometry: Object, material: Object, kind: str, matrix: Array | None 
         "geometries": [geometry],
         "materials": [material],
         "object": {
-            "uuid": "object", "type": kind, "geometry": geometry["uuid"],
-            "material": material["uuid"], "matrix": M.T.ravel().tolist(),
+            "uuid": "object",
+            "type": kind,
+            "geometry": geometry["uuid"],
+            "material": material["uuid"],
+            "matrix": M.T.ravel().tolist(),
         },
-    }  # fmt: skip
+    }
 
 
 def lines(ends: Array, colour: int | Array, opacity: float = 1.0, joined: bool = False) -> Object:
@@ -132,14 +166,22 @@ def lines(ends: Array, colour: int | Array, opacity: float = 1.0, joined: bool =
         attributes["color"] = arrays(np.asarray(colour, np.uint8), normalized=True)
     geometry = {"uuid": "geometry", "type": "BufferGeometry", "data": {"attributes": attributes}}
     material = {
-        "uuid": "material", "type": "LineBasicMaterial", "color": colour if plain else 0xFFFFFF,
-        "opacity": opacity, "transparent": opacity < 1.0, "vertexColors": not plain,
-    }  # fmt: skip
+        "uuid": "material",
+        "type": "LineBasicMaterial",
+        "color": colour if plain else 0xFFFFFF,
+        "opacity": opacity,
+        "transparent": opacity < 1.0,
+        "vertexColors": not plain,
+    }
     return surface(geometry, material, "Line" if joined else "LineSegments")
 
 
-def points(positions: Array, colours: NDArray[Any], size: float,
-           carried: Mapping[str, Array] = MappingProxyType({})) -> Object:  # fmt: skip
+def points(
+    positions: Array,
+    colours: NDArray[Any],
+    size: float,
+    carried: Mapping[str, Array] = MappingProxyType({}),
+) -> Object:
     """Square points of a size in the scene, with colours (n, 3) in [0, 255].
 
     `carried` are numbers (n, k) that travel with the points and are not drawn: each as its nearest
@@ -154,9 +196,13 @@ def points(positions: Array, colours: NDArray[Any], size: float,
         attributes |= {name: arrays(nearest), f"{name} rest": arrays(values - nearest)}
     geometry = {"uuid": "geometry", "type": "BufferGeometry", "data": {"attributes": attributes}}
     material = {
-        "uuid": "material", "type": "PointsMaterial", "color": 0xFFFFFF, "size": size,
-        "vertexColors": True, "sizeAttenuation": True,
-    }  # fmt: skip
+        "uuid": "material",
+        "type": "PointsMaterial",
+        "color": 0xFFFFFF,
+        "size": size,
+        "vertexColors": True,
+        "sizeAttenuation": True,
+    }
     return surface(geometry, material, "Points")
 
 
@@ -170,12 +216,21 @@ def sprite(png: bytes, width: float, height: float) -> Object:
     return {
         "images": [{"uuid": "i", "url": url}],
         "textures": [{"uuid": "t", "image": "i", "minFilter": _LINEAR_FILTER}],
-        "materials": [{
-            "uuid": "m", "type": "SpriteMaterial", "map": "t", "transparent": True,
-            "depthTest": False, "sizeAttenuation": False,
-        }],
+        "materials": [
+            {
+                "uuid": "m",
+                "type": "SpriteMaterial",
+                "map": "t",
+                "transparent": True,
+                "depthTest": False,
+                "sizeAttenuation": False,
+            }
+        ],
         "object": {
-            "uuid": "o", "type": "Sprite", "material": "m", "renderOrder": 10,
+            "uuid": "o",
+            "type": "Sprite",
+            "material": "m",
+            "renderOrder": 10,
             "scale": [width, height, 1.0],
         },
-    }  # fmt: skip
+    }

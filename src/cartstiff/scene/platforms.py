@@ -112,9 +112,16 @@ class PlatformPicture:
     """Draws a Stewart-Gough platform, a body on springs, or a cable robot; then moves it."""
 
     def __init__(
-        self, node: Node, platform: Platform, cables: bool, size: float, look: theme.Theme,
-        reference: Array, *, ghost: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        node: Node,
+        platform: Platform,
+        cables: bool,
+        size: float,
+        look: theme.Theme,
+        reference: Array,
+        *,
+        ghost: bool = False,
+    ) -> None:
         self._platform = platform
         self.notes: list[str] = []
         radius = 0.011 * size
@@ -139,10 +146,14 @@ class PlatformPicture:
         lengths = platform.leg_lengths(reference)
         shortest = lengths.min() if platform.limits is None else platform.limits[:, 0].min()
         self._lines = LinesPicture(
-            node["legs"], len(platform.points), (0.8 if legs else 0.35) * radius, cables=cables,
+            node["legs"],
+            len(platform.points),
+            (0.8 if legs else 0.35) * radius,
+            cables=cables,
             telescope=0.55 * float(max(shortest, 0.2 * lengths.min())) if legs else None,
-            tube=look.joint, ghost=ghost,
-        )  # fmt: skip
+            tube=look.joint,
+            ghost=ghost,
+        )
 
     def _ground(self, node: Node, size: float, look: theme.Theme, ball: int) -> None:
         anchors = self._platform.anchors

@@ -35,9 +35,12 @@ def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]
     colours = np.empty((len(values), 3), np.uint8)
     colours[:] = [theme.NO_VALUE >> s & 0xFF for s in (16, 8, 0)]
     facts: dict[str, Any] = {
-        "without_value": int(np.sum(~good)), "lower": None, "upper": None, "kind": "none",
+        "without_value": int(np.sum(~good)),
+        "lower": None,
+        "upper": None,
+        "kind": "none",
         "log": False,
-    }  # fmt: skip
+    }
     if not good.any():
         return colours, facts
     v = values[good]

@@ -143,10 +143,17 @@ def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
 
 #: Notes that say why a stiffness does not exist.
 _STATES = {
-    "deficient", "serial-singularity", "type-2-singularity", "constraint-singularity",
-    "non-regular-redundancy", "unbalanced", "buckled", "strut-buckled",
-    "strut-not-found", "no-chart",
-}  # fmt: skip
+    "deficient",
+    "serial-singularity",
+    "type-2-singularity",
+    "constraint-singularity",
+    "non-regular-redundancy",
+    "unbalanced",
+    "buckled",
+    "strut-buckled",
+    "strut-not-found",
+    "no-chart",
+}
 
 
 def load_at(result: PostureStiffness, look: Look) -> Array | None:

@@ -219,8 +219,17 @@ class Scene:
         look = theme.THEMES[name]
         node, size = self._node, self._stage.size
         if self._theme:  # what has been drawn in another theme
-            for part in ("mechanism", "ghost", "screws", "axes", "nodal", "centres", "wrench",
-                         "deflection", *(f"{f} ellipsoid" for f in _FREEDOMS)):  # fmt: skip
+            for part in (
+                "mechanism",
+                "ghost",
+                "screws",
+                "axes",
+                "nodal",
+                "centres",
+                "wrench",
+                "deflection",
+                *(f"{f} ellipsoid" for f in _FREEDOMS),
+            ):
                 node[part].delete()
         first = not self._theme
         self._theme = name
@@ -268,10 +277,13 @@ class Scene:
     def _ellipsoid_of(self, freedom: Freedom, quantity: Quantity) -> EllipsoidPicture:
         if (freedom, quantity) not in self._ellipsoids:
             self._ellipsoids[freedom, quantity] = EllipsoidPicture(
-                self._node[f"{freedom} ellipsoid"][quantity], _COLOURS[freedom],
-                self._scale(freedom, quantity, "root"), self._stage.size,
-                theme.THEMES[self._theme], side=1.0 if freedom == "translation" else -1.0,
-            )  # fmt: skip
+                self._node[f"{freedom} ellipsoid"][quantity],
+                _COLOURS[freedom],
+                self._scale(freedom, quantity, "root"),
+                self._stage.size,
+                theme.THEMES[self._theme],
+                side=1.0 if freedom == "translation" else -1.0,
+            )
         return self._ellipsoids[freedom, quantity]
 
     def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:

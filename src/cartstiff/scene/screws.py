@@ -90,11 +90,16 @@ class AxesPicture:
             shown, reason = False, None
             if line is not None:
                 shown, reason = self._visible(line)
-                answer.append({
-                    "name": line.name, "value": line.value, "unit": line.unit,
-                    "pitch": line.screw.pitch if np.isfinite(line.screw.pitch) else None,
-                    "shown": shown, "reason": reason,
-                })  # fmt: skip
+                answer.append(
+                    {
+                        "name": line.name,
+                        "value": line.value,
+                        "unit": line.unit,
+                        "pitch": line.screw.pitch if np.isfinite(line.screw.pitch) else None,
+                        "shown": shown,
+                        "reason": reason,
+                    }
+                )
             node.show(shown)
             if not shown or line is None:
                 label.hide()
@@ -171,8 +176,9 @@ class CentresPicture:
             M[:3, 3] = T[:3, :3] @ near[name] + T[:3, 3]
             ball.show(True)
             ball.set_transform(M)
-            same = [n for n, p in near.items()
-                    if np.linalg.norm(p - near[name]) < 0.05 * self._size]  # fmt: skip
+            same = [
+                n for n, p in near.items() if np.linalg.norm(p - near[name]) < 0.05 * self._size
+            ]
             if labels and same[0] == name:
                 text = "centre of " + ", ".join(_NAMES[n] for n in same)
                 # Above and below in turn, so that labels of neighbours lie apart.

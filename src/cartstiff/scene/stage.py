@@ -21,8 +21,16 @@ PRESETS = {
     "side": (0.0, -1.0, 0.12),
     "top": (0.0, -1e-3, 1.0),
 }
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048,
-           "km": 1e3}  # fmt: skip
+_METRES = {
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "µm": 1e-6,
+    "in": 0.0254,
+    "ft": 0.3048,
+    "km": 1e3,
+}
 # What the viewer shows well: its camera sees from a hundredth to a hundred units.
 _SMALLEST, _LARGEST = 0.4, 8.0
 _FIELD_OF_VIEW = 38.0

@@ -36,9 +36,23 @@ CENTRES = {
 AXES = (0xCC3311, 0x44AA66, 0x2255CC)
 #: Of points by kind: eight hues, then the same ones lighter.
 KINDS = (
-    0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9, 0xF0E442, 0x6A4C93,
-    0x7FB8D8, 0xEAAE7F, 0x7FCEB9, 0xE5BCD3, 0xF2CF7F, 0xABD9F4, 0xF7F1A0, 0xB4A5C9,
-)  # fmt: skip
+    0x0072B2,
+    0xD55E00,
+    0x009E73,
+    0xCC79A7,
+    0xE69F00,
+    0x56B4E9,
+    0xF0E442,
+    0x6A4C93,
+    0x7FB8D8,
+    0xEAAE7F,
+    0x7FCEB9,
+    0xE5BCD3,
+    0xF2CF7F,
+    0xABD9F4,
+    0xF7F1A0,
+    0xB4A5C9,
+)
 SLACK, NO_VALUE = 0x9A9A9A, 0x8C8C8C
 
 #: Opacity of an ellipsoid, and of a ghost.
@@ -80,13 +94,27 @@ class Theme:
 
 
 LIGHT = Theme(
-    top=0xFFFFFF, bottom=0xE8ECF0, text=0x1A1A1A, paper=0xFFFFFF, grid=0xB4BCC4, link=0x7B8794,
-    joint=0x3E4C59, plate=0x9AA5B1, load=0x2B2B2B,
-)  # fmt: skip
+    top=0xFFFFFF,
+    bottom=0xE8ECF0,
+    text=0x1A1A1A,
+    paper=0xFFFFFF,
+    grid=0xB4BCC4,
+    link=0x7B8794,
+    joint=0x3E4C59,
+    plate=0x9AA5B1,
+    load=0x2B2B2B,
+)
 DARK = Theme(
-    top=0x2B313A, bottom=0x14171C, text=0xF2F2F2, paper=0x14171C, grid=0x4A525C, link=0x9AA5B1,
-    joint=0xCBD2D9, plate=0x7B8794, load=0xF0F0F0,
-)  # fmt: skip
+    top=0x2B313A,
+    bottom=0x14171C,
+    text=0xF2F2F2,
+    paper=0x14171C,
+    grid=0x4A525C,
+    link=0x9AA5B1,
+    joint=0xCBD2D9,
+    plate=0x7B8794,
+    load=0xF0F0F0,
+)
 THEMES = {"light": LIGHT, "dark": DARK}
 
 #: Colours of `diverging` at equal steps.
@@ -94,9 +122,16 @@ DIVERGING = np.array([[0, 84, 147], [86, 160, 211], [214, 218, 220], [232, 140, 
 _DIVERGING: list[list[int]] = DIVERGING.tolist()
 # Dark blue over green to yellow with evenly rising lightness.
 _SEQUENTIAL = np.array(
-    [[40, 26, 88], [53, 66, 124], [42, 107, 137], [38, 143, 136], [74, 179, 116],
-     [149, 207, 82], [246, 229, 64]]
-)  # fmt: skip
+    [
+        [40, 26, 88],
+        [53, 66, 124],
+        [42, 107, 137],
+        [38, 143, 136],
+        [74, 179, 116],
+        [149, 207, 82],
+        [246, 229, 64],
+    ]
+)
 
 
 def hex_of(colour: Sequence[float] | Array) -> int:

@@ -173,8 +173,12 @@ def checked_command(elastic: ElasticMechanism, command: Mapping[str, float]) -> 
             raise UnknownNameError("drive", str(name), names, where="command")
         if name not in driven:
             some = "one of " + ", ".join(driven[:12]) + (", ..." if len(driven) > 12 else "")
-            raise InputError(f"joint {name!r} has no spring: nothing drives it", where="command",
-                             expected=some, got=name)  # fmt: skip
+            raise InputError(
+                f"joint {name!r} has no spring: nothing drives it",
+                where="command",
+                expected=some,
+                got=name,
+            )
         steps[name] = checked_number(value, f"command of {name}")
     if not steps:
         raise InputError("commands no drive", where="command", expected="name=value")
@@ -198,6 +202,10 @@ def _driven(mechanism: Any, q: Array, steps: Mapping[int, float]) -> Array:
     assembled = mechanism.closed(wanted, hold=held).q
     gap = float(np.abs(assembled - wanted)[list(steps)].max())
     if gap > numerics.CLOSE:
-        raise InputError("the machine cannot follow its rigid drives there", where="command",
-                         expected="a smaller command", got=f"{gap:.3g} away")  # fmt: skip
+        raise InputError(
+            "the machine cannot follow its rigid drives there",
+            where="command",
+            expected="a smaller command",
+            got=f"{gap:.3g} away",
+        )
     return assembled

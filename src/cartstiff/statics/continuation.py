@@ -115,10 +115,24 @@ def load_curve(
         *weights_of(elastic).notes,
     )
     seed = LoadCurve(
-        elastic, np.zeros(1), origin.point.q[None], np.zeros((1, 6)), np.zeros((1, 6)),
-        np.zeros(1), (None,), (), "lost", notes, path, limits, origin.point.posture.pose,
-        _linear_rate(origin, path), to, back, resolution,
-    )  # fmt: skip
+        elastic,
+        np.zeros(1),
+        origin.point.q[None],
+        np.zeros((1, 6)),
+        np.zeros((1, 6)),
+        np.zeros(1),
+        (None,),
+        (),
+        "lost",
+        notes,
+        path,
+        limits,
+        origin.point.posture.pose,
+        _linear_rate(origin, path),
+        to,
+        back,
+        resolution,
+    )
     return _trace(seed, [origin], points)
 
 
@@ -155,7 +169,7 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
             "no branch starts at a limit point or the onset of flutter: the curve itself goes on",
             code="no-branch",
             values={"factor": critical.factor},
-        )  # fmt: skip
+        )
     along = np.append(np.sign(direction) * critical.mode, 0.0)
     size = curve._resolution
     while True:
@@ -206,9 +220,10 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
             break
         if len(states) > 1 or not _is_singular(here):
             critical += [
-                c for c in crossings(path, here, there, size_taken)
+                c
+                for c in crossings(path, here, there, size_taken)
                 if not last or (c.factor - goal) * np.sign(goal) <= 0.0
-            ]  # fmt: skip
+            ]
         states.append(there)
         if last:
             reason = "factor-reached"

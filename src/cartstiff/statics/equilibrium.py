@@ -108,11 +108,15 @@ def equilibrium(
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
     limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
     names = checked_elastic(elastic).names
-    q = elastic.q if q0 is None else (
-        named_values(q0, names, elastic.q, "q0")
-        if isinstance(q0, Mapping)
-        else elastic.mechanism.checked(q0, "q0")
-    )  # fmt: skip
+    q = (
+        elastic.q
+        if q0 is None
+        else (
+            named_values(q0, names, elastic.q, "q0")
+            if isinstance(q0, Mapping)
+            else elastic.mechanism.checked(q0, "q0")
+        )
+    )
     original = elastic
     elastic = elastic.balanced(q)
     start = elastic.mechanism.at(q)

@@ -171,9 +171,12 @@ class Equilibrium(Result, ShownInLines):
         if known is None:
             return None
         motion = motion_by_compliance(
-            self.posture, self._solution.balance, Elements(self.elastic), known.patterns,
+            self.posture,
+            self._solution.balance,
+            Elements(self.elastic),
+            known.patterns,
             self._chosen,
-        )  # fmt: skip
+        )
         turned = np.kron(np.eye(2), self.pose[:3, :3]) @ self.posture.motion.jacobian @ motion
         variance = np.einsum("ip,pr,ir->i", turned, known.covariance, turned)
         return read_only(np.sqrt(np.maximum(variance, 0.0)))

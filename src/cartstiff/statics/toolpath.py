@@ -111,11 +111,18 @@ def compensate(
     mass = weights_of(elastic, loads[0])
     notes += mass.notes
     return CompensatedPath(
-        elastic, np.array(poses), postures, np.array(commands), np.array(unloaded),
-        np.array(before), np.array(after),
-        None if elastic.identified is None else np.array(deviation), tuple(stable), mass,
+        elastic,
+        np.array(poses),
+        postures,
+        np.array(commands),
+        np.array(unloaded),
+        np.array(before),
+        np.array(after),
+        None if elastic.identified is None else np.array(deviation),
+        tuple(stable),
+        mass,
         tuple(notes),
-    )  # fmt: skip
+    )
 
 
 def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) -> Array:
@@ -132,17 +139,20 @@ def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) 
             q = System(elastic, (), Held.from_pose(T)).retracted(q)
         except ConvergenceError as error:
             raise ConvergenceError(
-                f"pose {index + 1} of the path cannot be reached", iterations=error.iterations,
+                f"pose {index + 1} of the path cannot be reached",
+                iterations=error.iterations,
                 residual=error.residual,
-            ) from None  # fmt: skip
+            ) from None
         postures.append(q)
     return np.array(postures)
 
 
 def _loads(
-    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]], poses: Sequence[Array],
-    kind: LoadKind, axes: Literal["world", "body"],
-) -> list[tuple[Potential, ...]]:  # fmt: skip
+    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]],
+    poses: Sequence[Array],
+    kind: LoadKind,
+    axes: Literal["world", "body"],
+) -> list[tuple[Potential, ...]]:
     m = len(poses)
     if axes not in ("world", "body"):
         raise InputError("unknown axes", expected="world or body", got=axes)
@@ -169,8 +179,11 @@ def _loads(
 def _refuse_words(kind: LoadKind, axes: str) -> None:
     """Refuse what is said of wrenches where potentials are given, which know how they act."""
     if kind != DEAD_AT_ORIGIN or axes != "world":
-        raise InputError("potentials already say how and where they act", where="loads of the path",
-                         expected="no axes, load_kind or load_at")  # fmt: skip
+        raise InputError(
+            "potentials already say how and where they act",
+            where="loads of the path",
+            expected="no axes, load_kind or load_at",
+        )
 
 
 def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:
@@ -206,9 +219,11 @@ def _balancing_rest(
         torque -= term.evaluate(posture).gradient
     idle = _commanded(elastic, _idle_rest(elastic, posture)).springs
     # Rows that the springs reach: what their stiffness acts on.
-    reach = np.zeros((columns.size, columns.size)) if idle is None else (
-        idle.evaluate(posture).hessian * columns[:, None] * columns
-    )  # fmt: skip
+    reach = (
+        np.zeros((columns.size, columns.size))
+        if idle is None
+        else (idle.evaluate(posture).hessian * columns[:, None] * columns)
+    )
     U, values, _ = np.linalg.svd(reach)
     deaf = U[:, values <= numerics.ROUNDING * values.max(initial=numerics.TINY)]
     wanted = torque * columns

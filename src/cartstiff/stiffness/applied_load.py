@@ -157,8 +157,11 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
             ("load_at", any(checked.at) and not own),
         ):
             if is_said:
-                raise InputError("says something of a load, and none is given", where=name,
-                                 expected="a wrench as well")  # fmt: skip
+                raise InputError(
+                    "says something of a load, and none is given",
+                    where=name,
+                    expected="a wrench as well",
+                )
     return checked
 
 

@@ -117,9 +117,11 @@ def analyse(
 
 
 def analyse_at(
-    elastic: ElasticMechanism, posture: MechanismPosture, force: Array | None = None,
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    force: Array | None = None,
     kind: LoadKind = DEAD_AT_ORIGIN,
-) -> PostureStiffness:  # fmt: skip
+) -> PostureStiffness:
     """`analyse` at a posture whose closures are shut; `force` (6,) is the wrench in M, if any."""
     elastic, energy = elastic._balanced_with_evaluation(posture, force)
     reduction = reduce_to(
@@ -132,9 +134,14 @@ def analyse_at(
         apart=partial(springs_apart, elastic, posture) if posture.coordinates_are_pose else None,
     )
     return PostureStiffness(
-        elastic, fixed(posture.q), posture, energy, reduction, load=kind,
+        elastic,
+        fixed(posture.q),
+        posture,
+        energy,
+        reduction,
+        load=kind,
         _load_is_given=force is not None and any(force.tolist()),
-    )  # fmt: skip
+    )
 
 
 def _without_energy(

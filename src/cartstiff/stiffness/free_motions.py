@@ -142,9 +142,12 @@ class FreeMotions:
 
     @staticmethod
     def _better(
-        inverses: Array, errors: list[float], changes: Array, other: Array | None,
+        inverses: Array,
+        errors: list[float],
+        changes: Array,
+        other: Array | None,
         apart: FreeMotions,
-    ) -> tuple[Array, list[float]]:  # fmt: skip
+    ) -> tuple[Array, list[float]]:
         """Of each inverse that which has more digits: by these motions, or by springs apart."""
         inverse, own = apart._inverses(changes, other)
         own = [error + apart.error for error in own]

@@ -77,9 +77,15 @@ def reduce_any(
             state = irregular(closure, closures.values, closures.rank, lost, orthonormal, columns)
             if state is not None:
                 return Reduction(
-                    None, None, lam, closures.values, 0, orthonormal.shape[1],
-                    motions=orthonormal, states=[state],
-                )  # fmt: skip
+                    None,
+                    None,
+                    lam,
+                    closures.values,
+                    0,
+                    orthonormal.shape[1],
+                    motions=orthonormal,
+                    states=[state],
+                )
         N, leading = numerics.graded_basis(orthonormal, stiff, closures.V)
     motions = None if closure is None else orthonormal
     freedoms = N.shape[1]
@@ -192,11 +198,13 @@ def reduce_any(
         J_B, size = J @ B, np.outer(np.abs(J).sum(axis=1), np.abs(B).max(axis=0, initial=0.0))
         J_B[np.abs(J_B) <= n * numerics.EPSILON * size] = 0.0
         free = FreeMotions(
-            J_B / rows[:, None], symmetric_part(B.T @ H_L @ B, energy),
+            J_B / rows[:, None],
+            symmetric_part(B.T @ H_L @ B, energy),
             lambda: np.abs(B.T) @ terms() @ np.abs(B),
             lambda: norm(terms()) * float(np.vdot(B, B)),
-            columns[:, None] * B, energy.energy == energy.energy,
-        )  # fmt: skip
+            columns[:, None] * B,
+            energy.energy == energy.energy,
+        )
     if short is not None and reachable is not None:
         words = states[short].message
         if free is not None and free.inverse() is None:
@@ -205,9 +213,20 @@ def reduce_any(
         more = {"reachable_motions": reachable.T.tolist(), "reachable_stiffness": K_there}
         states[short] = Note(states[short].code, words, {**states[short].values, **more})
     return Reduction(
-        w * rows, K, lam, values, rank, freedoms, free, reachable, reachable_K, rates, motions,
-        states, None if closures is None else closures.values,
-    )  # fmt: skip
+        w * rows,
+        K,
+        lam,
+        values,
+        rank,
+        freedoms,
+        free,
+        reachable,
+        reachable_K,
+        rates,
+        motions,
+        states,
+        None if closures is None else closures.values,
+    )
 
 
 def _held_self_motions(

@@ -76,9 +76,13 @@ def plain_inverses(
     """
     free, values = reduction.free, reduction.singular_values
     if (
-        free is None or matrices is None or reduction.force is None or not free.is_symmetric
-        or not values[-1] * numerics.WELL_CONDITIONED > values[0] or not free.is_far_from_idle
-    ):  # fmt: skip
+        free is None
+        or matrices is None
+        or reduction.force is None
+        or not free.is_symmetric
+        or not values[-1] * numerics.WELL_CONDITIONED > values[0]
+        or not free.is_far_from_idle
+    ):
         return None
     inverses = numerics.plain_inverses(matrices)
     if inverses is None:

@@ -270,8 +270,11 @@ class PostureStiffness(ShownInLines):
         """
         C = self.tangent_compliance
         if C is None:
-            raise UndefinedError("no compliance exists here: a motion costs nothing, or nothing "
-                                 "balances the posture", code="no-compliance")  # fmt: skip
+            raise UndefinedError(
+                "no compliance exists here: a motion costs nothing, or nothing "
+                "balances the posture",
+                code="no-compliance",
+            )
         return Compliance(C, self.load.connection, self.pose, self.frame, self.units)
 
     def at(self, T_M_N: ArrayLike | None = None) -> StiffnessInFrame:

@@ -186,10 +186,14 @@ def near_constraint(reduction: Reduction) -> list[Note]:
             f"shares of {least:.2g} to {doubtful.max():.2g} only, of which {held} count(s) as "
             "held; axes that should be parallel and are not quite, or a branching near: what "
             "moves, and how stiffly, hangs on these digits of the geometry",
-            {"singular_values": values.tolist(), "held": held, "free": doubtful.size - held,
-             "unresolved": numerics.ROUNDING / least},
+            {
+                "singular_values": values.tolist(),
+                "held": held,
+                "free": doubtful.size - held,
+                "unresolved": numerics.ROUNDING / least,
+            },
         )
-    ]  # fmt: skip
+    ]
 
 
 def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[Note]:

@@ -44,10 +44,15 @@ def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeM
         return None
     motions = natural[:, None] * apart.motions
     return FreeMotions(
-        motions, apart.stiffness, lambda: apart.terms, lambda: float(np.abs(apart.terms).max()),
-        motions, numerics.is_symmetric(rest), springs=(lines, k),
+        motions,
+        apart.stiffness,
+        lambda: apart.terms,
+        lambda: float(np.abs(apart.terms).max()),
+        motions,
+        numerics.is_symmetric(rest),
+        springs=(lines, k),
         error=numerics.EPSILON * apart.condition,
-    )  # fmt: skip
+    )
 
 
 class ByLengths(NamedTuple):

@@ -188,9 +188,12 @@ class StiffnessTensor(LabelledMatrix):
             return self
         C = self.inverse
         return replace(
-            self, matrix=self.matrix[se3.SWAP][:, se3.SWAP], wrench=self.wrench[se3.SWAP],
-            order=order, inverse=None if C is None else C[se3.SWAP][:, se3.SWAP],
-        )  # fmt: skip
+            self,
+            matrix=self.matrix[se3.SWAP][:, se3.SWAP],
+            wrench=self.wrench[se3.SWAP],
+            order=order,
+            inverse=None if C is None else C[se3.SWAP][:, se3.SWAP],
+        )
 
     def to_units(self, length: str = "m", force: str = "N") -> StiffnessTensor:
         """The same in other units of length and force; angles stay radians."""
@@ -255,10 +258,15 @@ class StiffnessTensor(LabelledMatrix):
 
     @classmethod
     def from_controller(
-        cls, matrix: ArrayLike, *, order: Order = "linear-angular",
-        axes: Literal["body", "base"] = "base", pose: ArrayLike | None = None, frame: str = "body",
+        cls,
+        matrix: ArrayLike,
+        *,
+        order: Order = "linear-angular",
+        axes: Literal["body", "base"] = "base",
+        pose: ArrayLike | None = None,
+        frame: str = "body",
         units: Units = SI,
-    ) -> StiffnessTensor:  # fmt: skip
+    ) -> StiffnessTensor:
         """The stiffness that an impedance controller was given, as K^B of the body frame, unloaded.
 
         Parameters
@@ -281,9 +289,11 @@ class StiffnessTensor(LabelledMatrix):
         """
         K = checked_array(matrix, (6, 6), "stiffness of the controller")
         if np.abs(K - K.T).max() > numerics.SYMMETRY * np.abs(K).max():
-            raise InputError("stiffness of the controller is not symmetric",
-                             expected="its symmetric part: without an error there is no load",
-                             got=f"|K - K^T| up to {np.abs(K - K.T).max():.3g}")  # fmt: skip
+            raise InputError(
+                "stiffness of the controller is not symmetric",
+                expected="its symmetric part: without an error there is no load",
+                got=f"|K - K^T| up to {np.abs(K - K.T).max():.3g}",
+            )
         if axes not in ("body", "base"):
             raise InputError("unknown axes", expected="body or base", got=repr(axes))
         if axes == "base" and pose is None:
@@ -318,9 +328,14 @@ class StiffnessTensor(LabelledMatrix):
             units = Units(data["units"]["length"], data["units"]["force"])
             convert_length(units, SI)
             return cls(
-                np.array(data["matrix"]), connection, np.array(data["wrench"]),
-                np.array(data["pose"]), data["frame"], units, data["order"],
-            )  # fmt: skip
+                np.array(data["matrix"]),
+                connection,
+                np.array(data["wrench"]),
+                np.array(data["pose"]),
+                data["frame"],
+                units,
+                data["order"],
+            )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError("not the data of a stiffness tensor", got=str(error)) from None
 
@@ -354,9 +369,12 @@ class StiffnessTensor(LabelledMatrix):
             path.write_text(self.as_csv(), encoding="utf-8")
         elif path.suffix == ".npz":
             np.savez(
-                path, matrix=self.matrix, wrench=self.wrench, pose=self.pose,
+                path,
+                matrix=self.matrix,
+                wrench=self.wrench,
+                pose=self.pose,
                 description=np.array(json.dumps(self.as_dict())),
-            )  # fmt: skip
+            )
         else:
             raise InputError("unknown file ending", expected=".json, .csv or .npz", got=path.name)
 

@@ -37,9 +37,14 @@ class Layer(NamedTuple):
 
 
 def layers(
-    solver: PathSolver, poses: Array, grid: Choices, starts: int, seed: int,
-    tolerance: float = numerics.REACHED, advance: Callable[[], None] | None = None,
-) -> list[Layer]:  # fmt: skip
+    solver: PathSolver,
+    poses: Array,
+    grid: Choices,
+    starts: int,
+    seed: int,
+    tolerance: float = numerics.REACHED,
+    advance: Callable[[], None] | None = None,
+) -> list[Layer]:
     """Candidates for each pose (m, 4, 4), within the limits, up to the first that has none.
 
     At the first point each cell has `starts` random starts. `advance` is called after each point.

@@ -174,22 +174,29 @@ class Counter:
 
 
 def path_solver(
-    elastic: ElasticMechanism, ranges: Mapping[str, tuple[float, float]] | None,
+    elastic: ElasticMechanism,
+    ranges: Mapping[str, tuple[float, float]] | None,
     near: Mapping[str, float] | ArrayLike | None,
-) -> PathSolver:  # fmt: skip
+) -> PathSolver:
     """What finds postures, within the ranges that were asked for."""
     if isinstance(elastic.mechanism, Platform):
         if ranges or near is not None:
-            raise InputError("ranges and a posture nearby are for joints", got="a platform, whose "
-                             "pose the path says")  # fmt: skip
+            raise InputError(
+                "ranges and a posture nearby are for joints",
+                got="a platform, whose pose the path says",
+            )
         return PlatformPoses(elastic)
     solver = JointPoses(elastic)
     if ranges:
         solver = solver.narrowed(ranges)
     if near is not None:
         q = named_values(near, elastic.names, elastic.q, "posture nearby")
-        turning = [(c.name, float(x)) for c, x in zip(elastic.mechanism.coordinates, q,
-                                                      strict=True) if not c.is_length]  # fmt: skip
-        solver = solver.narrowed({name: (x - NEARBY, x + NEARBY) for name, x in turning},
-                                 "neighbourhood")  # fmt: skip
+        turning = [
+            (c.name, float(x))
+            for c, x in zip(elastic.mechanism.coordinates, q, strict=True)
+            if not c.is_length
+        ]
+        solver = solver.narrowed(
+            {name: (x - NEARBY, x + NEARBY) for name, x in turning}, "neighbourhood"
+        )
     return solver

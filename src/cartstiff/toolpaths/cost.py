@@ -112,8 +112,10 @@ class PathCost:
 
     def __post_init__(self) -> None:
         if self.quantity.better is None:
-            raise InputError(f"{self.quantity.name} is not a criterion: neither end is better",
-                             expected=", ".join(criteria()))  # fmt: skip
+            raise InputError(
+                f"{self.quantity.name} is not a criterion: neither end is better",
+                expected=", ".join(criteria()),
+            )
         if self.loaded and self.path.wrenches is None:
             raise InputError("a stiffness under load needs the path's wrenches")
         choose_quantities([self.quantity.name], self._settings(0), self.elastic)
@@ -141,9 +143,13 @@ class PathCost:
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
         load = self._loads(points, poses) if self.loaded else None
         answers = analyse_many(
-            self.elastic, q, wrench=load, load_kind=self.load.kind, load_at=self.load.at,
+            self.elastic,
+            q,
+            wrench=load,
+            load_kind=self.load.kind,
+            load_at=self.load.at,
             outputs=outputs,
-        )  # fmt: skip
+        )
         lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
         for point in np.unique(points):
             rows = points == point
@@ -178,8 +184,9 @@ class PathCost:
         name = self.quantity.name
         return half_widths(
             self.elastic,
-            lambda other: {name: replace(self, elastic=other)(q, points, poses).value}, [name],
-        )[name]  # fmt: skip
+            lambda other: {name: replace(self, elastic=other)(q, points, poses).value},
+            [name],
+        )[name]
 
     def _loads(self, points: Array, poses: Array) -> Array:
         """Wrenches (N, 6) in body components, about the point at which they act."""

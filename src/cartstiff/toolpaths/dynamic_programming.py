@@ -85,9 +85,11 @@ _Ways = tuple[Array | None, list[Array], list[Array]]
 
 
 def _among_few(
-    costs: Sequence[Array], steps: Callable[[int, Array, Array], Array], usable: Sequence[Array],
+    costs: Sequence[Array],
+    steps: Callable[[int, Array, Array], Array],
+    usable: Sequence[Array],
     worst: bool,
-) -> _Ways:  # fmt: skip
+) -> _Ways:
     """`_forward` among the cheapest of each layer: ever more, until there is a way, or all."""
     count, most = _FEW, max(map(len, usable))
     while count < most:
@@ -114,9 +116,11 @@ def _linked(steps: Callable[[int, Array, Array], Array], usable: Sequence[Array]
 
 
 def _forward(
-    costs: Sequence[Array], steps: Callable[[int, Array, Array], Array], usable: Sequence[Array],
+    costs: Sequence[Array],
+    steps: Callable[[int, Array, Array], Array],
+    usable: Sequence[Array],
     worst: bool,
-) -> _Ways:  # fmt: skip
+) -> _Ways:
     """Costs of the best ways to the last layer, candidates reached, and whence each is reached."""
     reached, origins = [usable[0]], []
     total = costs[0][usable[0]]

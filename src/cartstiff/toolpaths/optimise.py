@@ -157,8 +157,9 @@ def optimise_path(
     if criterion not in criteria():
         raise UnknownNameError("criterion", criterion, criteria())
     if not 0.0 <= singular < 1.0:
-        raise InputError("singularity threshold cannot be used", expected="0 to below 1",
-                         got=singular)  # fmt: skip
+        raise InputError(
+            "singularity threshold cannot be used", expected="0 to below 1", got=singular
+        )
     if not 0.0 <= smoothness < np.inf:
         raise InputError("smoothness cannot be used", expected="0 or more", got=smoothness)
     solver = path_solver(elastic, ranges, near)
@@ -166,42 +167,76 @@ def optimise_path(
     connection = connection or ("load" if loaded else "B")
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
     if load.kind != "dead" and not loaded:
-        raise InputError("is for the stiffness under load", where="load_kind",
-                         expected="loaded as well")  # fmt: skip
+        raise InputError(
+            "is for the stiffness under load", where="load_kind", expected="loaded as well"
+        )
     cost = PathCost(
-        ready(elastic), path, criteria()[criterion], connection, loaded, load, solver.length,
-        solver.rank("none"), solver.movable,
-        damping if isinstance(damping, Damping) else Damping(damping), milling,
-    )  # fmt: skip
+        ready(elastic),
+        path,
+        criteria()[criterion],
+        connection,
+        loaded,
+        load,
+        solver.length,
+        solver.rank("none"),
+        solver.movable,
+        damping if isinstance(damping, Damping) else Damping(damping),
+        milling,
+    )
     levels = _LEVELS if refine and grid.dimension else 0
     advance = Counter(progress, 2 * len(path) + levels)
-    search = _Search(solver, path, grid, cost, objective, _bounds(elastic, solver, max_step),
-                     singular, smoothness, collisions, advance)  # fmt: skip
+    search = _Search(
+        solver,
+        path,
+        grid,
+        cost,
+        objective,
+        _bounds(elastic, solver, max_step),
+        singular,
+        smoothness,
+        collisions,
+        advance,
+    )
     candidates = layers(solver, path.poses, grid, starts, seed, advance=advance)
     q, constant = search.among(candidates)
     if levels:
         q = search.refined(q)
     judged, poses = search.judged(q, np.arange(len(path)))
     return OptimisedPath(
-        elastic, path, q, poses, _angles(path, poses, free), judged.value, judged.ratio,
-        cost.quantity, connection, loaded, load, free,
-        None if grid.joint is None else elastic.names[grid.joint], constant,
+        elastic,
+        path,
+        q,
+        poses,
+        _angles(path, poses, free),
+        judged.value,
+        judged.ratio,
+        cost.quantity,
+        connection,
+        loaded,
+        load,
+        free,
+        None if grid.joint is None else elastic.names[grid.joint],
+        constant,
         sum(len(layer.q) for layer in candidates),
         (*elastic.notes, *([] if cost.no_intervals is None else [cost.no_intervals])),
         cost.half_widths(q, np.arange(len(path)), poses),
         NOT_CHECKED if collisions is None else collisions.as_dict(),
         singular > 0.0 if cost.rank == solver.movable.sum() else None,
         None if near is None else NEARBY,
-    )  # fmt: skip
+    )
 
 
 def _bounds(
-    elastic: ElasticMechanism, solver: PathSolver,
+    elastic: ElasticMechanism,
+    solver: PathSolver,
     max_step: float | Mapping[str, float] | ArrayLike | None,
-) -> Array:  # fmt: skip
+) -> Array:
     default = MAX_STEP * solver.sizes
-    bounds = default if max_step is None else named_values(max_step, elastic.names, default,
-                                                          "largest step")  # fmt: skip
+    bounds = (
+        default
+        if max_step is None
+        else named_values(max_step, elastic.names, default, "largest step")
+    )
     if not np.all(bounds > 0):
         raise InputError("largest step must be above zero", got=bounds.tolist())
     return np.array(bounds)
@@ -219,10 +254,18 @@ class _Search:
     """The search for one path: judging candidates, and ways through them."""
 
     def __init__(
-        self, solver: PathSolver, path: ToolPath, grid: Choices, cost: PathCost,
-        objective: Objective, bounds: Array, singular: float, smoothness: float,
-        collisions: Collisions | None, advance: Callable[[], None],
-    ) -> None:  # fmt: skip
+        self,
+        solver: PathSolver,
+        path: ToolPath,
+        grid: Choices,
+        cost: PathCost,
+        objective: Objective,
+        bounds: Array,
+        singular: float,
+        smoothness: float,
+        collisions: Collisions | None,
+        advance: Callable[[], None],
+    ) -> None:
         self.solver, self.path, self.grid, self.cost = solver, path, grid, cost
         self.objective, self.bounds, self.singular = objective, bounds, singular
         self.smoothness, self.price = smoothness, 0.0
@@ -293,9 +336,11 @@ class _Search:
                 break
             own = [np.flatnonzero(c == cell) for c in cells]
             way = self._way(
-                *([a[rows] for a, rows in zip(every, own, strict=True)]
-                  for every in (q, costs, sides))
-            )  # fmt: skip
+                *(
+                    [a[rows] for a, rows in zip(every, own, strict=True)]
+                    for every in (q, costs, sides)
+                )
+            )
             if isinstance(way, UndefinedError):
                 continue
             rows = [r[k] for r, k in zip(own, way[1], strict=True)]

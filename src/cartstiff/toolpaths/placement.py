@@ -189,9 +189,11 @@ def best_placement(
         raise UndefinedError(
             f"the path can be followed from none of the {total} places ({shown})",
             code="no-placement",
-            values={"places": total, "codes": dict(zip(map(str, names), numbers.tolist(),
-                                                       strict=True))},
-        )  # fmt: skip
+            values={
+                "places": total,
+                "codes": dict(zip(map(str, names), numbers.tolist(), strict=True)),
+            },
+        )
     place = _around(best, axes, at, halvings)
     return Placement(axes, worst, codes, points, place, at(place, last=True))
 
@@ -216,9 +218,11 @@ def _cost(path: OptimisedPath) -> float:
 
 
 def _around(
-    best: tuple[float, dict[str, float]], axes: Mapping[str, Array],
-    at: Callable[[Mapping[str, float]], OptimisedPath], halvings: int,
-) -> dict[str, float]:  # fmt: skip
+    best: tuple[float, dict[str, float]],
+    axes: Mapping[str, Array],
+    at: Callable[[Mapping[str, float]], OptimisedPath],
+    halvings: int,
+) -> dict[str, float]:
     """The best place near one, within the grid's ends."""
     cost, place = best
     steps = {n: float(np.diff(v).min()) for n, v in axes.items() if len(v) > 1}

@@ -51,8 +51,9 @@ class ToolPath:
         poses = checked_array(self.poses, ("m", 4, 4), "path")
         for index, T in enumerate(poses):
             if not is_pose(T):
-                raise InputError(f"pose {index + 1} of the path is not a rigid motion",
-                                 got=T.tolist())  # fmt: skip
+                raise InputError(
+                    f"pose {index + 1} of the path is not a rigid motion", got=T.tolist()
+                )
         object.__setattr__(self, "poses", read_only(poses))
         for name, width in (("wrenches", 6), ("directions", 3)):
             if (value := getattr(self, name)) is not None:

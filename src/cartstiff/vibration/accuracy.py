@@ -77,15 +77,20 @@ class Accuracy:
         for quantity, sd in self.deviations.items():
             diagonal = [(i, i) if sd.ndim == 2 else (i,) for i in range(len(sd))]
             answer[quantity] = {
-                "nominal": _or_none(self.nominal[quantity]), "deviation": _or_none(sd),
-                "main": [[{"name": n, "share": x} for n, x in self.main(quantity, i)]
-                         for i in diagonal],
-            }  # fmt: skip
+                "nominal": _or_none(self.nominal[quantity]),
+                "deviation": _or_none(sd),
+                "main": [
+                    [{"name": n, "share": x} for n, x in self.main(quantity, i)] for i in diagonal
+                ],
+            }
         pairs = zip(self.names, self.spreads.tolist(), strict=True)
         return {
-            "level": self.level, "factor": self.factor, "left_out": self.left_out, **answer,
+            "level": self.level,
+            "factor": self.factor,
+            "left_out": self.left_out,
+            **answer,
             "parameters": [{"name": name, "deviation": x} for name, x in pairs],
-        }  # fmt: skip
+        }
 
 
 def _or_none(values: Array) -> list[Any]:
@@ -193,10 +198,15 @@ def accuracy(
     if known is not None and level == known.level and np.isfinite(home.parameters.degrees):
         factor = known.factor
     return Accuracy(
-        tuple(n for n, there in zip(named, varied, strict=True) if there), spreads,
-        {n: nominal[n] for n in kept}, {n: deviations[n] for n in kept},
-        {n: shares[n] for n in kept}, level, factor, "; ".join(missing) or None,
-    )  # fmt: skip
+        tuple(n for n, there in zip(named, varied, strict=True) if there),
+        spreads,
+        {n: nominal[n] for n in kept},
+        {n: deviations[n] for n in kept},
+        {n: shares[n] for n in kept},
+        level,
+        factor,
+        "; ".join(missing) or None,
+    )
 
 
 def _by_compliance(modes: Modes, measured: Identified) -> Array:
@@ -235,9 +245,11 @@ class FrequencyInterval:
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
         return {
-            "level": self.level, "deviations": _or_none(self.deviations), "low": _or_none(self.low),
+            "level": self.level,
+            "deviations": _or_none(self.deviations),
+            "low": _or_none(self.low),
             "high": _or_none(self.high),
-        }  # fmt: skip
+        }
 
 
 def intervals(

@@ -47,18 +47,20 @@ class Home:
     """The mechanism as it is: looks at it with other parameters."""
 
     def __init__(
-        self, subject: Modes | PostureStiffness | Equilibrium,
+        self,
+        subject: Modes | PostureStiffness | Equilibrium,
         reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
         tolerances: Tolerances = _EVERY,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if isinstance(subject, Modes):
             subject = subject.state if subject.state is not None else subject.held
         self.state = subject if isinstance(subject, Equilibrium) else None
         if self.state is not None and self.state.is_adrift:
             raise UndefinedError(
                 "where it rests is not decided, as a motion of the body costs nothing: what is "
-                "there has no derivatives", code="neutral",
-            )  # fmt: skip
+                "there has no derivatives",
+                code="neutral",
+            )
         result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
         self.parameters = UncertainParameters(result, tolerances, reread, self.state is not None)
         self.nominal: PostureStiffness | Equilibrium = subject

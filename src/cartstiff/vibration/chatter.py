@@ -127,9 +127,11 @@ def _eigenvalues(matrices: Array) -> Array:
 
 
 def limiting_depth(
-    modes: Modes, milling: Milling, damping: Damping | float = 0.0,
+    modes: Modes,
+    milling: Milling,
+    damping: Damping | float = 0.0,
     frequencies: ArrayLike | None = None,
-) -> float:  # fmt: skip
+) -> float:
     """Depth of cut (unit of length) that is stable at every speed, by the zeroth-order theory.
 
     Infinite where no frequency has a limit.
@@ -188,9 +190,13 @@ def lobes(
 
 
 def transition_radius(
-    modes: Modes, milling: Milling, speed: float, depth: float, damping: Damping | float = 0.0,
+    modes: Modes,
+    milling: Milling,
+    speed: float,
+    depth: float,
+    damping: Damping | float = 0.0,
     steps: int = 40,
-) -> float:  # fmt: skip
+) -> float:
     """Largest factor by which a motion grows over a tooth's period; below 1 the cut is stable.
 
     Parameters
@@ -210,8 +216,9 @@ def transition_radius(
         Where a motion has no mass.
     """
     if not speed > 0.0 or steps < 2:
-        raise InputError("cannot be used", expected="a speed above zero, two or more steps",
-                         got=[speed, steps])  # fmt: skip
+        raise InputError(
+            "cannot be used", expected="a speed above zero, two or more steps", got=[speed, steps]
+        )
     return _radius(_Cut.of(modes, milling, damping), milling, speed, depth, steps)
 
 
@@ -241,8 +248,9 @@ def _radius(cut: _Cut, milling: Milling, speed: float, depth: float, m: int) -> 
     size = n + 2 * m
     total = np.eye(size, dtype=complex)
     for i in range(m):
-        A = np.mean([milling.directional(pitch * (i + x) / m) for x in (0.1, 0.3, 0.5, 0.7, 0.9)],
-                    axis=0)  # fmt: skip
+        A = np.mean(
+            [milling.directional(pitch * (i + x) / m) for x in (0.1, 0.3, 0.5, 0.7, 0.9)], axis=0
+        )
         B = 0.5 * depth * milling.tangential * cut.into @ A
         whole = np.zeros((n + 2, n + 2), complex)
         whole[:n, :n] = np.diag(cut.poles) + B @ cut.out
@@ -261,9 +269,15 @@ def _radius(cut: _Cut, milling: Milling, speed: float, depth: float, m: int) -> 
 
 
 def depth_by_semi_discretisation(
-    modes: Modes, milling: Milling, speed: float, damping: Damping | float = 0.0, *,
-    steps: int = 40, most: float | None = None, digits: float = 1e-3,
-) -> float:  # fmt: skip
+    modes: Modes,
+    milling: Milling,
+    speed: float,
+    damping: Damping | float = 0.0,
+    *,
+    steps: int = 40,
+    most: float | None = None,
+    digits: float = 1e-3,
+) -> float:
     """Smallest depth at which a cut at a speed becomes unstable, by bisection.
 
     Parameters

@@ -77,8 +77,10 @@ def double_diagonalisation(
     squares, y = np.linalg.eigh(_half(np.linalg.solve(L, half.T)))
     least = -numerics.IDLE * float(np.abs(squares).max(initial=0.0))
     if (squares < least).any():
-        raise InputError("stiffness is not positive semidefinite: no damping holds it",
-                         got=f"omega^2 of {squares[0]:.3g}")  # fmt: skip
+        raise InputError(
+            "stiffness is not positive semidefinite: no damping holds it",
+            got=f"omega^2 of {squares[0]:.3g}",
+        )
     squares = np.maximum(squares, 0.0)
     Q = L @ y
     D = (Q * (2 * zeta * np.sqrt(squares))) @ Q.T
@@ -102,8 +104,9 @@ def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.
 def _root(matrix: Array, what: str) -> Array:
     values, vectors = np.linalg.eigh(matrix)
     if values[0] < -numerics.IDLE * float(np.abs(values).max(initial=0.0)):
-        raise InputError(f"{what} is not positive semidefinite",
-                         got=f"smallest eigenvalue {values[0]:.3g}")  # fmt: skip
+        raise InputError(
+            f"{what} is not positive semidefinite", got=f"smallest eigenvalue {values[0]:.3g}"
+        )
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
@@ -115,16 +118,22 @@ def _symmetric(matrix: ArrayLike, what: str) -> Array:
     array = np.asarray(matrix, float)
     array = checked_matrix(array, what, len(array) if array.ndim else 1)
     if np.abs(array - array.T).max() > numerics.SYMMETRY * np.abs(array).max():
-        raise InputError(f"{what} is not symmetric", expected="its symmetric part",
-                         got=f"|A - A^T| up to {np.abs(array - array.T).max():.3g}")  # fmt: skip
+        raise InputError(
+            f"{what} is not symmetric",
+            expected="its symmetric part",
+            got=f"|A - A^T| up to {np.abs(array - array.T).max():.3g}",
+        )
     return _half(array)
 
 
 def _ratios(ratios: float | Sequence[float], n: int) -> Array:
     values = checked_array(np.atleast_1d(np.asarray(ratios, float)), ("m",), "damping ratios")
     if values.size not in (1, n) or (values < 0.0).any():
-        raise InputError("damping ratios cannot be used", expected=f"1 or {n} numbers from zero",
-                         got=values.tolist())  # fmt: skip
+        raise InputError(
+            "damping ratios cannot be used",
+            expected=f"1 or {n} numbers from zero",
+            got=values.tolist(),
+        )
     return np.broadcast_to(values, (n,))
 
 
@@ -176,8 +185,13 @@ class Impedance:
             **{
                 key: getattr(self, key).tolist()
                 for key in (
-                    "stiffness", "damping", "by_square_roots", "mass", "frequencies",
-                    "joint_stiffness", "joint_damping",
+                    "stiffness",
+                    "damping",
+                    "by_square_roots",
+                    "mass",
+                    "frequencies",
+                    "joint_stiffness",
+                    "joint_damping",
                 )
             },
             "ratios_by_square_roots": [float(x) if np.isfinite(x) else None for x in self.ratios],
@@ -186,7 +200,7 @@ class Impedance:
             "layouts": {
                 name: layout(self.stiffness, self.pose, name).as_dict() for name in LAYOUTS
             },
-        }  # fmt: skip
+        }
 
 
 def impedance(
@@ -215,8 +229,9 @@ def impedance(
     if mass is None:
         raise UndefinedError(
             "the masses as the body feels them do not exist here: it cannot move in every "
-            "direction, or a motion has no mass", code="no-mass",
-        )  # fmt: skip
+            "direction, or a motion has no mass",
+            code="no-mass",
+        )
     if isinstance(wanted, StiffnessTensor):
         wanted = wanted.to_order("angular-linear").matrix
     whole = checked_matrix(wanted, "stiffness wanted")
@@ -232,11 +247,18 @@ def impedance(
     size = float(np.abs(projected).max(initial=0.0))
     J = modes.posture.motion.jacobian
     return Impedance(
-        fixed(K), fixed(D), fixed(other), fixed(felt),
-        float(np.abs(beside).max()) / size if size else 0.0, fixed(mass),
-        fixed(np.sqrt(squares) / (2 * np.pi)), fixed(J.T @ K @ J), fixed(J.T @ D @ J),
-        fixed(modes.posture.pose), dropped,
-    )  # fmt: skip
+        fixed(K),
+        fixed(D),
+        fixed(other),
+        fixed(felt),
+        float(np.abs(beside).max()) / size if size else 0.0,
+        fixed(mass),
+        fixed(np.sqrt(squares) / (2 * np.pi)),
+        fixed(J.T @ K @ J),
+        fixed(J.T @ D @ J),
+        fixed(modes.posture.pose),
+        dropped,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,14 +332,16 @@ def layout(stiffness: ArrayLike, pose: ArrayLike, name: str) -> Layout:
     rr, tt, rt = K[:3, :3], K[3:, 3:], K[:3, 3:]
     if name == "full":
         linear_first = K[se3.SWAP][:, se3.SWAP]
-        return Layout(name, tuple(linear_first.ravel().tolist()), None,
-                      {"antisymmetric": antisymmetric})  # fmt: skip
+        return Layout(
+            name, tuple(linear_first.ravel().tolist()), None, {"antisymmetric": antisymmetric}
+        )
     size = np.sqrt(np.abs(rr).max() * np.abs(tt).max())
     lost = {
-        "translation": _beside(tt), "rotation": _beside(rr),
+        "translation": _beside(tt),
+        "rotation": _beside(rr),
         "coupling": float(np.abs(rt).max() / max(size, numerics.TINY)),
         "antisymmetric": antisymmetric,
-    }  # fmt: skip
+    }
     turning = np.diag(rr) if name == "franka" else np.diag(rr)[::-1]
     return Layout(name, (*np.diag(tt).tolist(), *turning.tolist()), frame, lost)
 

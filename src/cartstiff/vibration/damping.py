@@ -51,12 +51,16 @@ class Damping:
         for name in ("mass", "stiffness"):
             value = checked_number(getattr(self, name), f"Rayleigh damping by {name}")
             if value < 0.0:
-                raise InputError(f"Rayleigh damping by {name} cannot be used",
-                                 expected="a number from zero", got=value)  # fmt: skip
+                raise InputError(
+                    f"Rayleigh damping by {name} cannot be used",
+                    expected="a number from zero",
+                    got=value,
+                )
         ratios = real_array(self.ratios, "damping ratios")
         if ratios.ndim > 1 or not np.isfinite(ratios).all() or (ratios < 0.0).any():
-            raise InputError("damping ratios cannot be used", expected="numbers from zero",
-                             got=ratios.tolist())  # fmt: skip
+            raise InputError(
+                "damping ratios cannot be used", expected="numbers from zero", got=ratios.tolist()
+            )
 
     def acts_on(self, elastic: ElasticMechanism) -> bool:
         """Whether anything damps the motions of a mechanism."""
@@ -74,8 +78,11 @@ class Damping:
         count = modes.squares.size
         ratios = real_array(self.ratios, "damping ratios")
         if ratios.ndim and ratios.size not in (1, count):
-            raise InputError("wrong count of damping ratios", expected=f"1 or {count}, one a mode",
-                             got=ratios.size)  # fmt: skip
+            raise InputError(
+                "wrong count of damping ratios",
+                expected=f"1 or {count}, one a mode",
+                got=ratios.size,
+            )
         omega = np.sqrt(np.maximum(modes.squares.real, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
             more = np.where(omega > 0.0, 0.5 * (self.mass / omega + self.stiffness * omega), 0.0)

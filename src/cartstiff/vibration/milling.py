@@ -53,17 +53,22 @@ class Milling:
 
     def __post_init__(self) -> None:
         if not checked_number(self.tangential, "cutting coefficient") > 0.0:
-            raise InputError("cutting coefficient cannot be used", expected="above zero",
-                             got=self.tangential)  # fmt: skip
+            raise InputError(
+                "cutting coefficient cannot be used", expected="above zero", got=self.tangential
+            )
         checked_number(self.radial, "radial coefficient")
         if not (self.teeth == int(self.teeth) and self.teeth >= 1):
-            raise InputError("number of teeth cannot be used", expected="a whole number from 1",
-                             got=self.teeth)  # fmt: skip
+            raise InputError(
+                "number of teeth cannot be used", expected="a whole number from 1", got=self.teeth
+            )
         if np.pi < self.exit <= round(np.pi, _DIGITS):
             object.__setattr__(self, "exit", np.pi)
         if not 0.0 <= self.entry < self.exit <= np.pi:
-            raise InputError("immersion cannot be used", expected="0 <= entry < exit <= pi",
-                             got=[self.entry, self.exit])  # fmt: skip
+            raise InputError(
+                "immersion cannot be used",
+                expected="0 <= entry < exit <= pi",
+                got=[self.entry, self.exit],
+            )
         u, v = checked_unit(self.feed, "feed"), checked_unit(self.normal, "normal")
         if abs(u @ v) > numerics.NEARBY:
             raise InputError("feed and normal are not at right angles", got=float(u @ v))

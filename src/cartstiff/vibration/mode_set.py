@@ -110,8 +110,10 @@ class Modes(Result, ShownInLines):
         squares = self.squares
         with np.errstate(invalid="ignore"):
             if np.iscomplexobj(squares):
-                return fixed(np.where(np.abs(squares.imag) > 0.0, np.nan,
-                                      np.sqrt(squares.real)) / (2 * np.pi))  # fmt: skip
+                return fixed(
+                    np.where(np.abs(squares.imag) > 0.0, np.nan, np.sqrt(squares.real))
+                    / (2 * np.pi)
+                )
             return fixed(np.sqrt(squares) / (2 * np.pi))
 
     @cached_property
@@ -212,7 +214,8 @@ class Modes(Result, ShownInLines):
         return {
             "schema": MODES_SCHEMA,
             "mechanism": {
-                "name": elastic.name, "kind": elastic.mechanism.kind,
+                "name": elastic.name,
+                "kind": elastic.mechanism.kind,
                 "joints": list(elastic.names),
             },
             "frame": elastic.mechanism.frame,
@@ -236,7 +239,7 @@ class Modes(Result, ShownInLines):
                 {"name": name, "mass": mass} for name, mass in masses_that_move(elastic).items()
             ],
             "notes": [note.as_dict() for note in self.notes],
-        }  # fmt: skip
+        }
 
 
 def _plain(values: Array) -> list[Any]:
@@ -265,18 +268,22 @@ def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[
     W = np.zeros(6) if result.wrench is None else result.wrench
     loaded = result.is_loaded
     load = {
-        "kind": result.load.kind, "at": list(result.load.at),
-        "wrench": W.tolist() if loaded else [0.0] * 6, "given": result._load_is_given,
+        "kind": result.load.kind,
+        "at": list(result.load.at),
+        "wrench": W.tolist() if loaded else [0.0] * 6,
+        "given": result._load_is_given,
         "meaning": result.load.words,
         "words": f"under its {result.load.kind} load" if loaded else "unloaded",
-    }  # fmt: skip
+    }
     notes = list(result.notes_on_posture)
     notes = [n for n in notes if n.code not in ("deficient", "near-singular")]
     if loaded and not result._load_is_given:
-        notes.append(Note(
-            "load-from-springs",
-            "no load was given: the wrench that the springs exert here is taken for a "
-            f"{result.load.kind} load that holds the posture",
-            {"wrench": W.tolist()},
-        ))  # fmt: skip
+        notes.append(
+            Note(
+                "load-from-springs",
+                "no load was given: the wrench that the springs exert here is taken for a "
+                f"{result.load.kind} load that holds the posture",
+                {"wrench": W.tolist()},
+            )
+        )
     return load, tuple(notes)

@@ -95,8 +95,11 @@ def modes(
         subject = analyse(subject, q, **load)
     else:
         if q is not None or wrench is not None:
-            raise InputError("a result has its posture and its load", expected="no q and no wrench",
-                             got="q" if q is not None else "wrench")  # fmt: skip
+            raise InputError(
+                "a result has its posture and its load",
+                expected="no q and no wrench",
+                got="q" if q is not None else "wrench",
+            )
         checked_load(load_kind, load_at, load_axes, given=False)
     if isinstance(subject, Equilibrium):
         return _at_rest(subject)
@@ -112,10 +115,13 @@ def _at_rest(state: Equilibrium) -> Modes:
     sizes = np.abs(balance.stiffness) + np.diag(balance.hardness)
     notes = tuple(n for n in state.notes if n.code not in ("unstable", "flutter", "divergence"))
     load = {
-        "kind": "potentials", "at": None, "wrench": None, "given": bool(state.loads),
+        "kind": "potentials",
+        "at": None,
+        "wrench": None,
+        "given": bool(state.loads),
         "meaning": "the loads of the equilibrium, each as it is",
         "words": "at rest under its loads" if state.loads else "at rest, no load",
-    }  # fmt: skip
+    }
     elastic = state.elastic.with_potential(*state.loads)
     solved = _solved(
         elastic, posture, basis, balance.stiffness, sizes, terms, units, rest=(load, notes)
@@ -160,9 +166,11 @@ def is_plain(elastic: ElasticMechanism) -> bool:
 
 
 def _plain(
-    elastic: ElasticMechanism, q: ArrayLike | Mapping[str, float] | None, load: dict[str, Any],
+    elastic: ElasticMechanism,
+    q: ArrayLike | Mapping[str, float] | None,
+    load: dict[str, Any],
     kind: LoadKind,
-) -> Modes:  # fmt: skip
+) -> Modes:
     """`_held_at` where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
     if q is None:
         q = elastic.q
@@ -234,19 +242,25 @@ def _is_symmetric(D: Array) -> bool:
 
 
 def _solved(
-    elastic: ElasticMechanism, posture: MechanismPosture, basis: Array, stiffness: Array,
-    terms: Array, potentials: Sequence[Potential], units: Units,
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    basis: Array,
+    stiffness: Array,
+    terms: Array,
+    potentials: Sequence[Potential],
+    units: Units,
     held: PostureStiffness | partial[PostureStiffness] | None = None,
     rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None,
-) -> Modes:  # fmt: skip
+) -> Modes:
     full = kinetic_matrix(posture, potentials, units)
     mass = None if full is None else basis.T @ full @ basis
     if mass is None or full is None or not np.diag(mass).any():
         raise UndefinedError(
             f"nothing that moves in {elastic.name} has a mass: it has no frequencies "
             "(give inertias in the robot's file, body and legs.mass, or a payload)",
-            code="no-mass", values={"links": list(elastic.mechanism.masses())},
-        )  # fmt: skip
+            code="no-mass",
+            values={"links": list(elastic.mechanism.masses())},
+        )
     size = np.abs(basis).T @ np.abs(full) @ np.abs(basis)
     spectrum = spectrum_of(stiffness, 0.5 * (mass + mass.T), terms, size)
     if spectrum.coupled:

@@ -152,9 +152,13 @@ def frequency_response(
     H = transfer(modes, hertz, damping, J, J.T, method)
     factor = (2j * np.pi * hertz) ** RESPONSES[kind]
     return FrequencyResponse(
-        kind, hertz, fixed(H * factor[:, None, None]), modes.elastic.units, damping,
+        kind,
+        hertz,
+        fixed(H * factor[:, None, None]),
+        modes.elastic.units,
+        damping,
         _notes(modes, damping),
-    )  # fmt: skip
+    )
 
 
 def transmissibility(

@@ -105,13 +105,18 @@ class Sensitivities(Result):
         return {
             "left_out": self.left_out,
             "parameters": [
-                {"name": name, "value": float(self.values[i]), "error": float(self.errors[i]),
-                 "stiffness": {letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()},
-                 "pose": _plain(self.pose[i]), "frequencies": _plain(self.frequencies[i]),
-                 "for_one_per_cent": _plain(self.relative[i])}
+                {
+                    "name": name,
+                    "value": float(self.values[i]),
+                    "error": float(self.errors[i]),
+                    "stiffness": {letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()},
+                    "pose": _plain(self.pose[i]),
+                    "frequencies": _plain(self.frequencies[i]),
+                    "for_one_per_cent": _plain(self.relative[i]),
+                }
                 for i, name in enumerate(self.names)
             ],
-        }  # fmt: skip
+        }
 
 
 def _plain(values: Array) -> list[float | None]:
@@ -162,8 +167,11 @@ def sensitivities(
     home = Home(subject, reread)
     rows: dict[str, Row] = {}
     missing: list[str] = [] if (left_out := home.parameters.left_out) is None else [left_out]
-    names = [name for name in home.parameters.nominal
-             if geometry or name.partition(".")[0] in ("stiffness", "mass")]  # fmt: skip
+    names = [
+        name
+        for name in home.parameters.nominal
+        if geometry or name.partition(".")[0] in ("stiffness", "mass")
+    ]
     for done, name in enumerate(names, 1):
         try:
             rows[name] = home.row(name, modes)
@@ -174,14 +182,19 @@ def sensitivities(
     k = 0 if modes is None else modes.frequencies.size
     squares = np.array([r.squares for r in rows.values()]).reshape(len(rows), k)
     return Sensitivities(
-        tuple(rows), np.array([home.parameters.nominal[name] for name in rows]),
-        {letter: np.array([r.matrices[i] for r in rows.values()]).reshape(-1, 6, 6)
-         for i, letter in enumerate(MATRICES)},
-        np.array([r.pose for r in rows.values()]).reshape(-1, 6), squares,
+        tuple(rows),
+        np.array([home.parameters.nominal[name] for name in rows]),
+        {
+            letter: np.array([r.matrices[i] for r in rows.values()]).reshape(-1, 6, 6)
+            for i, letter in enumerate(MATRICES)
+        },
+        np.array([r.pose for r in rows.values()]).reshape(-1, 6),
+        squares,
         squares if modes is None else in_hertz(modes, squares),
         np.array([r.error for r in rows.values()]),
-        tuple(home.parameters.is_angle(name) for name in rows), "; ".join(missing) or None,
-    )  # fmt: skip
+        tuple(home.parameters.is_angle(name) for name in rows),
+        "; ".join(missing) or None,
+    )
 
 
 def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:

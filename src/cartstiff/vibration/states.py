@@ -39,8 +39,9 @@ def notes_on_states(
         pairs = np.flatnonzero(np.abs(squares.imag) > 0.0)
         words = "motions meet and grow as they swing (flutter): the rest state is unstable"
         swing = np.sqrt(squares[pairs]).real / (2 * np.pi)
-        notes.append(Note("flutter", words, {"modes": (pairs + 1).tolist(),
-                                             "frequencies": swing.tolist()}))  # fmt: skip
+        notes.append(
+            Note("flutter", words, {"modes": (pairs + 1).tolist(), "frequencies": swing.tolist()})
+        )
     negative = np.flatnonzero((squares.real < 0.0) & (np.abs(squares.imag) == 0.0))
     if negative.size:
         words = "the rest state is unstable: the mechanism leaves it along these motions"

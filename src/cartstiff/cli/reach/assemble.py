@@ -22,21 +22,37 @@ Examples:
 """
 
 _options = option_group(
-    option("--pose", type=POSE,
-           help="Pose of a platform: its leg lengths are taken, and the modes nearest to it "
-           "come first. Position and roll, pitch, yaw about fixed axes; default the file's."),
-    option("--lengths", type=Numbers("L1,...,L6", 6, powers=(1,), above_zero=True),
-           help="Leg lengths of a platform; default those at its pose."),
-    click.option("--all", "every", is_flag=True,
-                 help="All assembly modes; without it the one nearest to the pose."),
-    option("--starts", type=click.IntRange(0, 100_000),
-           help="Random starts, for closed chains; default 64. Platforms need none."),
+    option(
+        "--pose",
+        type=POSE,
+        help="Pose of a platform: its leg lengths are taken, and the modes nearest to it "
+        "come first. Position and roll, pitch, yaw about fixed axes; default the file's.",
+    ),
+    option(
+        "--lengths",
+        type=Numbers("L1,...,L6", 6, powers=(1,), above_zero=True),
+        help="Leg lengths of a platform; default those at its pose.",
+    ),
+    click.option(
+        "--all",
+        "every",
+        is_flag=True,
+        help="All assembly modes; without it the one nearest to the pose.",
+    ),
+    option(
+        "--starts",
+        type=click.IntRange(0, 100_000),
+        help="Random starts, for closed chains; default 64. Platforms need none.",
+    ),
     option("--seed", type=click.IntRange(0), help="Seed of the starts; default 0."),
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write a table of the modes."),
     json_option,
-    click.option("--strict", is_flag=True,
-                 help="Exit with code 3 where no mode exists, or some may be missing."),
-)  # fmt: skip
+    click.option(
+        "--strict",
+        is_flag=True,
+        help="Exit with code 3 where no mode exists, or some may be missing.",
+    ),
+)
 
 
 @click.command(name="assemble", cls=UnitsCommand, epilog=_EPILOG)
@@ -76,8 +92,17 @@ def command(
     if lengths is not None and not isinstance(elastic.mechanism, Platform):
         raise InputError("is for platforms", where="--lengths", expected="--q")
     with Progress("starts") as bar:
-        modes = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every, progress=bar,
-                         wrench=request.wrench, **applied.keywords(request.wrench))  # fmt: skip
+        modes = assemble(
+            elastic,
+            lengths,
+            q=q,
+            starts=starts,
+            seed=seed,
+            every=every,
+            progress=bar,
+            wrench=request.wrench,
+            **applied.keywords(request.wrench),
+        )
     if csv is not None:
         write_whole(csv, assembly_csv(modes).encode())
     tell(as_json, modes.as_dict(), request.mechanism, lambda: describe_assembly(modes))

@@ -30,31 +30,58 @@ Examples:
 """
 
 _options = option_group(
-    option("--pose", type=POSE,
-           help="Orientation that is kept, and position around which rotations are tried: "
-           "position and roll, pitch, yaw about fixed axes; default the file's."),
-    click.option("--directions", type=click.IntRange(8, 1_000_000),
-                 help="Number of rays and columns, roughly; default 1000, or 200 for tensions "
-                 "and for legs made of joints."),
-    click.option("--scan", type=click.IntRange(2, 100_000), default=48, show_default=True,
-                 help="Poses along each ray; parts that are thinner than a step may be missed."),
-    option("--radius", type=Number("LENGTH", power=1, above_zero=True),
-           help="Farthest position that is tried; default as far as the longest lengths allow."),
-    click.option("--tensions", type=click.Choice(TENSIONS), default="any", show_default=True,
-                 help="Which tensions of cables count: any within their limits, or those in closed "
-                 "form that are nearest to the middle of the limits."),
-    click.option("--through-singularities", is_flag=True,
-                 help="Also count poses beyond singular ones."),
-    option("--csv", type=OutputFile("FILE.csv", ".csv"),
-           help="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
-           "MECHANISM --workspace` draws it on the page."),
-    option("--plot", type=PICTURE,
-           help="Draw the boundary in space, from above and from two sides."),
+    option(
+        "--pose",
+        type=POSE,
+        help="Orientation that is kept, and position around which rotations are tried: "
+        "position and roll, pitch, yaw about fixed axes; default the file's.",
+    ),
+    click.option(
+        "--directions",
+        type=click.IntRange(8, 1_000_000),
+        help="Number of rays and columns, roughly; default 1000, or 200 for tensions "
+        "and for legs made of joints.",
+    ),
+    click.option(
+        "--scan",
+        type=click.IntRange(2, 100_000),
+        default=48,
+        show_default=True,
+        help="Poses along each ray; parts that are thinner than a step may be missed.",
+    ),
+    option(
+        "--radius",
+        type=Number("LENGTH", power=1, above_zero=True),
+        help="Farthest position that is tried; default as far as the longest lengths allow.",
+    ),
+    click.option(
+        "--tensions",
+        type=click.Choice(TENSIONS),
+        default="any",
+        show_default=True,
+        help="Which tensions of cables count: any within their limits, or those in closed "
+        "form that are nearest to the middle of the limits.",
+    ),
+    click.option(
+        "--through-singularities", is_flag=True, help="Also count poses beyond singular ones."
+    ),
+    option(
+        "--csv",
+        type=OutputFile("FILE.csv", ".csv"),
+        help="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
+        "MECHANISM --workspace` draws it on the page.",
+    ),
+    option(
+        "--plot", type=PICTURE, help="Draw the boundary in space, from above and from two sides."
+    ),
     progress_option,
     json_option,
-    click.option("--strict", is_flag=True,
-                 help="Exit with code 3 where architecture or orientation is singular."),
-)  # fmt: skip
+    click.option(
+        "--strict",
+        is_flag=True,
+        help="Exit with code 3 where architecture or orientation is singular.",
+    ),
+)
 
 
 @click.command(name="workspace", cls=UnitsCommand, epilog=_EPILOG)
@@ -87,8 +114,11 @@ def command(
     distance to singular poses.
     """
     if request.stiffness is not None:
-        raise InputError("stiffness does not bear on where a body can be", where="--stiffness",
-                         expected="no stiffness")  # fmt: skip
+        raise InputError(
+            "stiffness does not bear on where a body can be",
+            where="--stiffness",
+            expected="no stiffness",
+        )
     applied.check_load(request.wrench is not None)
     applied.check_world(load=request.wrench)
     elastic, q = request.load()
@@ -99,10 +129,17 @@ def command(
 
     with Progress("poses", progress) as bar:
         reached = workspace(
-            elastic, q, wrench=request.wrench, **applied.keywords(request.wrench),
-            directions=directions, scan=scan, radius=radius,
-            through_singularities=through_singularities, tensions=tensions, progress=bar,
-        )  # fmt: skip
+            elastic,
+            q,
+            wrench=request.wrench,
+            **applied.keywords(request.wrench),
+            directions=directions,
+            scan=scan,
+            radius=radius,
+            through_singularities=through_singularities,
+            tensions=tensions,
+            progress=bar,
+        )
     write_files((csv, lambda: boundary_csv(reached)), (plot, lambda: draw_workspace(reached)))
     tell(as_json, reached.as_dict(), request.mechanism, lambda: describe_workspace(reached))
     if strict and reached.positions is None:

@@ -34,11 +34,16 @@ if TYPE_CHECKING:
 
 _options = option_group(
     click.option(
-        "--analysis", "level", type=click.Choice(LEVELS), default="short", show_default=True,
+        "--analysis",
+        "level",
+        type=click.Choice(LEVELS),
+        default="short",
+        show_default=True,
         help="How much of the analysis to print; with --json: none leaves it out.",
     ),
     click.option(
-        "--connection", type=click.Choice(LETTERS),
+        "--connection",
+        type=click.Choice(LETTERS),
         help="The matrix that is analysed; default under a load: load, the tangent stiffness under "
         "it (see --load-kind, --load-at). Without a load all are the same.",
     ),
@@ -46,48 +51,59 @@ _options = option_group(
         "--at", type=POINT, help="Point of the body, in its frame, for which the analysis is given."
     ),
     option(
-        "--direction", type=DIRECTION,
+        "--direction",
+        type=DIRECTION,
         help="Also print the stiffness along and about this direction, in the body's axes.",
     ),
     option(
-        "--deflect", type=WRENCH,
+        "--deflect",
+        type=WRENCH,
         help="Linear deflection under this wrench, in the body's axes, added to the load; "
         "default the load itself.",
     ),
     option(
-        "--deflect-at", type=POINT,
+        "--deflect-at",
+        type=POINT,
         help="Point of the body, in its frame, at which the wrench of --deflect acts; default the "
         "point of --at.",
     ),
     option(
-        "--length", type=Number("L", power=1, above_zero=True),
+        "--length",
+        type=Number("L", power=1, above_zero=True),
         help="Characteristic length that makes angles comparable with lengths.",
     ),
     option(
-        "--inertia", type=Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
+        "--inertia",
+        type=Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
         help="Rigid body with its mass centre at the point, in kg and kg m^2: gives natural "
         "frequencies, and its radius of gyration as the characteristic length.",
     ),
     option(
-        "--tolerance", type=TOLERANCE,
+        "--tolerance",
+        type=TOLERANCE,
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
         "(and rotation, rad) of the geometry.",
     ),
     click.option(
-        "--samples", type=click.IntRange(min=0), metavar="N",
+        "--samples",
+        type=click.IntRange(min=0),
+        metavar="N",
         help="Propagate the tolerances by N random draws; 0, the default: to first order.",
     ),
     click.option(
-        "--target", type=click.Path(path_type=Path), metavar="FILE",
+        "--target",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
         help="Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint "
         "stiffness that gives it under the load. A .json may name its order, units and frame.",
     ),
     click.option(
-        "--target-order", type=click.Choice(ORDERS),
+        "--target-order",
+        type=click.Choice(ORDERS),
         help="Order of the target's rows and columns; default what its file says, else "
         f"{ORDERS[0]} (rotation before translation).",
     ),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -119,11 +135,16 @@ class AnalysisRequest:
         if self.direction is not None and not any(self.direction):
             raise InputError("must not be zero", where="--direction", got=self.direction)
         if self.tolerance is not None and not (min(self.tolerance) >= 0 and any(self.tolerance)):
-            raise InputError("cannot be used", where="--tolerance", got=self.tolerance,
-                             expected="zero or more, not all zero")  # fmt: skip
+            raise InputError(
+                "cannot be used",
+                where="--tolerance",
+                got=self.tolerance,
+                expected="zero or more, not all zero",
+            )
         if self.samples == 1:
-            raise InputError("cannot be used", where="--samples", expected="0, or 2 and more",
-                             got="1")  # fmt: skip
+            raise InputError(
+                "cannot be used", where="--samples", expected="0, or 2 and more", got="1"
+            )
 
     @cached_property
     def wanted(self) -> Target | None:
@@ -164,14 +185,21 @@ class AnalysisRequest:
         with np.errstate(all="ignore"), Progress("tolerances") as progress:
             try:
                 answer = analyse_posture(
-                    result, connection=self.connection, length=self.length, mass=mass,
-                    inertia=inertia, at=None if self.at is None else pose(translation=self.at),
+                    result,
+                    connection=self.connection,
+                    length=self.length,
+                    mass=mass,
+                    inertia=inertia,
+                    at=None if self.at is None else pose(translation=self.at),
                     direction=self._in_body(self.direction, result),
-                    wrench=self._in_body(self.deflect, result), wrench_at=self.deflect_at,
+                    wrench=self._in_body(self.deflect, result),
+                    wrench_at=self.deflect_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
-                    samples=self.samples or 0, springs=springs, progress=progress,
-                )  # fmt: skip
+                    samples=self.samples or 0,
+                    springs=springs,
+                    progress=progress,
+                )
                 json.dumps(answer, allow_nan=False)
             except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
                 if isinstance(error, InputError):

@@ -21,8 +21,9 @@ def units_of(text: str | None) -> dict[str, str]:
     for unit in (text or "").split(",") if text is not None else ():
         kinds = [kind for kind, units in UNITS.items() if unit.strip() in units]
         if not kinds:
-            raise UnknownNameError("unit", unit.strip(), [u for us in UNITS.values() for u in us],
-                                   where="--units")  # fmt: skip
+            raise UnknownNameError(
+                "unit", unit.strip(), [u for us in UNITS.values() for u in us], where="--units"
+            )
         if kinds[0] in of_kind:
             raise InputError(f"two units of {kinds[0]}", where="--units", got=text)
         of_kind[kinds[0]] = unit.strip()
@@ -55,15 +56,20 @@ def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, f
         number, unit = (match[1], match[2]) if match else (text, None)
         known = UNITS[kind]
         if unit is None and kind not in units:
-            raise InputError(f"--sd of {name!r} declares no unit", where="--sd", got=text,
-                             expected=f"a number with one of {', '.join(known)}")  # fmt: skip
+            raise InputError(
+                f"--sd of {name!r} declares no unit",
+                where="--sd",
+                got=text,
+                expected=f"a number with one of {', '.join(known)}",
+            )
         unit = (unit or units[kind]).strip()
         if unit not in known:
             raise UnknownNameError("unit", unit, known, where=f"--sd {name}")
         value = parse_numbers(number, f"--sd {name}", 1)[0] * known[unit]
         if not value > 0.0:
-            raise InputError("cannot be used", where=f"--sd {name}", expected="above zero",
-                             got=text)  # fmt: skip
+            raise InputError(
+                "cannot be used", where=f"--sd {name}", expected="above zero", got=text
+            )
         deviations[name] = value
     return deviations
 
@@ -85,8 +91,10 @@ def in_own_units(
     elements = Elements(elastic)
     slides = dict(zip(elements.names, elements.is_length, strict=True))
     slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
-    return {name: [k / a if slides.get(name) else k * a for k in numbers]
-            for name, numbers in springs.items()}  # fmt: skip
+    return {
+        name: [k / a if slides.get(name) else k * a for k in numbers]
+        for name, numbers in springs.items()
+    }
 
 
 def ties_of(texts: Iterable[str]) -> list[list[str]]:
@@ -103,6 +111,10 @@ def reject_of(text: str | None) -> float | str | None:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise InputError("unknown rule", where="--reject", got=repr(text),
-                         expected="suspects, or a number of standard deviations")  # fmt: skip
+        raise InputError(
+            "unknown rule",
+            where="--reject",
+            got=repr(text),
+            expected="suspects, or a number of standard deviations",
+        )
     return number

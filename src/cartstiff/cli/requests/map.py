@@ -35,61 +35,86 @@ class _Orientation(Numbers):
 #: The command takes them as keywords for `sampling_from_options`.
 sampling_options = option_group(
     repeated_option(
-        "--grid", type=Axes("NAME=LOW:HIGH:COUNT"),
+        "--grid",
+        type=Axes("NAME=LOW:HIGH:COUNT"),
         help="Values of a coordinate; repeat it, or separate by commas, for several. The others "
         "stay where --q or the file has them.",
     ),
     click.option(
-        "--random", type=click.IntRange(1, _MOST), metavar="N",
+        "--random",
+        type=click.IntRange(1, _MOST),
+        metavar="N",
         help="N random postures within the limits of the joints; links that give start unbent.",
     ),
     repeated_option(
-        "--range", "ranges", type=Axes("NAME=LOW:HIGH"),
+        "--range",
+        "ranges",
+        type=Axes("NAME=LOW:HIGH"),
         help="With --random: other limits of a coordinate; --range NAME=V:V holds it.",
     ),
     repeated_option(
-        "--cartesian", type=Axes("x=LOW:HIGH:COUNT"),
+        "--cartesian",
+        type=Axes("x=LOW:HIGH:COUNT"),
         help="Positions x, y, z of the body frame in F, by inverse kinematics.",
     ),
     repeated_option(
-        "--command", "told", type=Axes("NAME=LOW:HIGH:COUNT", single=True),
+        "--command",
+        "told",
+        type=Axes("NAME=LOW:HIGH:COUNT", single=True),
         help="How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
         "--q, leg1/slide=0.001 holds at every posture of a map. The map holds what is true "
         "where the machine comes to rest.",
     ),
     option(
-        "--trajectory", type=click.Path(path_type=Path), metavar="FILE.csv",
+        "--trajectory",
+        type=click.Path(path_type=Path),
+        metavar="FILE.csv",
         help="Postures of a file: a line of coordinate names, then one posture a line.",
     ),
     click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True,
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
         help="Seed of random postures and starts.",
     ),
     click.option(
-        "--orientation", type=_Orientation("R,P,Y|keep", 3, powers=(ANGLE,)), default="keep",
+        "--orientation",
+        type=_Orientation("R,P,Y|keep", 3, powers=(ANGLE,)),
+        default="keep",
         show_default=True,
         help="With --cartesian: roll, pitch, yaw about fixed axes.",
     ),
     click.option(
-        "--free", type=click.Choice(["none", "x", "y", "z", "rotation"]), default="none",
+        "--free",
+        type=click.Choice(["none", "x", "y", "z", "rotation"]),
+        default="none",
         show_default=True,
         help="With --cartesian: the body may turn about this axis of its own, or in any way.",
     ),
     click.option(
-        "--redundancy", type=click.Choice(["nearest", "best"]), default="nearest",
+        "--redundancy",
+        type=click.Choice(["nearest", "best"]),
+        default="nearest",
         show_default=True,
         help="With --cartesian, where many postures reach a place: nearest to the base posture, "
         "or best in the first quantity.",
     ),
     click.option(
-        "--branches", type=click.IntRange(1, 1000), default=8, show_default=True,
+        "--branches",
+        type=click.IntRange(1, 1000),
+        default=8,
+        show_default=True,
         help="With --cartesian: most postures kept at a place.",
     ),
     click.option(
-        "--starts", type=click.IntRange(0, 10000), default=24, show_default=True,
+        "--starts",
+        type=click.IntRange(0, 10000),
+        default=24,
+        show_default=True,
         help="With --cartesian: random starts of the inverse kinematics.",
     ),
-)  # fmt: skip
+)
 
 
 def _axes(numbers: Mapping[str, tuple[float, ...]], option: str) -> dict[str, Axis]:
@@ -133,9 +158,10 @@ def sampling_from_options(
     over = {name: values for name, values in told.items() if len(values) > 1}
     if sum(bool(kind) for kind in (grid, random, cartesian, trajectory, over)) != 1:
         raise InputError(
-            "say where the map looks", expected="one of --grid, --random, --cartesian, "
+            "say where the map looks",
+            expected="one of --grid, --random, --cartesian, "
             "--trajectory, --command NAME=LOW:HIGH:COUNT",
-        )  # fmt: skip
+        )
     if ranges and random is None:
         raise InputError("--range goes with --random")
     context = click.get_current_context()
@@ -176,11 +202,15 @@ def _table(path: Path, elastic: Any) -> dict[str, Any]:
     from cartstiff.loading.csv_file import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
 
-    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units, shown_factors(elastic),
-                     elastic.names)  # fmt: skip
+    rows = read_rows(
+        path, "postures", _LARGEST_FILE, elastic.units, shown_factors(elastic), elastic.names
+    )
     if rows.names is None:
-        raise InputError("columns have no names", where=rows.place,
-                         expected="a line of names, then one posture a line")  # fmt: skip
+        raise InputError(
+            "columns have no names",
+            where=rows.place,
+            expected="a line of names, then one posture a line",
+        )
     table = dict(zip(rows.names, rows.values.T, strict=True))
     if set(elastic.names) <= set(table):  # what else a table holds is not asked for here
         more = [name for name in table if name not in (*elastic.names, "time")]
@@ -197,9 +227,11 @@ def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
         axis = sampling.axes[name]
         if not axis.low <= value <= axis.high:
             raise InputError(
-                "outside the map", where=f"--slice {name}",
-                expected=f"{axis.low:g} to {axis.high:g}", got=f"{value:g}",
-            )  # fmt: skip
+                "outside the map",
+                where=f"--slice {name}",
+                expected=f"{axis.low:g} to {axis.high:g}",
+                got=f"{value:g}",
+            )
 
 
 def level_of(
@@ -219,6 +251,9 @@ def level_of(
     for kind in kinds:
         if unit in kind and own in kind:
             return value * kind[unit] / kind[own]
-    raise InputError("unit does not fit", where=where, got=unit,
-                     expected=f"one of the kind of {own}, the unit of {quantity}" if own
-                     else "a number alone")  # fmt: skip
+    raise InputError(
+        "unit does not fit",
+        where=where,
+        got=unit,
+        expected=f"one of the kind of {own}, the unit of {quantity}" if own else "a number alone",
+    )

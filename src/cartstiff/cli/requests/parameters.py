@@ -20,32 +20,40 @@ if TYPE_CHECKING:
 _LABEL = "parameters"
 
 sensitivities_option = click.option(
-    "--sensitivities", is_flag=True,
+    "--sensitivities",
+    is_flag=True,
     help="Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, "
     "by each stiffness, mass, length and parameter of the file.",
-)  # fmt: skip
+)
 
 
 def tolerance_option(gives: str) -> Any:
     """Standard deviations of the parameters."""
     return option(
-        "--tolerance", type=TOLERANCE,
+        "--tolerance",
+        type=TOLERANCE,
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
         f"and rotation (rad) of the geometry. The answer has {gives}.",
-    )  # fmt: skip
+    )
 
 
 def checked_tolerance(numbers: list[float] | None) -> None:
     """Refuse numbers below zero, and zeros alone."""
     if numbers is not None and (min(numbers) < 0.0 or not any(numbers)):
-        raise InputError("cannot be used", where="--tolerance",
-                         expected="zero or more, not all zero", got=numbers)  # fmt: skip
+        raise InputError(
+            "cannot be used",
+            where="--tolerance",
+            expected="zero or more, not all zero",
+            got=numbers,
+        )
 
 
 def add_sensitivities(
-    subject: Any, request: MechanismRequest, data: dict[str, Any],
+    subject: Any,
+    request: MechanismRequest,
+    data: dict[str, Any],
     finish: Callable[[Any], Any] = lambda elastic: elastic,
-) -> tuple[list[str], Sensitivities]:  # fmt: skip
+) -> tuple[list[str], Sensitivities]:
     """Adds the derivatives to the JSON object, and gives them as lines and as they are.
 
     `finish` is what becomes of the mechanism after its file was read.
@@ -59,9 +67,7 @@ def add_sensitivities(
 
     elastic = subject.elastic
     with Progress(_LABEL) as bar:
-        known = sensitivities(
-            subject, reread=reread if elastic.parameters else None, progress=bar
-        )  # fmt: skip
+        known = sensitivities(subject, reread=reread if elastic.parameters else None, progress=bar)
     data["sensitivities"] = known.as_dict()
     return describe_sensitivities(known, elastic.units), known
 

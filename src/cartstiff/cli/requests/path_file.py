@@ -84,8 +84,9 @@ def read_path_file(
 
     wrenches, directions = columns(WRENCH), columns(_DIRECTION)
     for option, value, column in (
-        ("--load", wrench, wrenches), ("--direction", direction, directions),
-    ):  # fmt: skip
+        ("--load", wrench, wrenches),
+        ("--direction", direction, directions),
+    ):
         if value is not None and column is not None:
             raise InputError(f"give {option} or columns of {where}, not both")
     wrenches = wrench if wrenches is None else wrenches
@@ -102,9 +103,13 @@ def read_path_file(
         if axes == "path":
             raise InputError("the tool's axis alone gives no axes", expected="--axes world or body")
         return ToolPath.from_axes(
-            columns(_POSITION), tool_axes, free,  # type: ignore[arg-type]
-            wrenches=wrenches, directions=directions, axes=axes or "world",  # type: ignore[arg-type]
-        )  # fmt: skip
+            columns(_POSITION),
+            tool_axes,
+            free,  # type: ignore[arg-type]
+            wrenches=wrenches,
+            directions=directions,
+            axes=axes or "world",  # type: ignore[arg-type]
+        )
     except InputError as error:
         raise error.at(where) from None
 
@@ -120,5 +125,8 @@ def _check_names(names: tuple[str, ...], where: str) -> None:
         if 0 < len(set(group) & set(names)) < len(group):
             raise InputError("columns are missing", where=where, expected=", ".join(group))
     if "x" not in names or ("roll" in names) == ("ax" in names):
-        raise InputError("columns give no pose", where=where,
-                         expected="x, y, z and either roll, pitch, yaw or ax, ay, az")  # fmt: skip
+        raise InputError(
+            "columns give no pose",
+            where=where,
+            expected="x, y, z and either roll, pitch, yaw or ax, ay, az",
+        )

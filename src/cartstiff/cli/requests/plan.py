@@ -42,16 +42,26 @@ class PlanRequest:
     def check(self, table: str | None) -> None:
         """Refuse options that do not go together."""
         if self.count is None:
-            for name in ("criterion", "q", "load", "mass", "force", "ranges", "within",
-                         "candidates", "have"):  # fmt: skip
+            for name in (
+                "criterion",
+                "q",
+                "load",
+                "mass",
+                "force",
+                "ranges",
+                "within",
+                "candidates",
+                "have",
+            ):
                 if getattr(self, name):
                     option = {"ranges": "range"}.get(name, name)
                     raise InputError("is for --plan", where=f"--{option}")
             if table is None:
                 raise InputError("no measurements", expected="DATA.csv, or --plan N")
         elif table is not None:
-            raise InputError("give DATA.csv or --plan, not both: --have names rows that are "
-                             "measured already")  # fmt: skip
+            raise InputError(
+                "give DATA.csv or --plan, not both: --have names rows that are measured already"
+            )
         if self.simulate is None and self.outliers is not None:
             raise InputError("is for --simulate", where="--outliers")
         if self.count is None and self.simulate is None and self.csv is not None:
@@ -63,9 +73,7 @@ class PlanRequest:
         if self.criterion != "posture" and (self.q is not None or self.load is not None):
             raise InputError("--q and --load are for --criterion posture")
 
-    def run_plan(
-        self, elastic: Any, of_table: dict[str, Any], request: Any
-    ) -> _Answer:  # fmt: skip
+    def run_plan(self, elastic: Any, of_table: dict[str, Any], request: Any) -> _Answer:
         """Rows to be measured."""
         import numpy as np
 
@@ -82,10 +90,16 @@ class PlanRequest:
         point = of_table["point"]
         quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         offered = candidates(
-            elastic, spreads, count=self.candidates or (10_000 if quick else 1000),
-            mass=self.mass or 0.0, force=(self.force or 0.0) / elastic.units.newtons,
-            ranges=self.ranges, within=self.within, point=point, load_at=of_table["load_at"],
-        )  # fmt: skip
+            elastic,
+            spreads,
+            count=self.candidates or (10_000 if quick else 1000),
+            mass=self.mass or 0.0,
+            force=(self.force or 0.0) / elastic.units.newtons,
+            ranges=self.ranges,
+            within=self.within,
+            point=point,
+            load_at=of_table["load_at"],
+        )
         near = partial(beside, elastic, ranges=self.ranges, within=self.within)
         have = None
         if self.have is not None:
@@ -93,8 +107,9 @@ class PlanRequest:
         test = None
         if self.criterion == "posture":
             if self.load is None:
-                raise InputError("the criterion needs a load", where="--criterion posture",
-                                 expected="--load")  # fmt: skip
+                raise InputError(
+                    "the criterion needs a load", where="--criterion posture", expected="--load"
+                )
             from cartstiff.mechanisms.contract import named_values
 
             posture = elastic.q
@@ -102,8 +117,16 @@ class PlanRequest:
                 posture = self.q.of(elastic.names)
             q = named_values(posture, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
-        chosen = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
-                     test=test, have=have, beside=near, level=request.level)  # fmt: skip
+        chosen = plan(
+            unknowns,
+            offered,
+            self.count or 1,
+            criterion=self.criterion or "worst",  # type: ignore[arg-type]
+            test=test,
+            have=have,
+            beside=near,
+            level=request.level,
+        )
         write_files((self.csv, lambda: table_text(chosen.rows, elastic, tuple(spreads))))
         return chosen.as_dict(), lambda: describe_plan(chosen)
 
@@ -119,19 +142,25 @@ class PlanRequest:
         from cartstiff.report.output import write_files
 
         if self.csv is None:
-            raise InputError("simulated measurements need a file", where="--simulate",
-                             expected="--csv FILE.csv")  # fmt: skip
+            raise InputError(
+                "simulated measurements need a file", where="--simulate", expected="--csv FILE.csv"
+            )
         reading = {**of_table, "deviations": None}
         settings = read_measurements(Path(table), elastic, **reading, open_cells=True)
         say_read(table, settings, of_table["axes"])
         if self.outliers is not None and self.outliers > len(settings):
-            raise InputError("more outliers than rows", where="--outliers",
-                             expected=f"at most {len(settings)}", got=self.outliers)  # fmt: skip
+            raise InputError(
+                "more outliers than rows",
+                where="--outliers",
+                expected=f"at most {len(settings)}",
+                got=self.outliers,
+            )
         spreads = _deviations(of_table["deviations"], elastic)
         rng = np.random.default_rng(self.simulate)
         bad = rng.choice(len(settings), self.outliers or 0, replace=False).tolist()
-        campaign = simulated(elastic, settings, spreads, seed=self.simulate or 0, outliers=bad,
-                          loaded=request.loaded)  # fmt: skip
+        campaign = simulated(
+            elastic, settings, spreads, seed=self.simulate or 0, outliers=bad, loaded=request.loaded
+        )
         write_files((self.csv, lambda: table_text(campaign, elastic)))
         rows = sorted(int(n) + 1 for n in bad)
         data = {
@@ -149,7 +178,10 @@ def _deviations(spreads: dict[str, float], elastic: Any) -> dict[str, float]:
     from cartstiff.mechanisms.contract import SI, convert_length
 
     if not spreads:
-        raise InputError("what is to be measured, and how well?", where="--sd",
-                         expected="COLUMN=VALUE for each column, such as d=0.005mm")  # fmt: skip
+        raise InputError(
+            "what is to be measured, and how well?",
+            where="--sd",
+            expected="COLUMN=VALUE for each column, such as d=0.005mm",
+        )
     length, _ = convert_length(SI, elastic.units)
     return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}

@@ -70,8 +70,12 @@ class Target:
         from cartstiff.mechanisms.contract import Units, convert_length
 
         if self.frame not in (None, "body", mechanism.frame):
-            raise InputError("is for another frame", where=self.where,
-                             expected=f"{mechanism.frame} or body", got=self.frame)  # fmt: skip
+            raise InputError(
+                "is for another frame",
+                where=self.where,
+                expected=f"{mechanism.frame} or body",
+                got=self.frame,
+            )
         a, f = given_length(), 1.0
         if self.units is not None:
             try:
@@ -102,10 +106,11 @@ class Target:
             if _unlike(turn, move) > _EXCHANGED * _unlike(*exchanged):
                 units = f"{mechanism.units.length} and {mechanism.units.force}"
                 raise InputError(
-                    "the matrix looks as if translation came before rotation", where=self.where,
+                    "the matrix looks as if translation came before rotation",
+                    where=self.where,
                     expected=f"--target-order {ORDERS[1]}, or {ORDERS[0]} if it is meant so; other "
                     f"units than {units} are named in a .json",
-                )  # fmt: skip
+                )
         return K
 
 
@@ -165,17 +170,23 @@ def read_target(path: Path, order: str | None) -> Target:
     except unusable as error:
         raise none_held(error) from None
     if np.abs(matrix).max() > LARGEST:
-        raise InputError("number is too large", where=where, expected=f"at most {LARGEST:g}",
-                         got=f"{np.abs(matrix).max():g}")  # fmt: skip
+        raise InputError(
+            "number is too large",
+            where=where,
+            expected=f"at most {LARGEST:g}",
+            got=f"{np.abs(matrix).max():g}",
+        )
     if np.abs(matrix - matrix.T).max() > numerics.NEARBY * np.abs(matrix).max():
-        raise InputError("matrix is not symmetric", where=where,
-                         expected="a symmetric stiffness (K^B)")  # fmt: skip
+        raise InputError(
+            "matrix is not symmetric", where=where, expected="a symmetric stiffness (K^B)"
+        )
     own = fields.get("order")
     if own is not None and own not in ORDERS:
         raise InputError("unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own))
     if own is not None and order is not None and own != order:
-        raise InputError("the file names another order", where="--target-order", expected=own,
-                         got=order)  # fmt: skip
+        raise InputError(
+            "the file names another order", where="--target-order", expected=own, got=order
+        )
     source = "option" if order is not None else "file" if own is not None else "default"
     return Target(
         0.5 * (matrix + matrix.T),
@@ -189,11 +200,16 @@ def read_target(path: Path, order: str | None) -> Target:
 
 def _check_keys(fields: dict[str, Any], where: str) -> None:
     if "matrix" not in fields:
-        raise InputError("there is no key matrix", where=where, expected='{"matrix": [6 rows]}',
-                         got=_listed(fields) or "no key")  # fmt: skip
+        raise InputError(
+            "there is no key matrix",
+            where=where,
+            expected='{"matrix": [6 rows]}',
+            got=_listed(fields) or "no key",
+        )
     if strange := fields.keys() - {"matrix", *_SAID, *_SAVED}:
-        raise InputError(f"unknown key {_listed(strange)}", where=where,
-                         expected=f"matrix, {', '.join(_SAID)}")  # fmt: skip
+        raise InputError(
+            f"unknown key {_listed(strange)}", where=where, expected=f"matrix, {', '.join(_SAID)}"
+        )
 
 
 def _listed(keys: Iterable[str]) -> str:
@@ -204,11 +220,16 @@ def _units(units: Any, where: str) -> tuple[str, str] | None:
     if units is None:
         return None
     if not isinstance(units, dict) or not set(units) <= {"length", "force", "angle"}:
-        raise InputError("units cannot be used", where=where,
-                         expected='{"length": "m", "force": "N"}', got=repr(units))  # fmt: skip
+        raise InputError(
+            "units cannot be used",
+            where=where,
+            expected='{"length": "m", "force": "N"}',
+            got=repr(units),
+        )
     if units.get("angle", "rad") != "rad":
-        raise InputError("unknown unit of angles", where=where, expected="rad",
-                         got=repr(units["angle"]))  # fmt: skip
+        raise InputError(
+            "unknown unit of angles", where=where, expected="rad", got=repr(units["angle"])
+        )
     return str(units.get("length", "m")), str(units.get("force", "N"))
 
 

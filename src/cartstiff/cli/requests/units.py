@@ -47,8 +47,15 @@ def column_factors(elastic: Any) -> dict[str, float]:
     from cartstiff.mechanisms.other_units import shown_factors
 
     a = given_length()
-    lengths = [*(c.name for c in elastic.mechanism.coordinates if c.is_length),
-               "x", "y", "z", "mx", "my", "mz"]  # fmt: skip
+    lengths = [
+        *(c.name for c in elastic.mechanism.coordinates if c.is_length),
+        "x",
+        "y",
+        "z",
+        "mx",
+        "my",
+        "mz",
+    ]
     return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
 
 

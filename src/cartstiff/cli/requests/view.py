@@ -24,21 +24,29 @@ page_options = option_group(
     load_options("--load"),
     command_option,
     click.option(
-        "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
+        "--map",
+        "map_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
         help="Also draw the points of a stiffness map, or of the table that `cartstiff workspace "
         "--csv` writes, coloured by a quantity or by the limit that cuts.",
     ),
     click.option(
-        "--workspace", "with_workspace", is_flag=True,
+        "--workspace",
+        "with_workspace",
+        is_flag=True,
         help="Also draw the boundary of the workspace around the posture, coloured by the limit "
         "that cuts, and the singular surface, as `cartstiff workspace` finds them.",
     ),
     click.option(
-        "--trajectory", "trajectory_path", type=click.Path(path_type=Path), metavar="FILE.csv",
+        "--trajectory",
+        "trajectory_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE.csv",
         help="Postures for a time slider: one a line, in joint order or under a line of names; a "
         "column `time` in seconds may come first.",
     ),
-)  # fmt: skip
+)
 
 
 def source_from_options(
@@ -57,8 +65,7 @@ def source_from_options(
         For what cannot be used; UndefinedError and ConvergenceError where there is no posture.
     """
     if with_workspace and map_path is not None:
-        raise InputError("one cloud of points at a time", where="--workspace",
-                         expected="no --map")  # fmt: skip
+        raise InputError("one cloud of points at a time", where="--workspace", expected="no --map")
     load = request.balanced_wrench
     applied.check_world(load=load)
     elastic, q = request.load()

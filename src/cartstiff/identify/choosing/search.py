@@ -98,9 +98,12 @@ def searched(G: Array, start: Array, chosen: list[int], ways: list[Cost]) -> lis
 
 
 def refined(
-    rows: Measurements, information: Callable[[Measurements], Array], beside: Beside, start: Array,
+    rows: Measurements,
+    information: Callable[[Measurements], Array],
+    beside: Beside,
+    start: Array,
     ways: list[Cost],
-) -> tuple[Measurements, Array]:  # fmt: skip
+) -> tuple[Measurements, Array]:
     """Rows moved, each to the best of many places near it, ever nearer; what all places tell.
 
     Parameters

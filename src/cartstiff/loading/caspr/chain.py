@@ -32,22 +32,33 @@ from cartstiff.potentials.springs import JointSprings
 # Joints one after another that make CASPR's, in the order of its coordinates ("k": an axis named).
 _EULER, _FREE = ("RX", "RY", "RZ"), ("PX", "PY", "PZ")
 _JOINTS: dict[str, tuple[str, ...]] = {
-    "R_AXIS": ("Rk",), "P_AXIS": ("Pk",), "S_EULER_XYZ": _EULER,
-    "SPATIAL_EULER_XYZ": (*_FREE, *_EULER), "P_XYZ": _FREE,
-    "PLANAR_XY": ("PX", "PY", "RZ"), "PLANAR_YZ": ("PY", "PZ", "RX"),
+    "R_AXIS": ("Rk",),
+    "P_AXIS": ("Pk",),
+    "S_EULER_XYZ": _EULER,
+    "SPATIAL_EULER_XYZ": (*_FREE, *_EULER),
+    "P_XYZ": _FREE,
+    "PLANAR_XY": ("PX", "PY", "RZ"),
+    "PLANAR_YZ": ("PY", "PZ", "RX"),
     "PLANAR_XZ": ("PX", "PZ", "RY"),
     **{f"{kind}_{axis}": (f"{kind}{axis}",) for kind in "RP" for axis in "XYZ"},
-    **{f"{name}_{a}{b}": (f"{kind}{a}", f"{kind}{b}")
-       for name, kind in (("U", "R"), ("P", "P")) for a, b in ("XY", "XZ", "YZ")},
-}  # fmt: skip
+    **{
+        f"{name}_{a}{b}": (f"{kind}{a}", f"{kind}{b}")
+        for name, kind in (("U", "R"), ("P", "P"))
+        for a, b in ("XY", "XZ", "YZ")
+    },
+}
 # Coordinates of S_FIXED_XYZ turn about fixed axes: the last of them stands first in the chain.
 _FIXED = ("S_FIXED_XYZ", tuple(reversed(_EULER)))
 
 
 def read_chain(
-    links: Sequence[ET.Element], cables: Sequence[Cable], overrides: dict[str, Any], where: str,
-    name: str, notes: list[Note],
-) -> ElasticMechanism:  # fmt: skip
+    links: Sequence[ET.Element],
+    cables: Sequence[Cable],
+    overrides: dict[str, Any],
+    where: str,
+    name: str,
+    notes: list[Note],
+) -> ElasticMechanism:
     """The elastic mechanism of bodies on joints, and cables between them."""
     model, posture, driven = _model(links, where)
     bodies = {"0": "world"} | {str(i + 1): _name(link, i) for i, link in enumerate(links)}
@@ -57,8 +68,9 @@ def read_chain(
     notes.append(Note("default-frame", f"the end of the last body is taken: {frame!r}"))
     file = with_overrides(
         SerialFile.model_construct(kind="serial", model=name, frame=frame, lines=lines),
-        overrides, where,
-    )  # fmt: skip
+        overrides,
+        where,
+    )
     description = RobotDescription(None, model, pieces=())
     bare = serial_of(
         description, file.model_copy(update={"passive": passive}), where, name, posture, notes
@@ -83,11 +95,16 @@ def read_chain(
         words = "cables are tensioned so that they balance at the file's pose, with the least sum"
         notes.append(Note("tensions-assumed", words, {"tensions": pulled}))
     taut = [
-        line if line.rest_length is not None else line.model_copy(update={
-            "preload": float(t), "stiffness": c.product / size if c.product else line.stiffness,
-        })
+        line
+        if line.rest_length is not None
+        else line.model_copy(
+            update={
+                "preload": float(t),
+                "stiffness": c.product / size if c.product else line.stiffness,
+            }
+        )
         for line, c, t, size in zip(lines, cables, tensions, lengths.tolist(), strict=True)
-    ]  # fmt: skip
+    ]
     read = tuple(n for n in bare.notes if n not in notes)
     held = replace(bare, potentials=outside, notes=(*notes, *read))
     return held.with_potential(*extra_lines(taut, held.mechanism, held.q))  # type: ignore[arg-type]
@@ -113,8 +130,12 @@ def _model(links: Sequence[ET.Element], where: str) -> tuple[pin.Model, dict[str
         at = numbers(link.findtext("parent/location", "0 0 0"), 3, "location in the parent", place)
         kinds = _FIXED[1] if joint.kind == _FIXED[0] else _JOINTS.get(joint.kind)
         if kinds is None:
-            raise InputError("this kind of joint is not supported", where=place,
-                             expected=", ".join([*_JOINTS, _FIXED[0]]), got=joint.kind)  # fmt: skip
+            raise InputError(
+                "this kind of joint is not supported",
+                where=place,
+                expected=", ".join([*_JOINTS, _FIXED[0]]),
+                got=joint.kind,
+            )
         q, low, high = (joint.values(key, len(kinds), place) for key in ("initial", "min", "max"))
         if joint.kind == _FIXED[0]:
             q, low, high = q[::-1], low[::-1], high[::-1]
@@ -122,10 +143,15 @@ def _model(links: Sequence[ET.Element], where: str) -> tuple[pin.Model, dict[str
         for kind, start, least, most in zip(kinds, q, low, high, strict=True):
             own = name if len(kinds) == 1 else f"{name}.{kind[0]}{kind[1].lower()}"
             made = joint.axis(place) if kind[1] == "k" else kind
-            one = getattr(pin, f"JointModel{made}")() if isinstance(made, str) else (
-                pin.JointModelRevoluteUnaligned(made) if kind[0] == "R"
-                else pin.JointModelPrismaticUnaligned(made)
-            )  # fmt: skip
+            one = (
+                getattr(pin, f"JointModel{made}")()
+                if isinstance(made, str)
+                else (
+                    pin.JointModelRevoluteUnaligned(made)
+                    if kind[0] == "R"
+                    else pin.JointModelPrismaticUnaligned(made)
+                )
+            )
             wide = least < most
             most, least = (most, least) if wide else (np.inf, -np.inf)
             free = np.array([np.inf])
@@ -146,9 +172,13 @@ def _model(links: Sequence[ET.Element], where: str) -> tuple[pin.Model, dict[str
 def _line(cable: Cable, bodies: dict[str, str]) -> LineModel:
     frames = [bodies[link] for link in cable.links]
     return LineModel.model_construct(
-        frames=frames, points=[p.tolist() for p in cable.points], stiffness=cable.stiffness,
-        rest_length=cable.rest_length, preload=None, unilateral=cable.rest_length is None,
-    )  # fmt: skip
+        frames=frames,
+        points=[p.tolist() for p in cable.points],
+        stiffness=cable.stiffness,
+        rest_length=cable.rest_length,
+        preload=None,
+        unilateral=cable.rest_length is None,
+    )
 
 
 def _lengths(bare: ElasticMechanism, springs: Sequence[LineSprings]) -> tuple[Array, Array]:
@@ -181,6 +211,11 @@ def _tensions(
     if isinstance(held, JointSprings):
         free = np.asarray(held.stiffness) == 0.0
     size = np.abs(along).max(initial=0.0) or 1.0
-    done = linprog(np.ones(len(cables)), A_eq=along.T[free] / size, b_eq=-pull[free] / size,
-                   bounds=limits, method="highs")  # fmt: skip
+    done = linprog(
+        np.ones(len(cables)),
+        A_eq=along.T[free] / size,
+        b_eq=-pull[free] / size,
+        bounds=limits,
+        method="highs",
+    )
     return np.asarray(done.x) if done.status == 0 else None

@@ -31,8 +31,12 @@ def numbers(text: str | None, count: int, what: str, where: str) -> Array:
     except ValueError:
         values = np.empty(0)
     if values.size != count or not np.isfinite(values).all():
-        raise InputError(f"{what} cannot be used", where=where, expected=f"{count} numbers",
-                         got=repr(one_line((text or "").strip(), 80)))  # fmt: skip
+        raise InputError(
+            f"{what} cannot be used",
+            where=where,
+            expected=f"{count} numbers",
+            got=repr(one_line((text or "").strip(), 80)),
+        )
     return values
 
 
@@ -140,39 +144,57 @@ def cable_of(cable: ET.Element, centres: dict[str, Array], where: str) -> Cable:
     name = cable.get("name", "") or "without a name"
     place = f"{where}, cable {one_line(name)}"
     if cable.tag not in _KINDS:
-        raise InputError("this kind of cable is not modelled", where=place,
-                         expected=" or ".join(_KINDS), got=cable.tag)  # fmt: skip
+        raise InputError(
+            "this kind of cable is not modelled",
+            where=place,
+            expected=" or ".join(_KINDS),
+            got=cable.tag,
+        )
     for element in cable.iter():
         if any("pulley" in word.lower() for word in (element.tag, *map(str, element.attrib))):
-            raise InputError("pulleys are not modelled: cables are straight between two points",
-                             where=place, got=element.tag)  # fmt: skip
+            raise InputError(
+                "pulleys are not modelled: cables are straight between two points",
+                where=place,
+                got=element.tag,
+            )
     ends = cable.findall("attachments/attachment")
     if len(ends) != 2:
-        raise InputError("cables are straight: led over no other point", where=place,
-                         expected="2 attachments", got=len(ends))  # fmt: skip
+        raise InputError(
+            "cables are straight: led over no other point",
+            where=place,
+            expected="2 attachments",
+            got=len(ends),
+        )
     reference = cable.get("attachment_reference", "joint")
     if reference not in ("joint", "com"):
-        raise InputError("unknown attachment_reference", where=place, expected="joint or com",
-                         got=reference)  # fmt: skip
+        raise InputError(
+            "unknown attachment_reference", where=place, expected="joint or com", got=reference
+        )
     links, points = [], []
     for end in ends:
         link = (end.findtext("link") or "").strip()
         point = numbers(end.findtext("location"), 3, "location", place)
         if link != "0" and link not in centres:
-            raise InputError("a cable ends on no body of the file", where=place,
-                             expected=f"link 0 to {len(centres)}", got=link or "none")  # fmt: skip
+            raise InputError(
+                "a cable ends on no body of the file",
+                where=place,
+                expected=f"link 0 to {len(centres)}",
+                got=link or "none",
+            )
         links.append(link)
         points.append(point + centres[link] * (reference == "com") if link != "0" else point)
     if links[0] == links[1]:
-        raise InputError("a cable joins two different bodies", where=place,
-                         got=f"{links[0]}, {links[1]}")  # fmt: skip
+        raise InputError(
+            "a cable joins two different bodies", where=place, got=f"{links[0]}, {links[1]}"
+        )
 
     def above_zero(key: str, *others: str) -> float:
         text = next((t for k in (key, *others) if (t := cable.findtext(f"properties/{k}"))), None)
         size = float(numbers(text, 1, key, place)[0])
         if not size > 0:
-            raise InputError(f"{key} cannot be used", where=place, expected="above zero",
-                             got=f"{size:g}")  # fmt: skip
+            raise InputError(
+                f"{key} cannot be used", where=place, expected="above zero", got=f"{size:g}"
+            )
         return size
 
     limits = []
@@ -185,6 +207,11 @@ def cable_of(cable: ET.Element, centres: dict[str, Array], where: str) -> Cable:
     if cable.tag == _PASSIVE:
         stiffness, rest = above_zero("K", "K_cable"), above_zero("l0", "l_0")
     return Cable(
-        name, (links[0], links[1]), (points[0], points[1]), product, stiffness or ASSUMED, rest,
+        name,
+        (links[0], links[1]),
+        (points[0], points[1]),
+        product,
+        stiffness or ASSUMED,
+        rest,
         (max(limits[0], 0.0), limits[1]),
-    )  # fmt: skip
+    )

@@ -92,12 +92,15 @@ def read_caspr(path: Path, overrides: dict[str, Any]) -> ElasticMechanism:
         notes.append(Note("stiffness-at-pose", words, {"stiffness": stiffness}))
     file = SpringsFile.model_validate(
         {
-            "kind": "springs", "unilateral": True, "base": base.tolist(),
-            "platform": platform.tolist(), "body": body,
+            "kind": "springs",
+            "unilateral": True,
+            "base": base.tolist(),
+            "platform": platform.tolist(),
+            "body": body,
             "pose": {"xyz": T[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(T).tolist()},
             "legs": {"stiffness": stiffness},
         }
-    )  # fmt: skip
+    )
     elastic = build_platform(with_overrides(file, overrides, where), where, name)
     return replace(elastic, notes=(*notes, *elastic.notes))
 
@@ -110,8 +113,11 @@ def _links(root: ET.Element, where: str) -> list[ET.Element]:
     others = sorted({e.tag for e in root} - {"link_rigid", "operational_spaces"})
     links = root.findall("link_rigid")
     if others or not links:
-        raise InputError("only rigid bodies are supported", where=where,
-                         got=", ".join([f"{len(links)} rigid bodies", *others]))  # fmt: skip
+        raise InputError(
+            "only rigid bodies are supported",
+            where=where,
+            got=", ".join([f"{len(links)} rigid bodies", *others]),
+        )
     return links
 
 
@@ -146,9 +152,11 @@ def _sibling(path: Path, tag: str) -> Path:
     other = path.with_name(path.name.replace(own, wanted))
     if other == path or not other.is_file():
         raise InputError(
-            f"the file of {wanted} is missing", where=one_line(str(path)),
-            expected=f"NAME_{own}.xml beside NAME_{wanted}.xml", got=one_line(other.name),
-        )  # fmt: skip
+            f"the file of {wanted} is missing",
+            where=one_line(str(path)),
+            expected=f"NAME_{own}.xml beside NAME_{wanted}.xml",
+            got=one_line(other.name),
+        )
     return other
 
 

@@ -18,9 +18,10 @@ class FoundModel(FileModel):
         default=None, description="pairs of springs and factors, where it is not one spring's own"
     )
     polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = Field(
-        default=None, description="joint and power of a polynomial spring: of the first power the "
+        default=None,
+        description="joint and power of a polynomial spring: of the first power the "
         "value is a compliance, of others the coefficient",
-    )  # fmt: skip
+    )
 
 
 class IdentifiedModel(FileModel):

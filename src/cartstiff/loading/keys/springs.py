@@ -112,13 +112,15 @@ class SuperelementModel(FileModel):
     )
     nodes: Vectors = Field(description="the N nodes, in the link's frame (moved by `offset`)")
     base: int = Field(
-        default=0, strict=True,
+        default=0,
+        strict=True,
         description="index, from 0, of the node that is fixed to the link's near side",
-    )  # fmt: skip
+    )
     tip: int = Field(
-        default=-1, strict=True,
+        default=-1,
+        strict=True,
         description="index of the node that carries what is beyond; -1 is the last",
-    )  # fmt: skip
+    )
     order: Literal["linear-angular", "angular-linear"] = Field(
         default="linear-angular", description="of each node's six rows"
     )
@@ -140,9 +142,10 @@ def _matrix(path: Path) -> Array:
         return np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
     except ValueError:
         raise InputError(
-            "is no matrix of numbers", where=one_line(str(path)),
+            "is no matrix of numbers",
+            where=one_line(str(path)),
             expected="rows of numbers between blanks or commas",
-        ) from None  # fmt: skip
+        ) from None
 
 
 class FlexibleModel(FileModel):

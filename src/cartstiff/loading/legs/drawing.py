@@ -42,17 +42,25 @@ def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
     platform, _ = _points(entry, entry.platform, (turn - 2.0 * np.pi / 3.0, turn))
     m = len(base)
     if len(platform) != m:
-        raise InputError("base and platform differ in number", where=f"{where}, key legs.platform",
-                         expected=f"{m} joints as on the base", got=len(platform))  # fmt: skip
+        raise InputError(
+            "base and platform differ in number",
+            where=f"{where}, key legs.platform",
+            expected=f"{m} joints as on the base",
+            got=len(platform),
+        )
     letters = _without_idle_spin(entry.chain)
-    family: Family = (
-        "strut" if letters[1] in "PC" else "rail" if letters[0] == "P" else "crank"
-    )  # fmt: skip
+    family: Family = "strut" if letters[1] in "PC" else "rail" if letters[0] == "P" else "crank"
     middle = letters[0] if family == "strut" else letters[1]
     frames = _frames(entry, base)
     planar = set(entry.chain) <= set("RP")
-    axes = _directions(entry.axis or ("vertical" if planar else "tangential"), "axis",
-                       base, frames, mirrored, where)  # fmt: skip
+    axes = _directions(
+        entry.axis or ("vertical" if planar else "tangential"),
+        "axis",
+        base,
+        frames,
+        mirrored,
+        where,
+    )
     rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, where)
     rods, cranks = one_each(entry.rod, m, "rod", where), one_each(entry.crank, m, "crank", where)
     modes = one_each(entry.mode, m, "mode", where)
@@ -67,9 +75,19 @@ def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
             size = float(np.linalg.norm(level))
             along = level / size if size > numerics.NEARBY else frames[k][:, 0]
         shape = LegShape(
-            family, middle, letters[1] == "C", letters[2:], base[k], along, axis, R @ axis,
-            cranks[k] or 0.0, rods[k] or 0.0, 0.0, se3.pose(R, B),
-        )  # fmt: skip
+            family,
+            middle,
+            letters[1] == "C",
+            letters[2:],
+            base[k],
+            along,
+            axis,
+            R @ axis,
+            cranks[k] or 0.0,
+            rods[k] or 0.0,
+            0.0,
+            se3.pose(R, B),
+        )
         sign = _SIGNS[modes[k]] if modes[k] else shape.modes[0 if family == "rail" else -1]
         shapes.append(_at_home(shape, sign, f"leg {k + 1}", where))
     return shapes
@@ -80,9 +98,12 @@ def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:
     B = shape.end_home[:3, 3]
     value = float(shape.driven(B[None], sign)[0][0])
     if not np.isfinite(value):
-        raise InputError("the pose cannot be reached", where=f"{where}, key pose",
-                         expected="a pose that every leg reaches",
-                         got=f"{leg}, which is {shape.short_of(B):.3g} too short")  # fmt: skip
+        raise InputError(
+            "the pose cannot be reached",
+            where=f"{where}, key pose",
+            expected="a pose that every leg reaches",
+            got=f"{leg}, which is {shape.short_of(B):.3g} too short",
+        )
     shape = replace(shape, home=value)
     if float(np.linalg.norm(B - shape.centre)) <= numerics.NEARBY * float(np.abs(B).max()):
         raise InputError(f"{leg} has no length at the pose", where=f"{where}, key pose")
@@ -91,8 +112,9 @@ def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:
         inner = shape.universal[1] if shape.middle == "U" else shape.axis
         end_inner = shape.end_inner if shape.end == "U" else shape.end_axis
     except InputError as error:
-        raise InputError(f"{error.what} ({leg})", where=f"{where}, key legs.axis",
-                         expected=error.expected) from None  # fmt: skip
+        raise InputError(
+            f"{error.what} ({leg})", where=f"{where}, key legs.axis", expected=error.expected
+        ) from None
     # What cannot turn to fit is not drawn askew: another machine would come of it.
     askew = 0.0
     if shape.middle == "R":
@@ -103,10 +125,12 @@ def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:
         askew = max(askew, float(np.linalg.norm(np.cross(inner, end_inner))))
     if askew > numerics.NEARBY:
         raise InputError(
-            f"the joints of {leg} do not fit together at the pose", where=f"{where}, key pose",
+            f"the joints of {leg} do not fit together at the pose",
+            where=f"{where}, key pose",
             expected="a pose at which hinges are across the rod, and the axes at both its ends "
-            "parallel", got=f"{np.arcsin(min(1.0, askew)):.3g} rad askew",
-        )  # fmt: skip
+            "parallel",
+            got=f"{np.arcsin(min(1.0, askew)):.3g} rad askew",
+        )
     return shape
 
 
@@ -171,8 +195,12 @@ def _directions(
         value = [0, -1, 0] if (key, value) == ("axis", "tangential") else words[value]
     one = is_word or not isinstance(value[0], list)
     if not one and len(value) != m:
-        raise InputError("wrong count", where=f"{where}, key legs.{key}",
-                         expected=f"one vector, or {m}, one per leg", got=len(value))  # fmt: skip
+        raise InputError(
+            "wrong count",
+            where=f"{where}, key legs.{key}",
+            expected=f"one vector, or {m}, one per leg",
+            got=len(value),
+        )
     directions = []
     for k in range(m):
         v = np.array(value if one else value[k], float)
@@ -189,8 +217,11 @@ def _directions(
 def _radial(p: Array, base: list[Array], where: str) -> Array:
     """Frame at a point: x away from the z axis, z up."""
     if np.hypot(p[0], p[1]) <= numerics.NEARBY * float(np.abs(base).max()):
-        raise InputError("a joint on the z axis has no radial and no tangential direction",
-                         where=where, expected="vertical, or a vector")  # fmt: skip
+        raise InputError(
+            "a joint on the z axis has no radial and no tangential direction",
+            where=where,
+            expected="vertical, or a vector",
+        )
     return turns(_Z, np.arctan2(p[1], p[0]))
 
 
@@ -199,6 +230,10 @@ def one_each(value: Any, m: int, key: str, where: str) -> list[Any]:
     if not isinstance(value, list):
         return [value] * m
     if len(value) != m:
-        raise InputError("wrong count", where=f"{where}, key legs.{key}",
-                         expected=f"one, or {m}, one per leg", got=len(value))  # fmt: skip
+        raise InputError(
+            "wrong count",
+            where=f"{where}, key legs.{key}",
+            expected=f"one, or {m}, one per leg",
+            got=len(value),
+        )
     return value

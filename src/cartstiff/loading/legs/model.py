@@ -20,8 +20,10 @@ _Mode = Literal["plus", "minus"]
 
 #: What can be drawn: struts, then rails and cranks; a rod between two balls spins in vain.
 _KNOWN = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
-KNOWN = "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such " \
-        "as RUS, RUU, RSS, RRR"  # fmt: skip
+KNOWN = (
+    "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such "
+    "as RUS, RUU, RSS, RRR"
+)
 
 
 class LegEndsModel(FileModel):
@@ -129,9 +131,11 @@ class NamedLegsModel(FileModel):
         if self.turn is not None and self.platform.half_angle is None:
             raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
         for key, wanted in (
-            ("rail", self.chain[0] == "P"), ("rod", not strut),
-            ("crank", self.chain[0] == "R" and not strut), ("mode", not strut),
-        ):  # fmt: skip
+            ("rail", self.chain[0] == "P"),
+            ("rod", not strut),
+            ("crank", self.chain[0] == "R" and not strut),
+            ("mode", not strut),
+        ):
             if not wanted and getattr(self, key) is not None:
                 raise ValueError(f"a leg {self.chain} has no {key}")
         for key in ("rod", "crank"):

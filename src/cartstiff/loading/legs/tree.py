@@ -59,8 +59,9 @@ class _Drawing:
         self.names: list[str] = []
         self._numbers = {letter: count(1) for letter in "urs"}
 
-    def turn(self, letter: str, axis: Array, T_home: Array, at_home: float = 0.0,
-             name: str | None = None) -> None:  # fmt: skip
+    def turn(
+        self, letter: str, axis: Array, T_home: Array, at_home: float = 0.0, name: str | None = None
+    ) -> None:
         """A revolute joint about an axis in F; at `at_home` it stands in a frame."""
         own = T_home[:3, :3].T @ axis
         own = own / np.linalg.norm(own)
@@ -82,8 +83,11 @@ class _Drawing:
     def link(self, name: str, T_home: Array | None = None) -> None:
         """A link's frame, fixed to the last joint."""
         T = np.eye(4) if T_home is None else se3.inverse(self.T) @ T_home
-        self.frame = int(self.model.addFrame(
-            pin.Frame(name, self.joint, self.frame, pin.SE3(T), pin.FrameType.BODY)))  # fmt: skip
+        self.frame = int(
+            self.model.addFrame(
+                pin.Frame(name, self.joint, self.frame, pin.SE3(T), pin.FrameType.BODY)
+            )
+        )
 
 
 def _universal(
@@ -133,8 +137,11 @@ def with_drawn_legs(file: ParallelFile, where: str) -> ParallelFile:
     if not any(isinstance(entry, NamedLegs) for entry in entries):
         return file
     if file.pose is None:
-        raise InputError("key 'pose' is missing", where=where,
-                         expected="where the body is: legs by name are drawn there")  # fmt: skip
+        raise InputError(
+            "key 'pose' is missing",
+            where=where,
+            expected="where the body is: legs by name are drawn there",
+        )
     legs: list[LegModel] = []
     driven: list[str] = []
     for i, entry in enumerate(entries):
@@ -170,9 +177,10 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
         actuated = [main] if entry.actuated is None else entry.actuated
         others = [name for name in names if name != main]
         for key, entries, known in (
-            ("actuated", actuated, names), ("springs", entry.springs, names),
+            ("actuated", actuated, names),
+            ("springs", entry.springs, names),
             ("turns", entry.turns, others),
-        ):  # fmt: skip
+        ):
             for name in entries:
                 if name not in known:
                     raise UnknownNameError("joint", name, known, where=f"{where}, key legs.{key}")
@@ -182,8 +190,12 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
         lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         for name, (key, pair) in limited.items():
             if pair[0] > pair[1]:
-                raise InputError("limits are the wrong way round", expected="[least, most]",
-                                 where=f"{where}, key legs.{key}", got=pair)  # fmt: skip
+                raise InputError(
+                    "limits are the wrong way round",
+                    expected="[least, most]",
+                    where=f"{where}, key legs.{key}",
+                    got=pair,
+                )
             lower[names.index(name)], upper[names.index(name)] = pair
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         springs = dict(entry.springs)
@@ -191,14 +203,21 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
             if k is not None:
                 springs.setdefault(name, JointSpringModel(stiffness=k))
             elif name not in springs:
-                raise InputError(f"driven joint {name!r} has no spring", where=f"{where}, key legs",
-                                 expected="stiffness, or an entry under springs")  # fmt: skip
+                raise InputError(
+                    f"driven joint {name!r} has no spring",
+                    where=f"{where}, key legs",
+                    expected="stiffness, or an entry under springs",
+                )
         grip = se3.inverse(T_F_P) @ shape.end_home
         leg = LegModel(
-            model="by name", frame=END, grip=PoseModel(xyz=grip[:3, 3].tolist()), springs=springs,
-            passive=[n for n in names if n not in springs], q={main: shape.home},
+            model="by name",
+            frame=END,
+            grip=PoseModel(xyz=grip[:3, 3].tolist()),
+            springs=springs,
+            passive=[n for n in names if n not in springs],
+            q={main: shape.home},
             flexible=entry.flexible,
-        )  # fmt: skip
+        )
         description = RobotDescription(None, model)
         drawing = DrawnLeg(description, shape, tuple(names), main, diameter)
         legs.append((leg.drawn(drawing), [n for n in names if n in actuated]))

@@ -22,9 +22,13 @@ from cartstiff.loading.yaml_file import LARGEST_NUMBER
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
 LARGEST = {"nv": 200, "nbody": 5000, "nsite": 5000, "ngeom": 20000, "neq": 100, "nkey": 1000}
 _WORDS = {
-    "nv": "coordinates", "nbody": "bodies", "nsite": "sites", "ngeom": "geoms",
-    "neq": "equality constraints", "nkey": "keyframes",
-}  # fmt: skip
+    "nv": "coordinates",
+    "nbody": "bodies",
+    "nsite": "sites",
+    "ngeom": "geoms",
+    "neq": "equality constraints",
+    "nkey": "keyframes",
+}
 _SUFFIXES = {"mjJNT_BALL": ("x", "y", "z"), "mjJNT_FREE": ("x", "y", "z", "rx", "ry", "rz")}
 # MuJoCo makes directions of unit length, to rounding, where they have any.
 _UNIT = numerics.CLOSE
@@ -42,15 +46,22 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
     if importlib.util.find_spec("mujoco") is None:
         raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
     data = answer_of(
-        worker.__file__, [str(path.resolve()), json.dumps(LARGEST)], where, "MuJoCo",
+        worker.__file__,
+        [str(path.resolve()), json.dumps(LARGEST)],
+        where,
+        "MuJoCo",
         # Nothing is drawn; importing a window library takes long.
         {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
+    )
     if data.get("missing"):
         raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
     if data.get("error") == "too large":
-        raise InputError(f"too many {_WORDS[data['count']]}", where=where,
-                         expected=f"at most {data['most']}", got=str(data["got"]))  # fmt: skip
+        raise InputError(
+            f"too many {_WORDS[data['count']]}",
+            where=where,
+            expected=f"at most {data['most']}",
+            got=str(data["got"]),
+        )
     if "error" in data:
         message = str(data["error"]).replace(str(path.resolve()), path.name)
         raise InputError("not a usable MJCF", where=where, got=one_line(message, 400))
@@ -90,9 +101,10 @@ class Compiled:
         for j, body in enumerate(data["jnt_bodyid"]):
             self.of_body[body].append(j)
         self._off = {
-            bit for value, bit in data["enums"]["mjtDisableBit"].items()
+            bit
+            for value, bit in data["enums"]["mjtDisableBit"].items()
             if int(data["opt.disableflags"]) & int(value)
-        }  # fmt: skip
+        }
         if not self.joints:
             raise InputError("robot has no movable joints", where=where)
         self._check_numbers()
@@ -110,20 +122,27 @@ class Compiled:
                     whose = (owners[kind] or self.data[f"{kind}_names"])[i] or str(i + 1)
                     raise InputError(
                         f"{kind} {whose!r}: {name.partition('_')[2]} cannot be used",
-                        where=self.where, expected=f"finite numbers up to {LARGEST_NUMBER:g}",
+                        where=self.where,
+                        expected=f"finite numbers up to {LARGEST_NUMBER:g}",
                         got=" ".join(f"{v:g}" for v in rows[i]),
-                    )  # fmt: skip
+                    )
         loose = [self.data["qpos0"], self.data["qpos_spring"], self.data["opt.gravity"]]
         loose += [self.data["dof_armature"], self.data["dof_damping"]]
         loose += self.data["key_qpos"]
         if not (np.abs(np.concatenate(loose)) <= LARGEST_NUMBER).all():
-            raise InputError("a position, an armature, a damping or gravity cannot be used",
-                             where=self.where,
-                             expected=f"finite numbers up to {LARGEST_NUMBER:g}")  # fmt: skip
+            raise InputError(
+                "a position, an armature, a damping or gravity cannot be used",
+                where=self.where,
+                expected=f"finite numbers up to {LARGEST_NUMBER:g}",
+            )
         for what in ("armature", "damping"):
             if (least := min(self.data[f"dof_{what}"], default=0.0)) < 0.0:
-                raise InputError(f"{what} is negative", where=self.where, expected="zero or more",
-                                 got=f"{least:g}")  # fmt: skip
+                raise InputError(
+                    f"{what} is negative",
+                    where=self.where,
+                    expected="zero or more",
+                    got=f"{least:g}",
+                )
         for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
             rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
             sizes = np.linalg.norm(rows, axis=1)
@@ -132,8 +151,12 @@ class Compiled:
                 raise InputError(f"{what} has no direction", where=self.where)
         for name, (lower, upper) in zip(self.joints, self.data["jnt_range"], strict=True):
             if not lower <= upper:  # to MuJoCo that means no limits
-                raise InputError(f"joint {name!r}: range is the wrong way round", where=self.where,
-                                 expected="lower upper", got=f"{lower:g} {upper:g}")  # fmt: skip
+                raise InputError(
+                    f"joint {name!r}: range is the wrong way round",
+                    where=self.where,
+                    expected="lower upper",
+                    got=f"{lower:g} {upper:g}",
+                )
 
     def is_off(self, *parts: str) -> bool:
         """Whether the file switches one of these parts of the physics off."""

@@ -62,7 +62,7 @@ def mjcf_model(compiled: Compiled) -> pin.Model:
 
 def _parts(
     compiled: Compiled, j: int, T: Array
-) -> list[tuple[str, Any, Array, tuple[float, float]]]:  # fmt: skip
+) -> list[tuple[str, Any, Array, tuple[float, float]]]:
     """One-coordinate joints of joint j of a body at T: name, model, placement, limits."""
     data, kind, names = compiled.data, compiled.types[j], compiled.coordinates[j]
     free = (-np.inf, np.inf)

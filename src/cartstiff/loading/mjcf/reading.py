@@ -107,8 +107,12 @@ def _springs(
             others.append(Obstacle(f"spring of the {kind} joint {name!r}", frozenset(own)))
             continue
         if len(coefficients) == 1 and coefficients[0] < 0:
-            raise InputError(f"joint {name!r}: stiffness is negative", where=compiled.where,
-                             expected="zero or more", got=f"{coefficients[0]:g}")  # fmt: skip
+            raise InputError(
+                f"joint {name!r}: stiffness is negative",
+                where=compiled.where,
+                expected="zero or more",
+                got=f"{coefficients[0]:g}",
+            )
         rest = data["qpos_spring"][data["jnt_qposadr"][j]]
         springs[own[0]] = MjcfSpring(tuple(coefficients), rest)
     for follower in [name for name in followers if name in springs]:
@@ -198,9 +202,10 @@ def _ignored(compiled: Compiled) -> list[str]:
     data = compiled.data
     ignored = []
     loose = [
-        name or f"{t + 1}" for t, name in enumerate(data["tendon_names"])
+        name or f"{t + 1}"
+        for t, name in enumerate(data["tendon_names"])
         if not data["tendon_stiffness"][t]
-    ]  # fmt: skip
+    ]
     if loose:
         ignored.append(f"tendons without stiffness ({_listed(loose)})")
     if data["pair_names"]:
@@ -210,9 +215,9 @@ def _ignored(compiled: Compiled) -> list[str]:
     if balls:
         ignored.append(f"ranges of ball joints ({_listed(balls)})")
     for what, words in (
-        ("armature", "armature"), ("damping", "how turns away from the file's orientation couple "
-                                   "the dampers"),
-    ):  # fmt: skip
+        ("armature", "armature"),
+        ("damping", "how turns away from the file's orientation couple the dampers"),
+    ):
         named = [
             name
             for name, own, start in zip(
@@ -237,9 +242,10 @@ def _weightless(compiled: Compiled) -> tuple[str, ...]:
     ]
     if data["no_mass"]:
         bare = [
-            name for b, name in enumerate(compiled.bodies)
+            name
+            for b, name in enumerate(compiled.bodies)
             if data["body_mass"][b] <= data["no_mass"] and compiled.of_body[b]
-        ]  # fmt: skip
+        ]
         if bare:
             weightless.append(f"mass of moving bodies that the file gives none ({_listed(bare)})")
     return tuple(weightless)

@@ -76,9 +76,14 @@ def _closure(
 
 
 def _couple(
-    compiled: Compiled, a: int, b: int, values: list[float], what: str,
-    couplings: list[_Coupling], locked: dict[str, float],
-) -> None:  # fmt: skip
+    compiled: Compiled,
+    a: int,
+    b: int,
+    values: list[float],
+    what: str,
+    couplings: list[_Coupling],
+    locked: dict[str, float],
+) -> None:
     """Joint a follows joint b, or stands still: q_a - ref_a = c_0 + c_1 (q_b - ref_b)."""
     data = compiled.data
     follower = compiled.coordinates[a][0]
@@ -89,9 +94,10 @@ def _couple(
     if any(values[2:5]):
         raise InputError(
             f"{what} couples joints {compiled.joints[a]!r} and {compiled.joints[b]!r} by a curve",
-            where=compiled.where, expected="a straight line: polycoef with two numbers",
+            where=compiled.where,
+            expected="a straight line: polycoef with two numbers",
             got=" ".join(f"{v:g}" for v in values[:5]),
-        )  # fmt: skip
+        )
     factor, leader = values[1], compiled.coordinates[b][0]
     if factor == 0.0:
         _hold(compiled, follower, start, locked)
@@ -122,8 +128,9 @@ def _followers(
             raise InputError(f"joint {follower!r} is coupled to itself", where=compiled.where)
         if follower in followers:
             if leader in followers:
-                raise InputError(f"joints {follower!r} and {leader!r} are coupled twice",
-                                 where=compiled.where)  # fmt: skip
+                raise InputError(
+                    f"joints {follower!r} and {leader!r} are coupled twice", where=compiled.where
+                )
             follower, leader, factor, offset = leader, follower, 1 / factor, -offset / factor
         followers[follower] = (leader, factor, offset)
     # What an equality holds passes on to the joints that follow.

@@ -41,9 +41,17 @@ tendon_adr tendon_num tendon_stiffness tendon_stiffnesspoly wrap_type wrap_objid
 actuator_trntype actuator_trnid flex_vertadr flex_vertnum flex_vertbodyid
 """
 _NAMED = {
-    "body": "body", "jnt": "joint", "site": "site", "mesh": "mesh", "key": "key", "eq": "equality",
-    "tendon": "tendon", "actuator": "actuator", "flex": "flex", "pair": "pair",
-}  # fmt: skip
+    "body": "body",
+    "jnt": "joint",
+    "site": "site",
+    "mesh": "mesh",
+    "key": "key",
+    "eq": "equality",
+    "tendon": "tendon",
+    "actuator": "actuator",
+    "flex": "flex",
+    "pair": "pair",
+}
 
 
 def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
@@ -124,9 +132,12 @@ def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]
         file = _mesh_file(spec, mesh)
         there = file.is_file()
         files[mesh.name] = {
-            "file": str(file), "there": there, "scale": list(map(float, mesh.scale)),
-            "refpos": list(map(float, mesh.refpos)), "refquat": list(map(float, mesh.refquat)),
-        }  # fmt: skip
+            "file": str(file),
+            "there": there,
+            "scale": list(map(float, mesh.scale)),
+            "refpos": list(map(float, mesh.refpos)),
+            "refquat": list(map(float, mesh.refquat)),
+        }
         bodies = weighed.get(mesh.name, set())
         if there and (bodies or mesh.name in fitted):
             continue

@@ -53,19 +53,25 @@ def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
     numbers = np.array(value, float)
     pairs = np.broadcast_to(numbers, (m, 2)) if numbers.ndim == 1 else numbers
     if len(pairs) != m:
-        raise InputError("wrong count", where=where, expected=f"{m} pairs, one per leg",
-                         got=len(pairs))  # fmt: skip
+        raise InputError(
+            "wrong count", where=where, expected=f"{m} pairs, one per leg", got=len(pairs)
+        )
     for i in np.flatnonzero(pairs[:, 0] > pairs[:, 1])[:1]:
-        raise InputError("limits are the wrong way round", where=f"{where}.{i + 1}",
-                         expected=meaning, got=pairs[i].tolist())  # fmt: skip
+        raise InputError(
+            "limits are the wrong way round",
+            where=f"{where}.{i + 1}",
+            expected=meaning,
+            got=pairs[i].tolist(),
+        )
     return pairs
 
 
 def _each(value: Any, m: int, where: str) -> Array:
     values = np.asarray(value, float)
     if values.ndim == 1 and len(values) != m:
-        raise InputError("wrong count", where=where, expected=f"{m} numbers, one per leg",
-                         got=len(values))  # fmt: skip
+        raise InputError(
+            "wrong count", where=where, expected=f"{m} numbers, one per leg", got=len(values)
+        )
     return np.broadcast_to(values, (m,)).copy()
 
 
@@ -75,8 +81,9 @@ def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | N
         return None, None
     axes = np.array(model.axis, float)
     if axes.ndim == 2 and len(axes) != m:
-        raise InputError("wrong count", where=f"{where}.axis", expected=f"{m} axes, one per leg",
-                         got=len(axes))  # fmt: skip
+        raise InputError(
+            "wrong count", where=f"{where}.axis", expected=f"{m} axes, one per leg", got=len(axes)
+        )
     axes = np.broadcast_to(axes, (m, 3))
     sizes = np.linalg.norm(axes, axis=1)
     if not sizes.min() > 0.0:

@@ -25,9 +25,11 @@ _TYPES = ("revolute", "continuous", "prismatic", "fixed", "ball", "universal", "
 _TWO_AXES = ("universal", "revolute2")
 # What rod leaves out without a word, or what says where things are in ways of old versions.
 _REFUSED = {
-    "include": "an <include>", "model/model": "a model within the model",
-    "joint/axis/mimic": "a joint that mimics another", "link/pose[@frame]": "<pose frame=...>",
-}  # fmt: skip
+    "include": "an <include>",
+    "model/model": "a model within the model",
+    "joint/axis/mimic": "a joint that mimics another",
+    "link/pose[@frame]": "<pose frame=...>",
+}
 # What SDF takes where a file says nothing, and rod asks for.
 _DYNAMICS = ("spring_stiffness", "spring_reference")
 _OLDEST = (1, 5)
@@ -62,18 +64,29 @@ def read_sdf(root: ET.Element, where: str) -> tuple[str, MjcfFacts]:
     rod = imported("rod", "rod", "an SDF file", "sdf")
     version = tuple(int(x) for x in root.get("version", "0").split(".") if x.isdecimal())
     if version < _OLDEST:
-        raise InputError("this version of SDF is not supported", where=where, expected="1.5 or "
-                         "newer", got=root.get("version", "none"))  # fmt: skip
+        raise InputError(
+            "this version of SDF is not supported",
+            where=where,
+            expected="1.5 or newer",
+            got=root.get("version", "none"),
+        )
     models = [*root.findall("model"), *root.findall("world/model")]
     if len(models) != 1:
-        raise InputError("an SDF file holds one robot", where=where, expected="one <model>",
-                         got=f"{len(models)} models")  # fmt: skip
+        raise InputError(
+            "an SDF file holds one robot",
+            where=where,
+            expected="one <model>",
+            got=f"{len(models)} models",
+        )
     for what, words in _REFUSED.items():
         if models[0].find(what.removeprefix("model/")) is not None or (
             what == "include" and root.find("world/include") is not None
         ):
-            raise InputError(f"{words} in SDF is not supported", where=where,
-                             expected="links, joints and frames of one model")  # fmt: skip
+            raise InputError(
+                f"{words} in SDF is not supported",
+                where=where,
+                expected="links, joints and frames of one model",
+            )
     axes: dict[str, list[Any]] = {}
     for joint in models[0].iterfind("joint"):
         tags = [part for tag in ("axis", "axis2") if (part := joint.find(tag)) is not None]
@@ -145,8 +158,9 @@ def _floats(text: str, count: int, where: str, what: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise InputError(f"{what} is not usable", where=where, expected=f"{count} numbers",
-                         got=one_line(text))  # fmt: skip
+        raise InputError(
+            f"{what} is not usable", where=where, expected=f"{count} numbers", got=one_line(text)
+        )
     return numbers
 
 
@@ -158,9 +172,13 @@ class _Model:
     """
 
     def __init__(
-        self, name: str, pose: Any, parts: Mapping[str, Sequence[Any]],
-        axes: Mapping[str, Sequence[Any]], where: str,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        pose: Any,
+        parts: Mapping[str, Sequence[Any]],
+        axes: Mapping[str, Sequence[Any]],
+        where: str,
+    ) -> None:
         self.name, self.where, self.axes = name, where, axes
         self.moving: dict[str, Any] = {}
         self.closing: list[tuple[str, ...]] = []
@@ -219,8 +237,12 @@ class _Model:
         for name, joint in self.joints.items():
             child, parent = self.link_of(joint.child), self.link_of(joint.parent)
             if child == "world":
-                raise InputError("the world is no child of a joint", where=self.where,
-                                 expected="the world as <parent>", got=name)  # fmt: skip
+                raise InputError(
+                    "the world is no child of a joint",
+                    where=self.where,
+                    expected="the world as <parent>",
+                    got=name,
+                )
             end = child
             if child in carried:
                 end = f"{child} of {name}"
@@ -257,8 +279,12 @@ class _Model:
     ) -> list[str]:
         """Add a joint that carries `end`, where the child stands; the names of its coordinates."""
         if joint.type not in _TYPES:
-            raise InputError(f"joint {name!r} has a type that is not supported", where=self.where,
-                             expected=", ".join(_TYPES), got=joint.type)  # fmt: skip
+            raise InputError(
+                f"joint {name!r} has a type that is not supported",
+                where=self.where,
+                expected=", ".join(_TYPES),
+                got=joint.type,
+            )
         parent, T = self.link_of(joint.parent), self.pose(name)
         T_j_c, carrier = se3.inverse(T) @ self.pose(child), end
         if not np.array_equal(np.round(T_j_c, 12), np.eye(4)):
@@ -272,8 +298,11 @@ class _Model:
         axes = self.axes[name]
         wanted = {"ball": 0, **dict.fromkeys(_TWO_AXES, 2)}.get(joint.type, 1)
         if len(axes) != wanted:
-            raise InputError(f"joint {name!r} has {len(axes)} axes", where=self.where,
-                             expected=f"{wanted} for {joint.type}")  # fmt: skip
+            raise InputError(
+                f"joint {name!r} has {len(axes)} axes",
+                where=self.where,
+                expected=f"{wanted} for {joint.type}",
+            )
         steps = [(f".{x}", "revolute", e, None) for x, e in zip("xyz", np.eye(3), strict=True)]
         if axes:
             kind = "revolute" if wanted == 2 else joint.type
@@ -367,8 +396,9 @@ def _matrix(pose: Any) -> Array:
     if pose is None or pose.pose is None:
         return np.eye(4)
     if pose.rotation_format not in (None, "euler_rpy"):
-        raise InputError("a pose's rotation is not supported", expected="euler_rpy",
-                         got=pose.rotation_format)  # fmt: skip
+        raise InputError(
+            "a pose's rotation is not supported", expected="euler_rpy", got=pose.rotation_format
+        )
     numbers = np.array(pose.pose, float)
     if not np.isfinite(numbers).all():
         raise InputError("a pose is not finite", expected="6 finite numbers", got=pose.pose)

@@ -156,5 +156,7 @@ def laid_out(layout: LayoutModel) -> dict[str, Any]:
     """Keys of the mechanism file that say the same as a layout."""
     base, platform, origin = layout.points()
     return {
-        "base": base.tolist(), "platform": platform.tolist(), "pose": {"xyz": origin.tolist()},
-    }  # fmt: skip
+        "base": base.tolist(),
+        "platform": platform.tolist(),
+        "pose": {"xyz": origin.tolist()},
+    }

@@ -63,14 +63,21 @@ def with_parameters(
     }
     entries = data.get("parameters", {})
     if not isinstance(entries, dict):
-        raise InputError("cannot be used", where=place(("parameters",)),
-                         expected="names and their numbers", got=one_line(entries))  # fmt: skip
+        raise InputError(
+            "cannot be used",
+            where=place(("parameters",)),
+            expected="names and their numbers",
+            got=one_line(entries),
+        )
     for name in asked:
         if name not in entries:
             if not entries:
-                raise InputError("the mechanism has no parameters", where=place(()),
-                                 expected="a key 'parameters' in its file",
-                                 got=one_line(str(name)))  # fmt: skip
+                raise InputError(
+                    "the mechanism has no parameters",
+                    where=place(()),
+                    expected="a key 'parameters' in its file",
+                    got=one_line(str(name)),
+                )
             raise UnknownNameError("parameter", str(name), entries, where=place(()))
     values, used = _evaluated(entries, asked, place)
     rest = {key: value for key, value in data.items() if key != "parameters"}
@@ -80,8 +87,11 @@ def with_parameters(
     }
     for name in entries:
         if name not in used:
-            raise InputError(f"parameter {name!r} is not used", where=place(("parameters", name)),
-                             expected=f"a number such as '={name}' in the file")  # fmt: skip
+            raise InputError(
+                f"parameter {name!r} is not used",
+                where=place(("parameters", name)),
+                expected=f"a number such as '={name}' in the file",
+            )
     return filled, Parameters(values, asked)
 
 
@@ -93,15 +103,23 @@ def _evaluated(
     for name, entry in entries.items():
         where = place(("parameters", name))
         if not is_name(name):
-            raise InputError("name of a parameter cannot be used", where=where, got=repr(name),
-                             expected="letters, digits and _, no word of arithmetic")  # fmt: skip
+            raise InputError(
+                "name of a parameter cannot be used",
+                where=where,
+                got=repr(name),
+                expected="letters, digits and _, no word of arithmetic",
+            )
         if isinstance(entry, str) and entry.startswith("="):
             formulas[name] = Expression(entry[1:], where)
         elif isinstance(entry, (int, float)) and not isinstance(entry, bool):
             formulas[name] = checked_number(entry, where)
         else:
-            raise InputError("cannot be used", where=where, got=one_line(entry),
-                             expected="a number, or arithmetic such as '=2*r'")  # fmt: skip
+            raise InputError(
+                "cannot be used",
+                where=where,
+                got=one_line(entry),
+                expected="a number, or arithmetic such as '=2*r'",
+            )
     used: set[str] = set()
     for formula in formulas.values():
         if isinstance(formula, Expression):
@@ -115,8 +133,11 @@ def _evaluated(
         formula = formulas[name]
         if name in open_names:
             circle = " -> ".join([*open_names[open_names.index(name) :], name])
-            raise InputError("parameters depend on each other in a circle", got=circle,
-                             where=place(("parameters", name)))  # fmt: skip
+            raise InputError(
+                "parameters depend on each other in a circle",
+                got=circle,
+                where=place(("parameters", name)),
+            )
         if not isinstance(formula, Expression):
             values[name] = asked.get(name, formula)
             return
@@ -132,8 +153,9 @@ def _evaluated(
         for name in formulas:
             settle(name)
     except RecursionError:
-        raise InputError("parameters depend on each other too deeply",
-                         where=place(("parameters",))) from None  # fmt: skip
+        raise InputError(
+            "parameters depend on each other too deeply", where=place(("parameters",))
+        ) from None
     return values, used
 
 

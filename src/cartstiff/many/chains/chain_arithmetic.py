@@ -132,8 +132,7 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
         limit = largest(gradient) * BALANCE + noise
         felt = square_root(norm_squared(turned[6:]))
         # The engine's basis of the self-motion is another: its largest entry is only bounded.
-        balanced = pick(felt, limit * 0.5, PLAIN,
-                        pick(limit * (2.0 * n), felt, UNBALANCED, ENGINE))  # fmt: skip
+        balanced = pick(felt, limit * 0.5, PLAIN, pick(limit * (2.0 * n), felt, UNBALANCED, ENGINE))
     H = chain.lagrangian(W) * columns * columns[:, None]
     turned_H = Q.conjugate(H)
     L, inverses, pivots = positive_factor(turned_H[6:, 6:])
@@ -316,8 +315,11 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
         arrays["length"] = np.array([chain.length], object)
     if chain.case.bodies is not None:
-        arrays |= {"kinetic": chain.kinetic(chain.case.bodies), "motion": chain.J,
-                   "lagrangian": chain.lagrangian(W)}  # fmt: skip
+        arrays |= {
+            "kinetic": chain.kinetic(chain.case.bodies),
+            "motion": chain.J,
+            "lagrangian": chain.lagrangian(W),
+        }
     verdict = _compliances(chain, W, arrays, wanted)
     add_under_load(arrays, wanted, chain.length)
     if stiffness:

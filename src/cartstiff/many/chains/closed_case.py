@@ -98,8 +98,14 @@ def _rows(
     every = [C[kept] for C in every]
     if not all(numerics.is_regular(numerics.singular_values(C)) for C in every):
         return None
-    return tuple(tuple(i for j in kept for t, i in [names[j]] if t == k)
-                 for k in range(len(constants.ties))), every, acting  # fmt: skip
+    return (
+        tuple(
+            tuple(i for j in kept for t, i in [names[j]] if t == k)
+            for k in range(len(constants.ties))
+        ),
+        every,
+        acting,
+    )
 
 
 def _independent(
@@ -147,8 +153,9 @@ def closed_case(
     samples = _samples(chain, elastic.q)
     rigid = tuple(sorted(chain.rigid))
     held = tuple(j for j in chain.held if j not in rigid)
-    free, shut = (_rows(constants, samples, some) if samples else None
-                  for some in (rigid, (*held, *rigid)))  # fmt: skip
+    free, shut = (
+        _rows(constants, samples, some) if samples else None for some in (rigid, (*held, *rigid))
+    )
     if free is None or shut is None:
         return "the closures have no rank that most postures share"
     rows, closures, acting = free

@@ -242,8 +242,9 @@ class ClosedChainNumbers(ChainNumbers):
 
     def _nearest(self, chosen: list[int], wanted: Array) -> Array:
         """The torques (c,) nearest to those of the wrench with ``N_c^T t = wanted``."""
-        sizes = np.array([self.case.length if self.case.constants.is_length[a] else 1.0
-                          for a in chosen])  # fmt: skip
+        sizes = np.array(
+            [self.case.length if self.case.constants.is_length[a] else 1.0 for a in chosen]
+        )
         own = zeros(len(chosen)) if self.W is None else self.J_q[:, chosen].T @ self.W
         N = self.N[chosen] / sizes[:, None]
         gram = congruence(N, np.eye(len(chosen)))

@@ -39,9 +39,18 @@ from cartstiff.many.tape import Scalar, Tape, larger, pick
 from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 
 #: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
-_COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 / 1307674368000,
-              -1 / 74724249600, -3617 / 10670622842880000, -43867 / 5109094217170944000,
-              -174611 / 802857662698291200000)  # fmt: skip
+_COTANGENT = (
+    -1 / 12,
+    -1 / 720,
+    -1 / 30240,
+    -1 / 1209600,
+    -1 / 47900160,
+    -691 / 1307674368000,
+    -1 / 74724249600,
+    -3617 / 10670622842880000,
+    -43867 / 5109094217170944000,
+    -174611 / 802857662698291200000,
+)
 #: Steps after which rounding may choose the assembly, and after which the engine gives up. What
 #: other way may then be taken, `ClosedCase.ways` tells: more coordinates than there are motions
 #: are not held by chance; as many may be, in another assembly, which is left to the engine.

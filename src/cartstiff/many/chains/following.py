@@ -123,9 +123,14 @@ class Assembler:
         return _with(self._from_base, q, is_closed)
 
     def _along(
-        self, q: Array, is_closed: NDArray[np.bool_], column: int, value: Array, seed: int,
+        self,
+        q: Array,
+        is_closed: NDArray[np.bool_],
+        column: int,
+        value: Array,
+        seed: int,
         cells: slice,
-    ) -> Closed:  # fmt: skip
+    ) -> Closed:
         """From cells at a seed along an axis: (N cells, n), those at the seed as they are."""
         first, last = min(cells.start, seed), max(cells.stop, seed + 1)
         every = np.repeat(q[:, None], last - first, axis=1)

@@ -119,9 +119,12 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
 
 
 def settle(
-    workspace: Any, evaluate: Evaluate, inputs: Mapping[str, Array], q: Array,
+    workspace: Any,
+    evaluate: Evaluate,
+    inputs: Mapping[str, Array],
+    q: Array,
     which: NDArray[np.intp],
-) -> tuple[NDArray[np.intp], Array]:  # fmt: skip
+) -> tuple[NDArray[np.intp], Array]:
     """Take steps from some postures q[which], in place; those that come to rest, and their loads.
 
     `inputs` are the program's, "wrench" with one row or one for each of q. What finds no rest by
@@ -137,9 +140,10 @@ def settle(
         if len(inputs["wrench"]) > 1:
             own["wrench"] = np.ascontiguousarray(inputs["wrench"][which])
         outputs = {
-            "settled": aligned_empty(len(at), n + n % 2), "moved": aligned_empty(len(at), 2),
+            "settled": aligned_empty(len(at), n + n % 2),
+            "moved": aligned_empty(len(at), 2),
             "load": aligned_empty(len(at), 6),
-        }  # fmt: skip
+        }
         workspace.run(own, outputs, len(at))
         moved, verdict = outputs["moved"].T
         stands = (verdict == PLAIN) & np.isfinite(moved) & (doubts == PLAIN)

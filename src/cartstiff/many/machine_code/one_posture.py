@@ -78,7 +78,10 @@ class _Memory:
         inputs = {**shared, **self.inputs}
         read = [address_of(inputs[name]) for name in kernel.arrays]
         self.arguments = (
-            1, (ctypes.c_void_p * len(read))(*read),
-            (ctypes.c_void_p * 1)(address_of(written)), address_of(scratch), self.progress,
-        )  # fmt: skip
+            1,
+            (ctypes.c_void_p * len(read))(*read),
+            (ctypes.c_void_p * 1)(address_of(written)),
+            address_of(scratch),
+            self.progress,
+        )
         self._held = inputs, written, scratch

@@ -65,7 +65,8 @@ class StackedProgram:
             part = slice(start, min(start + size, count))
             workspace.run(
                 {name: np.ascontiguousarray(array[part]) for name, array in inputs.items()},
-                {name: array[part] for name, array in outputs.items()}, part.stop - start,
-            )  # fmt: skip
+                {name: array[part] for name, array in outputs.items()},
+                part.stop - start,
+            )
         kept.append(workspace)
         return outputs

@@ -60,8 +60,9 @@ def scratch_size(program: Program, width: int, longest: int = LONGEST) -> int:
 
 def input_arrays(program: Program) -> list[str]:
     """Names of the inputs, in the order in which the kernel is given them."""
-    return sorted({program.inputs[o.arguments[0]].array
-                   for o in program.operations if o.name == "input"})  # fmt: skip
+    return sorted(
+        {program.inputs[o.arguments[0]].array for o in program.operations if o.name == "input"}
+    )
 
 
 class _Body:
@@ -72,9 +73,13 @@ class _Body:
     """
 
     def __init__(
-        self, writer: Writer, program: Program, arrays: list[str], widths: dict[str, int],
+        self,
+        writer: Writer,
+        program: Program,
+        arrays: list[str],
+        widths: dict[str, int],
         kept: dict[int, int],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.writer, self.program, self.arrays, self.widths = writer, program, arrays, widths
         self.kept = kept
         self.values: dict[int, str] = {}
@@ -159,8 +164,11 @@ def vector_code(program: Program, width: int, stream: bool = False, longest: int
     segments, table = _segments(program, longest), kept_table(program)
     kept = _kept(program, segments)
     arguments = [
-        *(f"ptr %in{i}" for i in range(len(arrays))), "ptr %table", "ptr %memory", "i1 %always"
-    ]  # fmt: skip
+        *(f"ptr %in{i}" for i in range(len(arrays))),
+        "ptr %table",
+        "ptr %memory",
+        "i1 %always",
+    ]
     pointers = ", ".join(arguments)
     bodies = []
     for start, stop in segments:

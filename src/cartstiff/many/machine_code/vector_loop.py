@@ -16,9 +16,15 @@ _TAKEN, _LOOKS = 512, 20_000
 
 
 def kernel(
-    program: Program, width: int, stream: bool, arrays: list[str], widths: dict[str, int],
-    lines: list[str], table: dict[Key, int], kept: dict[int, int],
-) -> str:  # fmt: skip
+    program: Program,
+    width: int,
+    stream: bool,
+    arrays: list[str],
+    widths: dict[str, int],
+    lines: list[str],
+    table: dict[Key, int],
+    kept: dict[int, int],
+) -> str:
     """The function itself and what it declares, around the `lines` that compute a block.
 
     The inputs' `arrays` with their `widths`, the places of what is the same for all postures in
@@ -65,13 +71,17 @@ def _exchanged(writer: Writer, places: list[int], lane: int) -> tuple[str, str]:
     pair = "<2 x double>"
     if len(places) == 4:
         a, b = (
-            writer.new(f"shufflevector {pair} {halves[k]}, {pair} {halves[k + 2]}, "
-                       "<4 x i32> <i32 0, i32 1, i32 2, i32 3>")
+            writer.new(
+                f"shufflevector {pair} {halves[k]}, {pair} {halves[k + 2]}, "
+                "<4 x i32> <i32 0, i32 1, i32 2, i32 3>"
+            )
             for k in (0, 1)
-        )  # fmt: skip
+        )
         both = f"shufflevector <4 x double> {a}, <4 x double> {b}, <4 x i32>"
-        return (writer.new(f"{both} <i32 0, i32 4, i32 2, i32 6>"),
-                writer.new(f"{both} <i32 1, i32 5, i32 3, i32 7>"))  # fmt: skip
+        return (
+            writer.new(f"{both} <i32 0, i32 4, i32 2, i32 6>"),
+            writer.new(f"{both} <i32 1, i32 5, i32 3, i32 7>"),
+        )
     both = f"shufflevector {pair} {halves[0]}, {pair} {halves[1]}, <2 x i32>"
     return writer.new(f"{both} <i32 0, i32 2>"), writer.new(f"{both} <i32 1, i32 3>")
 
@@ -98,9 +108,14 @@ def in_blocks(lines: list[str], length: int) -> list[str]:
 
 
 def _loop(
-    program: Program, width: int, arrays: list[str], widths: dict[str, int], body: list[str],
-    table: dict[Key, int], kept: int,
-) -> str:  # fmt: skip
+    program: Program,
+    width: int,
+    arrays: list[str],
+    widths: dict[str, int],
+    body: list[str],
+    table: dict[Key, int],
+    kept: int,
+) -> str:
     """The function that goes through the blocks; records come a round after their inputs."""
     names = list(program.outputs)
     take = max(1, _TAKEN // width)
@@ -184,8 +199,9 @@ def _loop(
         "  %again = and i1 %missing, %patient",
         "  br i1 %again, label %wait, label %never",
         "never:",
-        "  ret void", "}",
-    ]  # fmt: skip
+        "  ret void",
+        "}",
+    ]
     return "\n".join(lines)
 
 
@@ -202,12 +218,15 @@ def _taken(name: str, take: int) -> list[str]:
 
 def _declarations(width: int) -> str:
     v, bits = f"<{width} x double>", width * 64
-    return "\n".join([
-        f"declare {v} @llvm.sqrt.v{width}f64({v})",
-        f"declare {v} @llvm.fabs.v{width}f64({v})",
-        f"declare {v} @llvm.copysign.v{width}f64({v}, {v})",
-        # Vectors that wait on the stack must not lie across cache lines.
-        'attributes #0 = { nounwind alignstack=64 "stackrealign" '
-        f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}',
-        "!0 = !{i32 1}", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"declare {v} @llvm.sqrt.v{width}f64({v})",
+            f"declare {v} @llvm.fabs.v{width}f64({v})",
+            f"declare {v} @llvm.copysign.v{width}f64({v}, {v})",
+            # Vectors that wait on the stack must not lie across cache lines.
+            'attributes #0 = { nounwind alignstack=64 "stackrealign" '
+            f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}',
+            "!0 = !{i32 1}",
+            "",
+        ]
+    )

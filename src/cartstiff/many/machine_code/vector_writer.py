@@ -11,13 +11,21 @@ from cartstiff.many.tape import Input, Program
 _TWO_OVER_PI = 6.36619772367581382433e-01
 _HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _SINE = (
-    -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04,
-    2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10,
-)  # fmt: skip
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
 _COSINE = (
-    4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05,
-    -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11,
-)  # fmt: skip
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
 #: Adding this leaves the nearest whole number in the last digits.
 _WHOLE = 6755399441055744.0
 _FIXED = (_TWO_OVER_PI, *_HALF_PI, *_SINE, *_COSINE, _WHOLE, 0.5, 1.0)
@@ -102,8 +110,9 @@ class Writer:
 
     def sine_and_cosine(self, x: str) -> tuple[str, str]:
         """Both, to within two units of the last digit for angles up to 1e6."""
-        shifted = self.do("fadd", self.do("fmul", x, self.constant(_TWO_OVER_PI)),
-                          self.constant(_WHOLE))  # fmt: skip
+        shifted = self.do(
+            "fadd", self.do("fmul", x, self.constant(_TWO_OVER_PI)), self.constant(_WHOLE)
+        )
         quarter = self.do("fsub", shifted, self.constant(_WHOLE))
         r = x
         for part in _HALF_PI:

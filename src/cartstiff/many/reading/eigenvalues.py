@@ -117,8 +117,10 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
         for d, square in zip(diagonal, [0.0, *squares], strict=True):
             (q, q1, q2), (p, p1, p2) = values
             t = x - d
-            values = [(p, p1, p2), (t * p - square * q, p + t * p1 - square * q1,
-                                    p1 + p1 + t * p2 - square * q2)]  # fmt: skip
+            values = [
+                (p, p1, p2),
+                (t * p - square * q, p + t * p1 - square * q1, p1 + p1 + t * p2 - square * q2),
+            ]
         p, p1, p2 = values[1]
         root = (p1 * p1) * float((n - 1) ** 2) - (p * p2) * float(n * (n - 1))
         step = p * float(n) / (p1 + square_root(larger(root, 0.0)))
@@ -153,9 +155,21 @@ _EXCHANGES = {
     **{n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2)) for n in _SWEEPS},
     2: ((0, 1),),
     3: ((0, 1), (1, 2), (0, 1)),
-    6: ((0, 5), (1, 3), (2, 4), (1, 2), (3, 4), (0, 3), (2, 5), (0, 1), (2, 3), (4, 5), (1, 2),
-        (3, 4)),
-}  # fmt: skip
+    6: (
+        (0, 5),
+        (1, 3),
+        (2, 4),
+        (1, 2),
+        (3, 4),
+        (0, 3),
+        (2, 5),
+        (0, 1),
+        (2, 3),
+        (4, 5),
+        (1, 2),
+        (3, 4),
+    ),
+}
 
 
 def ascending(values: Sequence[Scalar]) -> list[Scalar]:

@@ -20,8 +20,9 @@ _Case = ChainCase | PlatformCase
 
 def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
     """The case with all masses; None where some are not on the tape, or there are none."""
-    if any(isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass)
-           for p in elastic.potentials):  # fmt: skip
+    if any(
+        isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass) for p in elastic.potentials
+    ):
         return None
     mechanism = elastic.mechanism
     if isinstance(mechanism, Platform) and isinstance(case, PlatformCase):

@@ -82,10 +82,14 @@ class Reader:
     """
 
     def __init__(
-        self, elastic: ElasticMechanism, readings: Readings, outputs: tuple[str, ...],
-        wrench: Array | None = None, axes: Axes = "body",
+        self,
+        elastic: ElasticMechanism,
+        readings: Readings,
+        outputs: tuple[str, ...],
+        wrench: Array | None = None,
+        axes: Axes = "body",
         path: Backend = "auto",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.elastic, self.readings = elastic, readings
         self._wrench, self._axes = wrench, axes
         self._plan = plan(elastic, given_as(wrench, axes))

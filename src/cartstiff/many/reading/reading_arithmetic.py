@@ -189,8 +189,10 @@ class _Reader:
             if self.asked.deflect is None:
                 W = self.arrays["wrench"]
             else:
-                moment, force = (self.in_body(np.array(x)) for x in np.split(
-                    np.array(self.asked.deflect, float), 2))  # fmt: skip
+                moment, force = (
+                    self.in_body(np.array(x))
+                    for x in np.split(np.array(self.asked.deflect, float), 2)
+                )
                 moment = moment + cross(np.array(self.asked.deflect_at, float), force)
                 W = np.concatenate([moment, force])
             return list(self.own_C @ W)
@@ -235,8 +237,10 @@ def _asymmetry(r: _Reader) -> Scalar:
     edge = square_root(norm_squared(K[:3, 3:]))
     worst: Scalar = 0.0
     for rows, columns, scale in (
-        (0, 0, rr), (3, 3, tt), (0, 3, pick(0.0, product, product, edge)),
-    ):  # fmt: skip
+        (0, 0, rr),
+        (3, 3, tt),
+        (0, 3, pick(0.0, product, product, edge)),
+    ):
         size: Scalar = 0.0
         for i in range(3):
             for j in range(3):

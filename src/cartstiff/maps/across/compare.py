@@ -27,11 +27,14 @@ _SAME_PLACE = numerics.CLOSE
 _ASKED = {
     "length": (("length", "characteristic length"),),
     "direction": (("direction", "direction"), ("world", "in the room")),
-    "deflect": (("deflect", "deflecting load"), ("deflect_at", "acting at"),
-                ("world", "in the room")),
+    "deflect": (
+        ("deflect", "deflecting load"),
+        ("deflect_at", "acting at"),
+        ("world", "in the room"),
+    ),
     "damping": (("damping", "damping"),),
     "milling": (("milling", "cut"),),
-}  # fmt: skip
+}
 _TOLD = ("mechanism", "frame", "connection", "load_kind", "load_at", "wrench", "gravity")
 
 
@@ -80,15 +83,25 @@ def compare_maps(
     names = _names(first, second)
     title = f"{words}: {names[0]} {'over' if how == 'ratio' else 'less'} {names[1]}"
     difference = a[[quantity, "state"]].copy()
-    difference[quantity] = x.dims, values, {
-        "units": "1" if how == "ratio" else ux, "long_name": title, "comparison": how,
-        **({"better": x.attrs["better"]} if "better" in x.attrs else {}),
-    }  # fmt: skip
+    difference[quantity] = (
+        x.dims,
+        values,
+        {
+            "units": "1" if how == "ratio" else ux,
+            "long_name": title,
+            "comparison": how,
+            **({"better": x.attrs["better"]} if "better" in x.attrs else {}),
+        },
+    )
     difference["state"] = x.dims, state, a["state"].attrs
     ours, theirs = _said(first, quantity), _said(second, quantity)
-    difference.attrs = {**first.attrs, "mechanism": f"{names[0]} and {names[1]}", "differs": [
-        f"{key}: {ours[key]} and {theirs[key]}" for key in ours if ours[key] != theirs[key]
-    ]}  # fmt: skip
+    difference.attrs = {
+        **first.attrs,
+        "mechanism": f"{names[0]} and {names[1]}",
+        "differs": [
+            f"{key}: {ours[key]} and {theirs[key]}" for key in ours if ours[key] != theirs[key]
+        ],
+    }
     return difference
 
 
@@ -124,13 +137,16 @@ def compared(result: xarray.Dataset, quantity: str) -> dict[str, Any]:
     even = 1.0 if is_ratio else 0.0
     first = known < even if better == "smaller" else known > even
     return {
-        "places": int(known.size), "of": int(values.size), "unit": unit,
-        "smallest": float(known.min()) if known.size else None, "mean": mean,
+        "places": int(known.size),
+        "of": int(values.size),
+        "unit": unit,
+        "smallest": float(known.min()) if known.size else None,
+        "mean": mean,
         "mean_kind": "geometric" if is_geometric else "arithmetic",
         "largest": float(known.max()) if known.size else None,
         "first_is_better": float(first.mean()) if known.size and better is not None else None,
         "differs": list(result.attrs["differs"]),
-    }  # fmt: skip
+    }
 
 
 def _names(first: xarray.Dataset, second: xarray.Dataset) -> tuple[str, str]:
@@ -142,8 +158,11 @@ def _names(first: xarray.Dataset, second: xarray.Dataset) -> tuple[str, str]:
 
 def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
     if x.dims != y.dims:
-        raise InputError("axes differ between the maps", expected=", ".join(map(str, x.dims)),
-                         got=", ".join(map(str, y.dims)))  # fmt: skip
+        raise InputError(
+            "axes differ between the maps",
+            expected=", ".join(map(str, x.dims)),
+            got=", ".join(map(str, y.dims)),
+        )
     for dim in map(str, x.dims):
         if dim not in x.coords or dim not in y.coords:
             raise InputError("maps without axes cannot be compared", expected="grids")

@@ -121,8 +121,13 @@ def violin(dataset: xarray.Dataset, quantity: str, by: str = "radius", bins: int
     axis = figure.subplots()
     if groups:
         width = 0.9 * (edges[1] - edges[0])
-        axis.violinplot([g for _, g in groups], [c for c, _ in groups], widths=width,
-                        showmedians=True, showextrema=False)  # fmt: skip
+        axis.violinplot(
+            [g for _, g in groups],
+            [c for c, _ in groups],
+            widths=width,
+            showmedians=True,
+            showextrema=False,
+        )
     if logarithmic:
         axis.yaxis.set_major_formatter(lambda v, _: f"{10**v:.3g}")
     axis.set(xlabel=label, ylabel=wrapped(dataset[quantity]), xlim=(edges[0], edges[-1]))
@@ -146,8 +151,16 @@ def points(dataset: xarray.Dataset, quantity: str) -> Any:
     size = float(np.clip(2e4 / max(len(order), 1), 1.0, 30.0))
     shown = None
     for axis, (i, j) in zip(axes, ((0, 1), (0, 2)), strict=True):
-        shown = axis.scatter(place[order, i], place[order, j], c=values[order], s=size, norm=norm,
-                             cmap=COLOURS, linewidths=0, rasterized=True)  # fmt: skip
+        shown = axis.scatter(
+            place[order, i],
+            place[order, j],
+            c=values[order],
+            s=size,
+            norm=norm,
+            cmap=COLOURS,
+            linewidths=0,
+            rasterized=True,
+        )
         axis.set(xlabel=f"{'xyz'[i]} [{length}]", ylabel=f"{'xyz'[j]} [{length}]", aspect="equal")
     figure.colorbar(shown, ax=axes, label=wrapped(dataset[quantity]))
     figure.suptitle(f"{title_of(dataset)}: {len(order)} postures, the worst on top")

@@ -96,9 +96,14 @@ def _cells(
 def _hatch(axis: Any, x: Array, y: Array, where: Array, name: str) -> None:
     hatch, grey = style_of(name)
     axis.pcolormesh(
-        _edges(x), _edges(y), np.ma.masked_where(~where, np.ones(where.shape)),
-        cmap=_one_colour(grey), vmin=0.0, vmax=1.0, rasterized=True,
-    )  # fmt: skip
+        _edges(x),
+        _edges(y),
+        np.ma.masked_where(~where, np.ones(where.shape)),
+        cmap=_one_colour(grey),
+        vmin=0.0,
+        vmax=1.0,
+        rasterized=True,
+    )
     # Hatching follows the cells' borders: every cell is drawn as two points on each side.
     xx, yy = np.repeat(_edges(x), 2)[1:-1], np.repeat(_edges(y), 2)[1:-1]
     fine = np.repeat(np.repeat(where, 2, axis=0), 2, axis=1).astype(float)
@@ -186,8 +191,14 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
         hatch, grey = style_of(reason)
         rows = np.flatnonzero(reasons == reason)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            axis.axvspan(edges[run[0]], edges[run[-1] + 1], facecolor=grey, edgecolor="0.3",
-                         hatch=hatch, linewidth=0)  # fmt: skip
+            axis.axvspan(
+                edges[run[0]],
+                edges[run[-1] + 1],
+                facecolor=grey,
+                edgecolor="0.3",
+                hatch=hatch,
+                linewidth=0,
+            )
     axis.set(xlabel=_axis_label(flat[name]) if name in flat.coords else name)
     axis.set_ylabel(wrapped(array))
     axis.set_title(title_of(flat))

@@ -64,8 +64,17 @@ def reasons_of(dataset: xarray.Dataset, values: Array) -> Array:
 
 def style_of(name: str) -> tuple[str, str]:
     """Hatch and grey of a reason, the same in every picture."""
-    order = ("undefined", "infinite", "serial-singularity", "unreachable", "not-assembled",
-             "not-computed", "deficient", "unbalanced", "buckled")  # fmt: skip
+    order = (
+        "undefined",
+        "infinite",
+        "serial-singularity",
+        "unreachable",
+        "not-assembled",
+        "not-computed",
+        "deficient",
+        "unbalanced",
+        "buckled",
+    )
     i = order.index(name) if name in order else len(order)
     return _HATCHES[i % len(_HATCHES)], f"{0.92 - 0.06 * (i % 6):.2f}"
 

@@ -101,10 +101,11 @@ def _nastran(result: PostureStiffness) -> bytes:
     lines = [
         *[f"$ {line}" for line in _said(result)],
         "$ in case control: K2GG=KBODY" + ("" if mass is None else ", M2GG=MBODY"),
-        f"{'GRID*':<8}{1:>16}{'':16}{x}{y}", f"{'*':<8}{z}",
+        f"{'GRID*':<8}{1:>16}{'':16}{x}{y}",
+        f"{'*':<8}{z}",
         *matrix("KBODY", _stiffness(result)),
         *([] if mass is None else matrix("MBODY", mass)),
-    ]  # fmt: skip
+    ]
     return ("\n".join(line.rstrip() for line in lines) + "\n").encode()
 
 
@@ -127,9 +128,12 @@ def _matlab(result: PostureStiffness) -> bytes:
 
     units = result.elastic.units
     data: dict[str, object] = {
-        "name": result.elastic.name, "order": "angular-linear", "q": result.q, "pose": result.pose,
+        "name": result.elastic.name,
+        "order": "angular-linear",
+        "q": result.q,
+        "pose": result.pose,
         "units": {"length": units.length, "force": units.force, "angle": "rad"},
-    }  # fmt: skip
+    }
     data |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
     data |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}
     for name in ("wrench", "jacobian"):
@@ -162,8 +166,10 @@ def _latex(result: PostureStiffness) -> bytes:
     if not shown:
         raise result.reduction.undefined()
     comments = [f"% {line}" for line in _said(result)[:2]]
-    comments.append(f"% rows (moment, force), columns (rotation, translation): {units.force}, "
-                f"{units.length}, rad; \\usepackage{{amsmath}}")  # fmt: skip
+    comments.append(
+        f"% rows (moment, force), columns (rotation, translation): {units.force}, "
+        f"{units.length}, rad; \\usepackage{{amsmath}}"
+    )
     body = " \\\\\n".join(shown)
     return ("\n".join([*comments, "\\begin{align*}", body, "\\end{align*}"]) + "\n").encode()
 
@@ -175,23 +181,32 @@ def _mujoco(result: PostureStiffness) -> bytes:
     if isinstance(platform, Chain):
         return chain_of_mujoco(result)
     if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
-        raise InputError("MuJoCo's file is of platforms on lines and of joints", where=elastic.name,
-                         got=f"kind {platform.kind}")  # fmt: skip
+        raise InputError(
+            "MuJoCo's file is of platforms on lines and of joints",
+            where=elastic.name,
+            got=f"kind {platform.kind}",
+        )
     if type(springs) is not LineSprings or elastic.potentials or not springs.is_complete:
         more = "other springs or loads besides" if elastic.potentials else "legs that bend"
-        raise InputError("MuJoCo's file holds line springs alone", where=elastic.name,
-                         expected="no energy but that of straight legs", got=more)  # fmt: skip
+        raise InputError(
+            "MuJoCo's file holds line springs alone",
+            where=elastic.name,
+            expected="no energy but that of straight legs",
+            got=more,
+        )
     if platform.struts is not None and platform.struts.mass:
-        raise InputError("tendons have no mass", expected="legs without mass",
-                         where="legs.mass")  # fmt: skip
+        raise InputError("tendons have no mass", expected="legs without mass", where="legs.mass")
     length, force = convert_length(elastic.units, SI)
     inertia = platform.body_inertia
     mass, centre = platform.mass, platform.mass_centre * length
     arm = se3.skew(platform.mass_centre)
     about = (inertia[:3, :3] + mass * arm @ arm) * length**2
     if mass <= 0.0 or np.linalg.eigvalsh(about)[0] <= 0.0:
-        raise UndefinedError("MuJoCo needs a mass and moments of inertia of the body",
-                             code="no-mass", values={"mass": mass})  # fmt: skip
+        raise UndefinedError(
+            "MuJoCo needs a mass and moments of inertia of the body",
+            code="no-mass",
+            values={"mass": mass},
+        )
 
     T = result.pose
     t = springs.tensions(posture.lines.lengths)
@@ -212,18 +227,33 @@ def _mujoco(result: PostureStiffness) -> bytes:
     quat = quaternion(T[:3, :3])
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
     lines = [
-        f'<mujoco model="{name}">', '<compiler angle="radian"/>',
-        f'<option gravity="{numbers(gravity)}"/>', "<worldbody>", *sites,
+        f'<mujoco model="{name}">',
+        '<compiler angle="radian"/>',
+        f'<option gravity="{numbers(gravity)}"/>',
+        "<worldbody>",
+        *sites,
         f'<body name="platform" pos="{numbers(T[:3, 3] * length)}" quat="{numbers(quat)}">',
         "<freejoint/>",
         f'<inertial pos="{numbers(centre)}" mass="{mass!r}" fullinertia="{full}"/>',
-        *ends, "</body>", "</worldbody>", "<tendon>", *tendons, "</tendon>", "</mujoco>",
-    ]  # fmt: skip
+        *ends,
+        "</body>",
+        "</worldbody>",
+        "<tendon>",
+        *tendons,
+        "</tendon>",
+        "</mujoco>",
+    ]
     return ("\n".join(lines) + "\n").encode()
 
 
 #: By the ending of the file.
 EXCHANGE: dict[str, Callable[[PostureStiffness], bytes]] = {
-    ".nas": _nastran, ".bdf": _nastran, ".inp": _abaqus, ".mat": _matlab, ".tex": _latex,
-    ".xml": _mujoco, ".dat": legs_of_nastran, ".csv": geometry_csv,
-}  # fmt: skip
+    ".nas": _nastran,
+    ".bdf": _nastran,
+    ".inp": _abaqus,
+    ".mat": _matlab,
+    ".tex": _latex,
+    ".xml": _mujoco,
+    ".dat": legs_of_nastran,
+    ".csv": geometry_csv,
+}

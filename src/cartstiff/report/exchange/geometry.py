@@ -66,8 +66,10 @@ class Link:
         if self.axis is not None:
             low, high = np.clip(self.limits, -_FAR, _FAR).tolist()
             kind = "prismatic" if self.slides else "revolute"
-            more = f'<axis xyz={words(self.axis)}/><limit lower="{low!r}" upper="{high!r}" ' \
-                   'effort="0" velocity="0"/>'  # fmt: skip
+            more = (
+                f'<axis xyz={words(self.axis)}/><limit lower="{low!r}" upper="{high!r}" '
+                'effort="0" velocity="0"/>'
+            )
             if not self.slides and not np.isfinite(self.limits).all():
                 kind, more = "continuous", more.partition("<limit")[0]
         at = f"xyz={words(self.T[:3, 3])} rpy={words(se3.roll_pitch_yaw(self.T))}"
@@ -97,8 +99,10 @@ def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, byte
         what = refused or [type(springs).__name__]
         raise InputError(
             "URDF with closures holds linear springs in joints alone, or straight legs that push "
-            "and pull", where=elastic.name, got=", ".join(what),
-        )  # fmt: skip
+            "and pull",
+            where=elastic.name,
+            got=", ".join(what),
+        )
     if elastic.gravity is not None:
         keys["gravity"] = np.asarray(elastic.gravity).tolist()
     kind = "closed-chain" if closures else "serial"
@@ -108,9 +112,12 @@ def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, byte
     rows = [f"{key}: {json.dumps(value)}" for key, value in (head | keys).items()]
     rows += ["closures:"] * bool(closures) + [f"  - {json.dumps(c)}" for c in closures]
     xml = [
-        '<?xml version="1.0"?>', f"<robot name={quoteattr(elastic.name)}>", '  <link name="base"/>',
-        *(link.xml() for link in links), "</robot>",
-    ]  # fmt: skip
+        '<?xml version="1.0"?>',
+        f"<robot name={quoteattr(elastic.name)}>",
+        '  <link name="base"/>',
+        *(link.xml() for link in links),
+        "</robot>",
+    ]
     return ("\n".join(xml) + "\n").encode(), ("\n".join(rows) + "\n").encode()
 
 
@@ -140,11 +147,25 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> Parts:
         low, high = (length * limits[i] - L).tolist()
         links += [
             Link(f"{leg} cross", "base", foot, _X, joint=f"{leg}_u1"),
-            Link(f"{leg} tube", f"{leg} cross", np.eye(4), _Y, joint=f"{leg}_u2",
-                  body=_bar(platform.struts, i, length, fixed=True)),
-            Link(f"{leg} rod", f"{leg} tube", se3.pose(translation=[0, 0, L]), _Z, True,
-                  (low, high), leg, _bar(platform.struts, i, length, fixed=False)),
-        ]  # fmt: skip
+            Link(
+                f"{leg} tube",
+                f"{leg} cross",
+                np.eye(4),
+                _Y,
+                joint=f"{leg}_u2",
+                body=_bar(platform.struts, i, length, fixed=True),
+            ),
+            Link(
+                f"{leg} rod",
+                f"{leg} tube",
+                se3.pose(translation=[0, 0, L]),
+                _Z,
+                True,
+                (low, high),
+                leg,
+                _bar(platform.struts, i, length, fixed=False),
+            ),
+        ]
         named[leg] = {"stiffness": float(springs.stiffness[i] * force / length)}
         if springs.is_complete:
             rest = lines.lengths[i] - springs.tensions(lines.lengths)[i] / springs.stiffness[i]
@@ -184,8 +205,11 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
         raise TypeError("a chain")
     tree, odd = chain.tree, [c.name for c in chain.coordinates if c.type == "helical"]
     if tree.mimic is not None or odd or len(chain.coordinates) != tree.model.nv:
-        raise InputError("screws, and joints that follow others, are not written",
-                         where=elastic.name, got=", ".join(odd) or "mimic joints")  # fmt: skip
+        raise InputError(
+            "screws, and joints that follow others, are not written",
+            where=elastic.name,
+            got=", ".join(odd) or "mimic joints",
+        )
     length, force = convert_length(elastic.units, SI)
 
     def scaled(T: Array) -> Array:
@@ -202,8 +226,18 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
         own = bodies[i + 1]
         body = (float(own.mass), length * own.lever, length**2 * own.inertia)
         limits = (c.lower * sizes[i], c.upper * sizes[i])
-        links.append(Link(names[i + 1], names[int(tree.model.parents[i + 1])], scaled(T), axis,
-                           c.is_length, limits, c.name, body))  # fmt: skip
+        links.append(
+            Link(
+                names[i + 1],
+                names[int(tree.model.parents[i + 1])],
+                scaled(T),
+                axis,
+                c.is_length,
+                limits,
+                c.name,
+                body,
+            )
+        )
 
     def fixed(name: str, frame: str) -> str:
         at = chain.placement(frame)
@@ -241,13 +275,18 @@ def legs_of_nastran(result: PostureStiffness) -> bytes:
     """
     platform, springs, posture = result.elastic.mechanism, result.elastic.springs, result.posture
     if (
-        not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture)
-        or type(springs) is not LineSprings or springs.unilateral
-    ):  # fmt: skip
+        not isinstance(platform, Platform)
+        or not isinstance(posture, PlatformPosture)
+        or type(springs) is not LineSprings
+        or springs.unilateral
+    ):
         is_platform = isinstance(platform, Platform)
         got = "cables or legs that bend" if is_platform else f"kind {platform.kind}"
-        raise InputError("springs of Nastran are written of straight legs that push and pull",
-                         where=result.elastic.name, got=got)  # fmt: skip
+        raise InputError(
+            "springs of Nastran are written of straight legs that push and pull",
+            where=result.elastic.name,
+            got=got,
+        )
     m, units = len(springs.stiffness), result.elastic.units
     ends = posture.pose[:3, 3] + platform.points @ posture.pose[:3, :3].T
     heads = ", ".join(str(i) for i in range(m + 1, 2 * m + 1))
@@ -263,9 +302,10 @@ def legs_of_nastran(result: PostureStiffness) -> bytes:
         lines += [f"GRID*   {i + 1:>16}{'':16}{x}{y}", f"*       {z}{'':16}{held:>16}"]
     for i, k in enumerate(springs.stiffness):
         lines += [
-            f"PBUSH*  {i + 1:>16}{'K':<16}{large_field(k)}", "*",
+            f"PBUSH*  {i + 1:>16}{'K':<16}{large_field(k)}",
+            "*",
             f"CBUSH   {i + 1:>8}{i + 1:>8}{i + 1:>8}{m + i + 1:>8}",
-        ]  # fmt: skip
+        ]
     return ("\n".join([*lines, *_rigid(m, heads)]) + "\n").encode()
 
 
@@ -302,8 +342,16 @@ def geometry_csv(result: PostureStiffness) -> bytes:
         names = [f"{end}_{a} [{unit}]" for end in ("foot", "head", "head_in_M") for a in "xyz"]
         names = ["leg", *names, f"length [{unit}]", f"stiffness [{of['translation']}]"]
         names += [f"shortest [{unit}]", f"longest [{unit}]"]
-        rows = np.column_stack([platform.anchors, heads, platform.points, posture.lines.lengths,
-                                elastic.springs.stiffness, limits])  # fmt: skip
+        rows = np.column_stack(
+            [
+                platform.anchors,
+                heads,
+                platform.points,
+                posture.lines.lengths,
+                elastic.springs.stiffness,
+                limits,
+            ]
+        )
         cells = ([f"leg{i + 1}", *_known(row)] for i, row in enumerate(rows))
         return csv_rows(names, cells).encode()
     chain, springs = elastic.mechanism, elastic.springs
@@ -313,8 +361,12 @@ def geometry_csv(result: PostureStiffness) -> bytes:
     screws = chain.tree.screws()
     k = springs.stiffness if isinstance(springs, JointSprings) else np.full(len(posture.q), np.nan)
     names = ["joint", "type", *(f"{a} [{unit}]" for a in "xyz"), *(f"axis_{a}" for a in "xyz")]
-    names += [f"position [rad or {unit}]", f"lower [rad or {unit}]", f"upper [rad or {unit}]",
-              f"stiffness [{of['rotation']} or {of['translation']}]"]  # fmt: skip
+    names += [
+        f"position [rad or {unit}]",
+        f"lower [rad or {unit}]",
+        f"upper [rad or {unit}]",
+        f"stiffness [{of['rotation']} or {of['translation']}]",
+    ]
     table = []
     for i, c in enumerate(chain.coordinates[: len(places)]):
         axis = places[i][:3, :3] @ (screws[i, 3:] if c.is_length else screws[i, :3])

@@ -46,16 +46,17 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
     if refused or not isinstance(springs, JointSprings) or springs.laws:
         raise InputError(
             "MuJoCo's file holds linear springs in joints alone, or a platform on straight lines",
-            where=elastic.name, got=", ".join(refused or [type(springs).__name__]),
-        )  # fmt: skip
+            where=elastic.name,
+            got=", ".join(refused or [type(springs).__name__]),
+        )
     parts = links, closures, keys = parts_of_chain(result, springs)
     gravity = np.zeros(3) if elastic.gravity is None else np.asarray(elastic.gravity)
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
     ties = [
-        f'<{"weld" if tie["type"] == "weld" else "connect"} site1={quoteattr(tie["frames"][0])} '
-        f'site2={quoteattr(tie["frames"][1])}/>'
+        f"<{'weld' if tie['type'] == 'weld' else 'connect'} site1={quoteattr(tie['frames'][0])} "
+        f"site2={quoteattr(tie['frames'][1])}/>"
         for tie in closures
-    ]  # fmt: skip
+    ]
     q, named = keys["q"], keys["springs"]
     ties += [
         f'<joint joint1={quoteattr(joint)} polycoef="{q[joint]!r} 0 0 0 0"/>'
@@ -67,9 +68,12 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
         f"<!-- links without mass are given {_LEAST[0]} kg and {_LEAST[1]} kg m^2 -->",
         f'<compiler angle="radian" boundmass="{_LEAST[0]}" boundinertia="{_LEAST[1]}"/>',
         f'<option gravity="{numbers(gravity)}"/>',
-        "<worldbody>", *_within("base", links, parts), "</worldbody>",
-        *(["<equality>", *ties, "</equality>"] if ties else []), "</mujoco>",
-    ]  # fmt: skip
+        "<worldbody>",
+        *_within("base", links, parts),
+        "</worldbody>",
+        *(["<equality>", *ties, "</equality>"] if ties else []),
+        "</mujoco>",
+    ]
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -88,14 +92,18 @@ def _within(parent: str, links: list[Link], parts: Parts) -> list[str]:
             [np.zeros(3), link.axis] if link.slides else [link.axis, np.zeros(3)]
         )
         T = link.T @ se3.exp(rates * q[link.joint])
-        lines.append(f'<body name={quoteattr(link.name)} pos="{numbers(T[:3, 3])}" '
-                     f'quat="{numbers(quaternion(T[:3, :3]))}">')  # fmt: skip
+        lines.append(
+            f'<body name={quoteattr(link.name)} pos="{numbers(T[:3, 3])}" '
+            f'quat="{numbers(quaternion(T[:3, :3]))}">'
+        )
         mass, centre, inertia = link.body
         if mass > 0.0:
             moments, axes = np.linalg.eigh(inertia)
             axes[:, 0] *= np.linalg.det(axes)
-            lines.append(f'<inertial pos="{numbers(centre)}" quat="{numbers(quaternion(axes))}" '
-                         f'mass="{mass!r}" diaginertia="{numbers(moments)}"/>')  # fmt: skip
+            lines.append(
+                f'<inertial pos="{numbers(centre)}" quat="{numbers(quaternion(axes))}" '
+                f'mass="{mass!r}" diaginertia="{numbers(moments)}"/>'
+            )
         lines.append(_joint(link, q[link.joint], named.get(link.joint, {})))
         lines += [*_within(link.name, links, parts), "</body>"]
     return lines
