@@ -47,8 +47,8 @@ class ControllerRequest:
         target = read_target(self.impedance, self.order)
         wanted = StiffnessTensor.from_controller(
             target.in_units_of(modes.elastic.mechanism),
-            order=target.order,
-            axes=self.axes,  # type: ignore[arg-type]
+            order=target.order,  # type: ignore[arg-type]
+            axes=self.axes,
             pose=modes.posture.pose,
             frame=modes.elastic.mechanism.frame,
             units=modes.elastic.units,
