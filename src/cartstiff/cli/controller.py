@@ -48,7 +48,7 @@ class ControllerRequest:
         wanted = StiffnessTensor.from_controller(
             target.in_units_of(modes.elastic.mechanism),
             order=target.order,  # type: ignore[arg-type]
-            axes=self.axes,
+            axes=self.axes,  # type: ignore[arg-type]
             pose=modes.posture.pose,
             frame=modes.elastic.mechanism.frame,
             units=modes.elastic.units,
