@@ -18,7 +18,6 @@ ALLOWED = {
     "cli/export.py": "bytes to megabytes",
     "cli/report.py": "bytes to megabytes",
     "identify/columns.py": "units",
-    "loading/caspr/parts.py": "a stiffness that is assumed, and said",
     "loading/defaults.py": "joints without limits",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
     "loading/yaml_file.py": "the largest number that is read",

@@ -37,6 +37,9 @@ def folder(tmp_path_factory):
         "pointer.urdf": "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n",
         "page.urdf": "<!DOCTYPE html><html><body>404: Not Found</body></html>",
         "root.urdf": "<sdf version='1.6'/>",
+        "box_cables.xml": "<!DOCTYPE cables [<!ATTLIST cable_set id ID #REQUIRED>]>"
+        "<cables default_cable_set='a'><cable_set id='a'/></cables>",
+        "box_bodies.xml": "<links><link_rigid num='1' name='box'/></links>",
         "none.urdf": "<robot name='r'><link name='a'/></robot>",
         "loop.urdf": URDF.replace("<child link='l1'/>", "<child link='l0'/>"),
         "kind.urdf": URDF.replace("type='revolute'", "type='hinge'"),
@@ -98,6 +101,11 @@ CASES = [
     (("analyse", "page.urdf"), "a web page"),
     (("analyse", "UR5"), "closest: ur5"),
     (("analyse", "root.urdf"), "SDF"),
+    (
+        ("analyse", "box_cables.xml"),
+        "CASPR are not read; expected a mechanism file of kind springs",
+    ),
+    (("analyse", "box_bodies.xml"), "CASPR"),
     (("analyse", "none.urdf"), "no movable joints"),
     (("analyse", "loop.urdf"), "loop.urdf"),
     (("analyse", "kind.urdf"), "hinge"),

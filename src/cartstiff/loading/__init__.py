@@ -210,11 +210,6 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
             expected="a .yaml file",
             got=", ".join(overrides["parameters"]),
         )
-    if suffix == ".xml" and exists:
-        from cartstiff.loading.caspr.reading import is_caspr, read_caspr
-
-        if is_caspr(path):
-            return read_caspr(path, overrides)
     if suffix in ROBOT_FILES:
         return _from_robot(str(path), path.stem.removesuffix(".urdf"), overrides)
     robots = example_robots()

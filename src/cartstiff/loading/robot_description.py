@@ -172,6 +172,13 @@ def parse_text(text: str, where: str) -> ET.Element:
             where=where,
             expected="URDF or MJCF as it is in the repository (raw)",
         )
+    if "<cable_set" in text or "<link_rigid" in text:
+        raise InputError(
+            "files of CASPR are not read",
+            where=where,
+            expected="a mechanism file of kind springs with 'unilateral: true' for a body on "
+            "cables, or of kind serial with 'lines' for bodies on joints",
+        )
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)
     try:

@@ -1,1 +1,0 @@
-"""Cable robots as the program CASPR keeps them."""
