@@ -13,11 +13,10 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.chatter import (
-    depth_by_semi_discretisation,
+    MeasuredReceptance,
     limiting_depth,
     limiting_depths,
     lobes,
-    transition_radius,
 )
 from cartstiff.vibration.milling import Milling
 
@@ -52,37 +51,12 @@ def test_least_depth_of_one_freedom():
 
 def test_mean_of_the_directional_coefficients():
     milling = Milling(KT, 0.3, 3, 0.3, 1.9)
-    turns = np.linspace(0, 2 * np.pi / 3, 20001)[:-1]
-    mean = np.mean([milling.directional(x) for x in turns], axis=0)
-    assert mean == pytest.approx(3 / (2 * np.pi) * milling.mean, abs=2e-4)
-
-
-@pytest.mark.parametrize("speed", [4000.0, 5300.0, 8800.0])
-def test_both_theories_agree_where_the_coefficients_are_constant(speed):
-    """Four teeth in a slot: two cut at right angles to each other, and nothing pulsates."""
-    found = modes(spindle([500.0, 640.0]))
-    zeroth = lobes(found, SLOT, [speed], ZETA)
-    fine = depth_by_semi_discretisation(found, SLOT, speed, ZETA, steps=50)
-    assert zeroth.depths[0] == pytest.approx(fine, rel=1e-2)
-    assert zeroth.depths[0] >= zeroth.least
-    below = transition_radius(found, SLOT, speed, 0.97 * zeroth.depths[0], ZETA, steps=50)
-    above = transition_radius(found, SLOT, speed, 1.03 * zeroth.depths[0], ZETA, steps=50)
-    assert below < 1 < above
-
-
-def test_they_differ_where_the_cut_is_short():
-    """A twentieth of the diameter, two teeth: lobes of period doubling that the mean does not see.
-
-    On other lobes both are within a few per cent of each other.
-    """
-    exit_angle = float(np.arccos(1 - 2 * 0.05))
-    up = Milling(KT, 0.3, 2, 0.0, exit_angle)
-    found = modes(spindle([5e6, 900.0]))
-    speeds = 60 * 900.0 / (2 * np.array([0.5, 0.85, 1.9]))  # two teeth, 900 Hz: waves per period
-    zeroth = lobes(found, up, speeds, 0.011)
-    fine = [depth_by_semi_discretisation(found, up, n, 0.011, digits=1e-2) for n in speeds]
-    assert fine[0] < 0.4 * zeroth.depths[0]
-    assert np.abs(np.array(fine[1:]) / zeroth.depths[1:] - 1).max() < 0.1
+    mean, angles = np.zeros((2, 2)), np.linspace(0.3, 1.9, 20001)
+    for s, c in zip(np.sin(angles), np.cos(angles), strict=True):
+        # Along feed and normal: -(tangential along (c, -s)) - (radial along (s, c)), chip (s, c).
+        mean += -np.outer([c + 0.3 * s, -s + 0.3 * c], [s, c])
+    mean *= (1.9 - 0.3) / angles.size * 3 / (2 * np.pi)
+    assert 2 * mean == pytest.approx(3 / (2 * np.pi) * milling.mean, abs=2e-4)
 
 
 def growth_in_time(hertz, cut, speed, depth, zeta, steps=100, periods=30):
@@ -116,20 +90,32 @@ def growth_in_time(hertz, cut, speed, depth, zeta, steps=100, periods=30):
     return np.exp(np.mean(np.log(sizes[periods // 2 :])))
 
 
-@pytest.mark.parametrize(
-    ("hertz", "cut", "speed"),
-    [
-        ((500.0, 640.0), Milling(KT, 0.3, 3, 0.0, 1.2), 7600.0),
-        # Period doubling, where the zeroth order allows more than twice the depth.
-        ((5000.0, 900.0), Milling(KT, 0.3, 2, 0.0, 0.451), 54000.0),
-    ],
-)
-def test_semi_discretisation_against_time(hertz, cut, speed):
-    depth = depth_by_semi_discretisation(modes(spindle(hertz)), cut, speed, ZETA, steps=60)
-    assert growth_in_time(hertz, cut, speed, 0.97 * depth, ZETA) < 1.0
-    assert growth_in_time(hertz, cut, speed, 1.03 * depth, ZETA) > 1.0
-    if speed > 5e4:
-        assert depth < 0.5 * lobes(modes(spindle(hertz)), cut, [speed], ZETA).depths[0]
+@pytest.mark.parametrize("speed", [4000.0, 5300.0, 8800.0])
+def test_lobes_against_a_simulation_in_time(speed):
+    """Four teeth in a slot: two cut at right angles to each other, so nothing pulsates."""
+    hertz = (500.0, 640.0)
+    depth = lobes(modes(spindle(hertz)), SLOT, [speed], ZETA).depths[0]
+    assert growth_in_time(hertz, SLOT, speed, 0.97 * depth, ZETA) < 1.0
+    assert growth_in_time(hertz, SLOT, speed, 1.03 * depth, ZETA) > 1.0
+
+
+def test_measured_receptance():
+    """Two oscillators written by hand, in place of a mechanism."""
+    found, f = modes(spindle([500.0, 640.0])), np.geomspace(250.0, 1200.0, 6000)
+    w, own = 2 * np.pi * f[:, None], 2 * np.pi * np.array([500.0, 640.0])
+    G = np.zeros((f.size, 2, 2), complex)
+    G[:, [0, 1], [0, 1]] = 1 / (MASS * (own**2 - w**2 + 2j * ZETA * own * w))
+    measured = MeasuredReceptance(f, G)
+    speeds = [4000.0, 5300.0, 8800.0]
+    got = lobes(measured, SLOT, speeds)
+    assert got.depths == pytest.approx(lobes(found, SLOT, speeds, ZETA).depths, rel=1e-3)
+    assert limiting_depth(measured, SLOT) == pytest.approx(got.least)
+    with pytest.raises(InputError, match="has its own frequencies"):
+        lobes(measured, SLOT, speeds, ZETA)
+    with pytest.raises(InputError, match="ascending"):
+        MeasuredReceptance(f[::-1], G)
+    with pytest.raises(InputError, match="measured receptance"):
+        MeasuredReceptance(f, G[:3])
 
 
 def test_depth_along_a_path():

@@ -56,7 +56,7 @@ def vibration_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return cutting_options(_damping_options(run))
 
 
-# Speeds by default, and at most: semi-discretisation takes a good part of a second for each.
+# Number of speeds by default, and at most.
 _COUNT, _MOST = 12, 2000
 
 
@@ -152,17 +152,14 @@ class LobesRequest:
         import numpy as np
 
         from cartstiff.report.modes import describe_lobes, lobes_csv
-        from cartstiff.vibration.chatter import depth_by_semi_discretisation, lobes
+        from cartstiff.vibration.chatter import lobes
 
         if not damping.acts_on(modes.elastic):
             raise InputError("needs damping", where="--lobes", expected="--damping or --rayleigh")
         low, high, count = self._speeds()
         curve = lobes(modes, milling, np.linspace(low, high, count), damping)
-        fine = [depth_by_semi_discretisation(modes, milling, n, damping) for n in curve.speeds]
         data["lobes"] = {
             **curve.as_dict(),
-            "semi_discretisation": [x if np.isfinite(x) else None for x in fine],
-            "searched": curve.searched if np.isfinite(curve.searched) else None,
             "milling": asdict(milling),
             "unit": modes.elastic.units.length,
         }
@@ -171,7 +168,7 @@ class LobesRequest:
 
         unit = modes.elastic.units.length
         write_files(
-            (self.csv, lambda: lobes_csv(curve, fine, unit)),
-            (self.plot, lambda: draw_lobes(curve, fine, unit)),
+            (self.csv, lambda: lobes_csv(curve, unit)),
+            (self.plot, lambda: draw_lobes(curve, unit)),
         )
-        return describe_lobes(curve, fine, modes.elastic.units)
+        return describe_lobes(curve, modes.elastic.units)

@@ -98,7 +98,7 @@ _options = option_group(
         "--lobes",
         metavar="LOW:HIGH[:COUNT]",
         help="Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by "
-        "the zeroth-order theory and by semi-discretisation.",
+        "the zeroth-order theory.",
     ),
     cutting_options,
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response, or the lobes."),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -65,15 +64,13 @@ def draw_response(
     return figure
 
 
-def draw_lobes(curve: Lobes, fine: Sequence[float], unit: str) -> Any:
-    """Limiting depth over the spindle's speed by both theories, and the depth always stable.
+def draw_lobes(curve: Lobes, unit: str) -> Any:
+    """Limiting depth over the spindle's speed and the depth that is stable at every speed.
 
     Parameters
     ----------
     curve : Lobes
         By the zeroth-order theory.
-    fine : sequence of float
-        By semi-discretisation, at the same speeds.
     unit : str
         Unit of the depths.
 
@@ -88,11 +85,8 @@ def draw_lobes(curve: Lobes, fine: Sequence[float], unit: str) -> Any:
     """
     figure = new_figure(7.0, 4.0)
     axis = figure.subplots()
-    for depths, name, style in (
-        (curve.depths, "zeroth order", "-"),
-        (np.asarray(fine, float), "semi-discretisation", "o"),
-    ):
-        axis.plot(curve.speeds, np.where(np.isfinite(depths), depths, np.nan), style, label=name)
+    depths = np.where(np.isfinite(curve.depths), curve.depths, np.nan)
+    axis.plot(curve.speeds, depths, label="zeroth order")
     if np.isfinite(curve.least):
         axis.axhline(curve.least, color="0.6", linestyle="--", label="stable at every speed")
     axis.set(xlabel="speed [rev/min]", ylabel=f"limiting depth [{unit}]")

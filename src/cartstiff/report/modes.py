@@ -273,32 +273,29 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
     return lines + [f"  {note}" for note in response.notes]
 
 
-def lobes_csv(curve: Lobes, fine: Sequence[float], unit: str) -> str:
-    """Limiting depths by speed as a table: by the zeroth-order theory, by semi-discretisation."""
-    names = ("speed [rev/min]", f"zeroth_order [{unit}]", f"semi_discretisation [{unit}]")
-    return csv_text(np.column_stack([curve.speeds, curve.depths, fine]), names)
+def lobes_csv(curve: Lobes, unit: str) -> str:
+    """Limiting depths by speed as a table."""
+    names = ("speed [rev/min]", f"depth [{unit}]")
+    return csv_text(np.column_stack([curve.speeds, curve.depths]), names)
 
 
-def describe_lobes(curve: Lobes, fine: Sequence[float], units: Units) -> list[str]:
-    """Limiting depths of cut by both theories, a row for each speed."""
-    above = f"> {number(curve.searched, 4)}" if np.isfinite(curve.searched) else "no limit"
+def describe_lobes(curve: Lobes, units: Units) -> list[str]:
+    """Limiting depths of cut, a row for each speed."""
     rows = [
         [
             f"{n:.6g}",
             number(a, 4) if np.isfinite(a) else "no limit",
             "" if np.isnan(f) else f"{f:.5g}",
-            number(b, 4) if np.isfinite(b) else above,
         ]
-        for n, a, f, b in zip(curve.speeds, curve.depths, curve.chatter, fine, strict=True)
+        for n, a, f in zip(curve.speeds, curve.depths, curve.chatter, strict=True)
     ]
     unit = units.length
-    titles = ["rev/min", f"zeroth order [{unit}]", "chatter [Hz]", f"semi-discretisation [{unit}]"]
     return [
         "",
-        f"Limiting depth of cut; {number(curve.least, 4)} {unit} is stable at every speed (zeroth "
-        "order)",
-        *table(titles, rows),
-        "  linear chip, no process damping, no edge forces, no helix",
+        f"Limiting depth of cut by the zeroth-order theory; {number(curve.least, 4)} {unit} is "
+        "stable at every speed",
+        *table(["rev/min", f"depth [{unit}]", "chatter [Hz]"], rows),
+        "  linear chip, no process damping, no edge forces, no helix, no period doubling",
     ]
 
 

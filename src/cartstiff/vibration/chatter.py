@@ -10,10 +10,7 @@ tool the limit at a chatter frequency is, mu an eigenvalue of ``alpha G`` and ``
 
     a = -2 pi Re Lambda / (N K_t) (1 + (Im Lambda / Re Lambda)^2)
 
-*Semi-discretisation* [InspergerStepan]_: the period is cut into m steps in which A is constant and
-the delayed position is known; the cut is stable where the transition over a period shrinks every
-motion. It sees the second family of lobes (period doubling) of small immersions, which the mean
-does not. Its error goes with the step.
+The mean does not see the second family of lobes (period doubling) of small immersions.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.vibration.damping import Damping, damping_matrix, state_space
+from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.milling import Milling
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import modes
@@ -40,8 +37,34 @@ from cartstiff.vibration.response import transfer
 _BELOW, _ABOVE, _COUNT = 0.5, 1.8, 4000
 
 
-#: How far beyond the depth that is stable at every speed another is sought.
-_BEYOND_LEAST = 10.0
+@dataclass(frozen=True, eq=False)
+class MeasuredReceptance:
+    """Receptance at the tool as measured, in place of the modes of a mechanism.
+
+    Attributes
+    ----------
+    frequencies : ndarray (N,)
+        Hz, ascending.
+    matrices : complex ndarray (N, 2, 2)
+        Displacement per force, along feed and normal: ``r = G F``.
+    """
+
+    frequencies: Array
+    matrices: Array
+
+    def __post_init__(self) -> None:
+        hertz = checked_array(self.frequencies, ("n",), "measured frequencies")
+        parts = np.asarray(self.matrices, complex)
+        for part in (parts.real, parts.imag):
+            checked_array(part, (hertz.size, 2, 2), "measured receptance")
+        if hertz.size < 2 or not (np.diff(hertz) > 0.0).all() or hertz[0] <= 0.0:
+            raise InputError(
+                "measured frequencies cannot be used",
+                expected="two or more above zero, ascending",
+                got=hertz.tolist()[:3],
+            )
+        object.__setattr__(self, "frequencies", fixed(hertz))
+        object.__setattr__(self, "matrices", fixed(parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +88,6 @@ class Lobes:
     chatter: Array
     least: float
 
-    @property
-    def searched(self) -> float:
-        """Depth up to which semi-discretisation looks by default."""
-        return _BEYOND_LEAST * self.least
-
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
         return {
@@ -81,9 +99,37 @@ class Lobes:
 
 
 def _limits(
-    modes: Modes, milling: Milling, damping: Damping | float, frequencies: ArrayLike | None
+    modes: Modes | MeasuredReceptance,
+    milling: Milling,
+    damping: Damping | float,
+    frequencies: ArrayLike | None,
 ) -> tuple[Array, Array, Array]:
     """Chatter frequencies, depths and phases of all eigenvalues with a limit, flat."""
+    hertz, G = _receptance(modes, milling, damping, frequencies)
+    mu = _eigenvalues(milling.mean @ np.nan_to_num(G, nan=0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        L = -1.0 / mu
+        kappa = L.imag / L.real
+        depths = -2 * np.pi * L.real / (milling.teeth * milling.tangential) * (1 + kappa**2)
+    depths = np.where((depths > 0.0) & np.isfinite(depths), depths, np.nan)
+    phases = np.pi - 2 * np.arctan(np.nan_to_num(kappa))
+    every = np.broadcast_to(hertz[:, None], mu.shape)
+    return every, depths, phases
+
+
+def _receptance(
+    modes: Modes | MeasuredReceptance,
+    milling: Milling,
+    damping: Damping | float,
+    frequencies: ArrayLike | None,
+) -> tuple[Array, Array]:
+    """Frequencies (N,) and receptance (N, 2, 2) of the tip along feed and normal."""
+    if isinstance(modes, MeasuredReceptance):
+        if frequencies is not None or damping != 0.0:
+            raise InputError(
+                "a measured receptance has its own frequencies and damping", got="another"
+            )
+        return modes.frequencies, modes.matrices
     if frequencies is None:
         f = modes.frequencies[np.isfinite(modes.frequencies) & (modes.frequencies > 0.0)]
         if f.size == 0:
@@ -99,15 +145,7 @@ def _limits(
         hertz = checked_array(frequencies, ("n",), "frequencies")
     how = damping if isinstance(damping, Damping) else Damping(damping)
     J = _at_tip(modes, milling)
-    mu = _eigenvalues(milling.mean @ np.nan_to_num(transfer(modes, hertz, how, J, J.T), nan=0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        L = -1.0 / mu
-        kappa = L.imag / L.real
-        depths = -2 * np.pi * L.real / (milling.teeth * milling.tangential) * (1 + kappa**2)
-    depths = np.where((depths > 0.0) & np.isfinite(depths), depths, np.nan)
-    phases = np.pi - 2 * np.arctan(np.nan_to_num(kappa))
-    every = np.broadcast_to(hertz[:, None], mu.shape)
-    return every, depths, phases
+    return hertz, transfer(modes, hertz, how, J, J.T)
 
 
 def _at_tip(modes: Modes, milling: Milling) -> Array:
@@ -127,7 +165,7 @@ def _eigenvalues(matrices: Array) -> Array:
 
 
 def limiting_depth(
-    modes: Modes,
+    modes: Modes | MeasuredReceptance,
     milling: Milling,
     damping: Damping | float = 0.0,
     frequencies: ArrayLike | None = None,
@@ -141,7 +179,7 @@ def limiting_depth(
 
 
 def lobes(
-    modes: Modes,
+    modes: Modes | MeasuredReceptance,
     milling: Milling,
     speeds: ArrayLike,
     damping: Damping | float = 0.0,
@@ -151,8 +189,9 @@ def lobes(
 
     Parameters
     ----------
-    modes : Modes
-        Modes of the mechanism that holds the tool (or the workpiece), at a posture, under its load.
+    modes : Modes or MeasuredReceptance
+        Modes of the mechanism that holds the tool (or the workpiece), at a posture, under its load;
+        or what was measured at the tool.
     milling : Milling
         Cutter and force law.
     speeds : array_like (N,)
@@ -187,133 +226,6 @@ def lobes(
             chatter = np.where(better, f[i] + share * (f[i + 1] - f[i]), chatter)
     least = float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
     return Lobes(fixed(n), fixed(best), fixed(chatter), least)
-
-
-def transition_radius(
-    modes: Modes,
-    milling: Milling,
-    speed: float,
-    depth: float,
-    damping: Damping | float = 0.0,
-    steps: int = 40,
-) -> float:
-    """Largest factor by which a motion grows over a tooth's period; below 1 the cut is stable.
-
-    Parameters
-    ----------
-    modes, milling, damping
-        As in `lobes`.
-    speed, depth : float
-        Revolutions per minute; depth of cut.
-    steps : int
-        m of the semi-discretisation.
-
-    Raises
-    ------
-    InputError
-        For a speed or a number of steps that cannot be used.
-    UndefinedError
-        Where a motion has no mass.
-    """
-    if not speed > 0.0 or steps < 2:
-        raise InputError(
-            "cannot be used", expected="a speed above zero, two or more steps", got=[speed, steps]
-        )
-    return _radius(_Cut.of(modes, milling, damping), milling, speed, depth, steps)
-
-
-@dataclass(frozen=True, eq=False)
-class _Cut:
-    """Motion of the tool as first-order modes: ``s' = poles s + into F``, ``r = Re out s``."""
-
-    poles: Array
-    out: Array
-    into: Array
-
-    @classmethod
-    def of(cls, modes: Modes, milling: Milling, damping: Damping | float) -> _Cut:
-        how = damping if isinstance(damping, Damping) else Damping(damping)
-        poles, X, Y = state_space(modes, damping_matrix(modes, how))
-        J = _at_tip(modes, milling)
-        return cls(poles, J @ X, Y @ J.T)
-
-
-def _radius(cut: _Cut, milling: Milling, speed: float, depth: float, m: int) -> float:
-    from scipy.linalg import expm
-
-    tau = 60.0 / (speed * milling.teeth)
-    n, h = cut.poles.size, tau / m
-    pitch = 2 * np.pi / milling.teeth
-    # State: s now, then the positions one to m steps ago.
-    size = n + 2 * m
-    total = np.eye(size, dtype=complex)
-    for i in range(m):
-        A = np.mean(
-            [milling.directional(pitch * (i + x) / m) for x in (0.1, 0.3, 0.5, 0.7, 0.9)], axis=0
-        )
-        B = 0.5 * depth * milling.tangential * cut.into @ A
-        whole = np.zeros((n + 2, n + 2), complex)
-        whole[:n, :n] = np.diag(cut.poles) + B @ cut.out
-        whole[:n, n:] = -B
-        moved = expm(whole * h)
-        step = np.zeros((size, size), complex)
-        step[:n, :n] = moved[:n, :n]
-        # The delayed position half way through the step: between m and m - 1 steps ago.
-        step[:n, size - 2 :] = 0.5 * moved[:n, n:]
-        if m > 1:
-            step[:n, size - 4 : size - 2] = 0.5 * moved[:n, n:]
-        step[n : n + 2, :n] = cut.out
-        step[n + 2 :, n : size - 2] = np.eye(size - n - 2)
-        total = step @ total
-    return float(np.abs(np.linalg.eigvals(total)).max())
-
-
-def depth_by_semi_discretisation(
-    modes: Modes,
-    milling: Milling,
-    speed: float,
-    damping: Damping | float = 0.0,
-    *,
-    steps: int = 40,
-    most: float | None = None,
-    digits: float = 1e-3,
-) -> float:
-    """Smallest depth at which a cut at a speed becomes unstable, by bisection.
-
-    Parameters
-    ----------
-    modes, milling, speed, damping, steps
-        As in `transition_radius`.
-    most : float, optional
-        Largest depth looked at; default ten times the depth that is stable at every speed.
-    digits : float
-        Relative width at which the search ends.
-
-    Returns
-    -------
-    float
-        Infinite where it is stable up to `most`.
-    """
-    cut = _Cut.of(modes, milling, damping)
-    if most is None:
-        most = _BEYOND_LEAST * limiting_depth(modes, milling, damping)
-    if not np.isfinite(most):
-        return float("inf")
-    # The first unstable one of a ladder, then bisection below it.
-    ladder = most * np.geomspace(0.02, 1.0, 24)
-    low, high = 0.0, float("inf")
-    for a in ladder.tolist():
-        if _radius(cut, milling, speed, a, steps) > 1.0:
-            high = a
-            break
-        low = a
-    while np.isfinite(high) and high - low > digits * high:
-        middle = 0.5 * (low + high)
-        if _radius(cut, milling, speed, middle, steps) > 1.0:
-            high = middle
-        else:
-            low = middle
-    return high
 
 
 def limiting_depths(

@@ -94,16 +94,3 @@ class Milling:
             )
 
         return at(self.exit) - at(self.entry)
-
-    def directional(self, turn: float) -> Array:
-        """A (2, 2) when the first tooth is at an angle."""
-        r, total = self.radial, np.zeros((2, 2))
-        for j in range(int(self.teeth)):
-            p = (turn + 2 * np.pi * j / self.teeth) % (2 * np.pi)
-            if not self.entry <= p < self.exit:
-                continue
-            s, c = np.sin(2 * p), np.cos(2 * p)
-            total += np.array(
-                [[-s - r * (1 - c), -(1 + c) - r * s], [(1 - c) - r * s, s - r * (1 + c)]]
-            )
-        return total
