@@ -21,7 +21,6 @@ ALLOWED = {
     "loading/defaults.py": "joints without limits",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
     "loading/yaml_file.py": "the largest number that is read",
-    "loading/sdf/reading.py": "limits that stand for none",
     "many/arithmetic.py": "the largest angle that the sine of the fast code takes",
     "many/machine_code/vector_writer.py": "coefficients of sine and cosine",
     "mechanisms/contract.py": "units",

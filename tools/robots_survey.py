@@ -2,11 +2,11 @@
 
     python tools/robots_survey.py [FOLDER ...] [NAME:=VALUE ...]
 
-Without folders the URDFs of example-robot-data; else every .urdf, .xacro, .sdf and MJCF .xml below
+Without folders the URDFs of example-robot-data; else every .urdf, .xacro and MJCF .xml below
 them, with arguments for xacro files that ask for them; a folder of an installed package may be
 given by the package's name. Each file is loaded and analysed with nothing named; its pose is
-compared with MuJoCo's reading of the same MJCF, or with yourdfpy's of the same URDF (of a xacro or
-SDF file: of what is made of it; without yourdfpy Pinocchio's). A line a robot; at the end how many
+compared with MuJoCo's reading of the same MJCF, or with yourdfpy's of the same URDF (of a xacro
+file: of what is made of it; without yourdfpy Pinocchio's). A line a robot; at the end how many
 load, are refused or are wrong, how many poses were compared, and how many arms show a 6x6 matrix:
 what stands on the floor with six to twelve joints that give the body six motions.
 Files that MuJoCo refuses as well, and parts of robots that only others include, stand apart. Exit
@@ -56,7 +56,7 @@ def folder_of(name: str) -> Path:
 def files_below(folders: list[str]) -> list[Path]:
     """Robot descriptions of all kinds below some folders."""
     found = [path for folder in folders for path in folder_of(folder).rglob("*")]
-    found = [path for path in found if path.suffix in (".urdf", ".xacro", ".xml", ".sdf")]
+    found = [path for path in found if path.suffix in (".urdf", ".xacro", ".xml")]
     return sorted(
         path
         for path in found

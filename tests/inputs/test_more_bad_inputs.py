@@ -60,8 +60,8 @@ def folder(tmp_path_factory):
         "m.zarr.txt": "no map",
         "asks.xacro": XACRO.format("<xacro:arg name='n' default='x'/><link name='$(arg m)'/>"),
         "finds.xacro": XACRO.format("<xacro:include filename='$(find nowhere)/x.xacro'/>"),
-        "gears.sdf": "<sdf version='1.9'><model name='m'><link name='a'/><joint name='j' "
-        "type='gearbox'><parent>world</parent><child>a</child></joint></model></sdf>",
+        "robot.sdf": "<sdf version='1.9'><model name='m'><link name='a'/></model></sdf>",
+        "sdf.yaml": "kind: serial\nmodel: robot.sdf\n",
         "axis.xml": "<mujoco><worldbody><body><joint type='hinge' axis='0 0 0'/>"
         "<geom size='.1'/></body></worldbody></mujoco>",
         "round.yaml": "kind: stewart-gough\nlayout: {base: {radius: -1, half_angle: 0.3}, "
@@ -192,7 +192,8 @@ CASES = [
     (("analyse", "asks.xacro"), "no value for 'm'"),
     (("analyse", "asks.xacro", "--xacro-arg", "q:=3"), "unknown xacro argument"),
     (("analyse", "finds.xacro"), "package 'nowhere' is not found"),
-    (("analyse", "gears.sdf"), "gearbox"),
+    (("analyse", "robot.sdf"), "SDF files are not read; expected URDF or MJCF"),
+    (("analyse", "sdf.yaml"), "SDF files are not read; expected URDF or MJCF"),
     (("analyse", "axis.xml"), "axis too small"),
     (("analyse", "round.yaml"), "key layout.base.radius"),
     (("path", "r.urdf", "grad.csv", *LOAD), "'roll' has an unknown unit"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +92,7 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     ),
     "SDF": (
         '<sdf version="1.6"><model name="x"/></sdf>',
-        ("no movable joints",) if find_spec("rod") else ("cartstiff[sdf]",),
+        ("SDF files are not read", "expected URDF or MJCF"),
     ),
     "HTML": ("<html><body/></html>", ("a web page, not a robot",)),
     "another namespace": (changed("<robot ", '<robot xmlns="http://x" '), ("not a robot",)),

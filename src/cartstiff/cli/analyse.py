@@ -124,8 +124,8 @@ def command(
 ) -> None:
     """Stiffness matrices of MECHANISM at a posture, under every connection.
 
-    MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF, xacro,
-    MJCF or SDF file, or an example robot's name.
+    MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF, xacro
+    or MJCF file, or an example robot's name.
     """
     wrench = request.balanced_wrench
     analysis = replace(analysis, world=applied.world)

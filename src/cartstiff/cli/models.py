@@ -40,4 +40,4 @@ def command(as_json: bool) -> None:
     else:
         say("Robots of example-robot-data: none; pip install 'cartstiff[robots]' adds them.")
     say("")
-    say("Or a path: a mechanism file (.yaml), .urdf, .xacro, .sdf, MJCF .xml.")
+    say("Or a path: a mechanism file (.yaml), .urdf, .xacro, MJCF .xml.")

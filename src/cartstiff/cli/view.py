@@ -50,7 +50,7 @@ def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **text
 
     The page needs no network and loads nothing from outside. The address that is printed holds a
     secret, without which nothing is answered. MECHANISM is a bundled name (see
-    `cartstiff models`), a mechanism file (.yaml), a URDF, xacro, MJCF or SDF file, or
+    `cartstiff models`), a mechanism file (.yaml), a URDF, xacro or MJCF file, or
     an example robot's name.
     """
     if len(others) > _MOST_OTHERS:

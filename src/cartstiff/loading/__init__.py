@@ -49,8 +49,8 @@ def load(
     Parameters
     ----------
     source : str, Path, pinocchio.Model, pinocchio.RobotWrapper or tuple
-        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro, MJCF or SDF
-        file, XML text, or the name of a robot of example-robot-data ("panda") or of
+        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro or MJCF file,
+        XML text, or the name of a robot of example-robot-data ("panda") or of
         robot_descriptions ("ur5e_description"), looked up in this order; or what Pinocchio has in
         hand: a model, a wrapper, or a tuple (model, collision model, visual model).
     frame : str, optional
@@ -219,7 +219,7 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
             where=one_line(text),
-            expected=".yaml, .urdf, .xacro, .sdf or MJCF .xml",
+            expected=".yaml, .urdf, .xacro or MJCF .xml",
         )
     if not robots and text.isidentifier():
         example_robot(text)  # says how to install the robots that this name may be one of

@@ -2,7 +2,7 @@
 
 Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
 A URDF is therefore checked before Pinocchio sees it (`urdf`); MJCF is MuJoCo's to read (`mjcf`),
-and xacro is expanded first (`ros`). SDF is read as the same robot in URDF (`sdf`).
+and xacro is expanded first (`ros`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class RobotDescription:
     urdf : UrdfFacts
         Following joints, planes and notes of a URDF.
     mjcf : MjcfFacts or None
-        Springs, closures, couplings, gravity, posture of an MJCF file; springs and gravity of SDF.
+        Springs, closures, couplings, gravity, posture of an MJCF file.
     pieces : tuple of Piece or None
         What the links look like, where that is not read from the file.
     held : frozenset of str
@@ -83,7 +83,7 @@ class RobotDescription:
 def read_robot_description(
     path: Path, floating: bool = False, ros: Ros | None = None, where: str | None = None
 ) -> RobotDescription:
-    """Read a URDF, xacro, MJCF or SDF file; with `floating` the root of a URDF is free in F.
+    """Read a URDF, xacro or MJCF file; with `floating` the root of a URDF is free in F.
 
     Parameters
     ----------
@@ -112,12 +112,12 @@ def read_robot_description(
         raise InputError(
             "is no xacro file", where=where, expected="no --xacro-arg", got=", ".join(ros.arguments)
         )
-    said = None
     if root.tag == "sdf":
-        from cartstiff.loading.sdf.reading import read_sdf
-
-        expanded, said = read_sdf(root, where)
-        root = parse_text(expanded, where)
+        raise InputError(
+            "SDF files are not read",
+            where=where,
+            expected="URDF or MJCF, as the robot's maker offers it or a converter writes it",
+        )
     if root.tag == "robot":
         facts = prepare_urdf(root, where)
         text = ET.tostring(root, encoding="unicode")
@@ -128,7 +128,7 @@ def read_robot_description(
             except Exception as error:
                 raise InputError("not a usable URDF", where=where, got=str(error)) from None
         packages = tuple(ros.packages)
-        return RobotDescription(path, model, facts, said, text=expanded, packages=packages)
+        return RobotDescription(path, model, facts, text=expanded, packages=packages)
     if root.tag == "mujoco" and expanded is None:
         from cartstiff.loading.mjcf.reading import read_mjcf
 
@@ -137,7 +137,7 @@ def read_robot_description(
     raise InputError(
         "not a robot description",
         where=where,
-        expected="<robot> (URDF), <mujoco> (MJCF) or <sdf>",
+        expected="<robot> (URDF) or <mujoco> (MJCF)",
         got=f"<{one_line(root.tag, 40)}>",
     )
 

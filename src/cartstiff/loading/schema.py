@@ -52,7 +52,7 @@ class _File(FileModel):
 
 
 class _Robot(FileModel):
-    model: FileName = Field(description="name of a robot, or path of URDF, xacro, MJCF or SDF")
+    model: FileName = Field(description="name of a robot, or path of URDF, xacro or MJCF")
     xacro: dict[str, Argument] = Field(default={}, description="arguments of a xacro file by name")
     package_path: list[FileName] = Field(
         default=[], description="folders in which ROS packages are looked for first"

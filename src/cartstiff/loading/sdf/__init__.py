@@ -1,1 +1,0 @@
-"""SDF files, as Gazebo keeps robots; read by rod."""
