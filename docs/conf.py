@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE / "_ext"), str(HERE), str(HERE.parent / "src")]
+sys.path[:0] = [str(HERE / "_ext"), str(HERE), str(HERE.parent), str(HERE.parent / "src")]
 
 from cartstiff.version import __version__  # noqa: E402
 

@@ -31,7 +31,6 @@ ROWS = [
     ["scene"],
     ["page"],
     ["cli"],
-    ["cases"],
 ]
 WORDS = {
     "errors": "refusals and states that carry their numbers",
@@ -54,7 +53,6 @@ WORDS = {
     "scene": "3D pictures",
     "page": "the page in the browser",
     "cli": "parse, call, print",
-    "cases": "published numbers, checked",
 }
 # Read by everything, and read at most errors.
 SMALL = {

@@ -28,6 +28,7 @@ from typing import Any
 import click
 import draw_architecture
 import notebooks
+from cases.case import read_cases
 from codes import codes
 from docutils import nodes
 from docutils.parsers.rst import directives
@@ -37,7 +38,6 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
-from cartstiff.cases.case import read_cases
 from cartstiff.cli import main as cli
 from cartstiff.loading.schema import json_schema
 from cartstiff.report.json_schema import json_schema as output_schema

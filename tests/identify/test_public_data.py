@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.stats
+from cases.case import read_case
 
 import cartstiff
-from cartstiff.cases.case import read_case
 from cartstiff.identify.campaign import identify
 from cartstiff.identify.table import read_measurements
 

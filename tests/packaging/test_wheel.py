@@ -67,9 +67,7 @@ def test_wheel_holds_the_package_the_robots_and_nothing_else(wheel: Path) -> Non
     assert {f"cartstiff/robots/{name}" for name in ROBOTS} <= package
     source = ROOT / "src"
     modules = {path.relative_to(source).as_posix() for path in source.rglob("*.py")}
-    cases = {name for name in package if name.startswith("cartstiff/published_cases/")}
-    assert "cartstiff/published_cases/ziegler-column/case.yaml" in cases
-    assert {name for name in package - cases if name.endswith(".py")} == modules
+    assert {name for name in package if name.endswith(".py")} == modules
 
 
 def test_installed_wheel_analyses_the_platform_from_elsewhere(

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases.__main__ import main
+from cases.case import json_schema, read_case, read_cases
+from cases.run import run_case, table, tool
 from click.testing import CliRunner
 
-from cartstiff.cases.__main__ import main
-from cartstiff.cases.case import json_schema, read_case, read_cases
-from cartstiff.cases.run import run_case, table, tool
 from cartstiff.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -123,10 +123,11 @@ def test_a_case_without_inputs_is_told_and_says_what_is_missing(tmp_path):
 
 def test_as_a_program():
     done = subprocess.run(
-        [sys.executable, "-m", "cartstiff.cases", "--only", "no-such-case"],
+        [sys.executable, "-m", "cases", "--only", "no-such-case"],
         capture_output=True,
         text=True,
         env={"PYTHONPATH": str(ROOT / "src")},
+        cwd=ROOT,
         check=False,
     )
     assert done.returncode == 2

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cartstiff.cases.case import Asked, Case
 from cartstiff.errors import InputError, one_line
+from cases.case import Asked, Case
 
 #: Name of an asked value to what the tool gives for it; what it does not offer is left out.
 Tool = Callable[[dict[str, Any], Path], Mapping[str, Any]]

@@ -1,4 +1,4 @@
-"""``python -m cartstiff.cases``: run the published cases and write the table."""
+"""``python -m cases``: run the published cases and write the table."""
 
 from __future__ import annotations
 
@@ -8,23 +8,14 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cases.case import read_cases
-from cartstiff.cases.run import run_case, table, tool
 from cartstiff.errors import CartstiffError, InputError
-
-
-def bundled() -> Path:
-    """The folder ``cases`` of the checkout or of the installed package."""
-    package = Path(__file__).parents[1] / "published_cases"
-    folder = package if package.is_dir() else Path(__file__).parents[3] / "cases"
-    if not folder.is_dir():
-        raise InputError("the cases are not installed", expected="the path of a folder of cases")
-    return folder
+from cases.case import read_cases
+from cases.run import run_case, table, tool
 
 
 @click.command(
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Example: python -m cartstiff.cases --with cases/plain_numpy.py",
+    epilog="Example: python -m cases --with cases/plain_numpy.py",
 )
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option(
@@ -41,7 +32,7 @@ def main(folder: Path | None, files: tuple[Path, ...], only: tuple[str, ...]) ->
     The exit status is 1 if a value differs from what its case says.
     """
     started = time.monotonic()
-    cases = list(read_cases(folder or bundled()))
+    cases = list(read_cases(folder or Path(__file__).parent))
     names = {path.name for path, _ in cases}
     for name in only:
         if name not in names:

@@ -1,0 +1,1 @@
+"""Published numbers about stiffness, checked: ``python -m cases``."""

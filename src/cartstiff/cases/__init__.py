@@ -1,1 +1,0 @@
-"""Published numbers about stiffness, checked: ``python -m cartstiff.cases``."""
