@@ -269,8 +269,8 @@ def test_quantities_are_listed(run: Run) -> None:
             ("--kind heat", "2 dimension", "x"),
         ),
         (
-            (*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--kind", "violin", "--by", "w"),
-            ("--by", "unknown region"),
+            (*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--kind", "heat", "--by", "w"),
+            ("--by", "unknown axis of the map"),
         ),
         (
             ("map", "cubic", "--quantity", "force", *GRID, "-o", "m.zarr", "--best", "1"),

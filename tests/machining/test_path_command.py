@@ -218,3 +218,23 @@ def test_nothing_is_written_when_refused(run, seam, tmp_path):
     file = tmp_path / "postures.csv"
     run("hexapod", seam, *LOAD, "--csv", file, "--plot", tmp_path / "no" / "p.png", code=2)
     assert not file.exists()
+
+
+def test_eight_cables_have_a_ratio_of_singular_values(run, tmp_path):
+    """Eight cables have no square Jacobian: how near a singularity is shows in their lines."""
+    (tmp_path / "path.csv").write_text("x,y,z,roll,pitch,yaw\n0,0,0.6,0,0,0\n0.05,0,0.6,0,0,0\n")
+    out = run(
+        "cable-robot",
+        tmp_path / "path.csv",
+        "--criterion",
+        "translation_held_min",
+        "--singular",
+        "0.001",
+        "--json",
+    )
+    shown = json.loads(out)
+    cables = cartstiff.load("cable-robot").mechanism
+    for q, ratio in zip(shown["q"], shown["ratios"], strict=True):
+        lines = cables.at(q).lines.lines / ([cables.length] * 3 + [1, 1, 1])
+        values = np.linalg.svd(lines, compute_uv=False)
+        assert ratio == pytest.approx(values[-1] / values[0], rel=1e-9)

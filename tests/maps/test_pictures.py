@@ -59,7 +59,7 @@ def _texts(figure):
     return legends, labels
 
 
-@pytest.mark.parametrize("kind", ["slices", "histogram", "violin", "points"])
+@pytest.mark.parametrize("kind", ["slices", "histogram"])
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_every_kind_is_drawn(cube, tmp_path, kind, ending):
     file = tmp_path / f"m{ending}"
@@ -135,19 +135,15 @@ def test_histogram_of_random_postures(tmp_path):
     data = compute_map(elastic, sampling, [QUANTITY], tmp_path / "r.zarr")
     figure = draw_map(data, QUANTITY)
     assert figure.axes[0].patches[0].get_data().values.sum() == 2500
-    violin = draw_map(data, QUANTITY, by=elastic.names[2])
-    assert violin.axes[0].get_xlabel() == elastic.names[2]
 
 
 def test_a_map_without_numbers_is_drawn_too():
     nothing = _made_up(np.full((3, 3), np.nan), np.ones((3, 3)))
-    for kind in ("heat", "histogram", "points"):
+    for kind in ("heat", "histogram"):
         draw_map(nothing, "stiffness", kind)
     assert _texts(draw_map(nothing, "stiffness", "heat"))[0] == ["serial-singularity"]
-    with pytest.raises(InputError, match="no number"):
-        draw_map(nothing, "stiffness", "violin")
     flat = _made_up(np.full((3, 3), 5.0))
-    for kind in ("heat", "histogram", "points", "violin"):
+    for kind in ("heat", "histogram"):
         draw_map(flat, "stiffness", kind)
 
 
@@ -160,11 +156,9 @@ def test_refusals(cube):
         draw_map(cube, QUANTITY, "heat")
     with pytest.raises(InputError, match="line shows 1"):
         draw_map(cube, QUANTITY, "line")
-    with pytest.raises(UnknownNameError, match="region"):
-        draw_map(cube, QUANTITY, "violin", by="elbow")
     with pytest.raises(UnknownNameError, match="axis of the map"):
         draw_map(cube, QUANTITY, "slices", by="elbow")
-    assert set(KINDS) == {"heat", "slices", "line", "histogram", "violin", "points"}
+    assert set(KINDS) == {"heat", "slices", "line", "histogram"}
 
 
 def test_a_level_is_a_line_and_a_share():

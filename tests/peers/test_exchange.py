@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
 from tests.support import relative_error
 
 import cartstiff
@@ -63,36 +62,6 @@ def test_nastran_reads_the_symmetric_part(result, tmp_path):
     squares = np.linalg.eigvals(np.linalg.solve(_dmig(text, "MBODY"), _dmig(text, "KBODY")))
     hertz = np.sort(np.sqrt(squares.real)) / (2 * np.pi)
     assert hertz == pytest.approx([780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.66], abs=0.05)
-
-
-def test_abaqus_reads_a_lower_triangle(result, tmp_path):
-    write_result(result, tmp_path / "K.inp")
-    text = (tmp_path / "K.inp").read_text().split("NAME=BODY_STIFFNESS\n")[1]
-    K = np.zeros((6, 6))
-    for line in text.split("*MATRIX")[0].splitlines():
-        node, i, other, j, value = line.split(", ")
-        assert node == other == "1"
-        K[int(i) - 1, int(j) - 1] = K[int(j) - 1, int(i) - 1] = float(value)
-    assert relative_error(K, _of_the_node(result, result.B.matrix)) <= 1e-14
-
-
-def test_matlab_reads_everything(result, tmp_path):
-    write_result(result, tmp_path / "K.mat")
-    data = loadmat(tmp_path / "K.mat")
-    for name in "ABKF":
-        assert np.array_equal(data[f"K_{name}"], result.matrices[name])
-        assert np.array_equal(data[f"C_{name}"], result.compliances[name])
-    assert np.array_equal(data["wrench"].ravel(), result.wrench)
-    assert data["order"][0] == "angular-linear"
-
-
-def test_latex_has_each_number(result, tmp_path):
-    write_result(result, tmp_path / "K.tex")
-    text = (tmp_path / "K.tex").read_text()
-    block = text.split("K^A &= \\begin{bmatrix}\n")[1].split("\n\\end{bmatrix}")[0]
-    rows = [row.split(" & ") for row in block.split(" \\\\\n")]
-    values = [[float(re.sub(r" \\cdot 10\^\{(.*)\}", r"e\1", x)) for x in row] for row in rows]
-    assert np.allclose(values, result.A.matrix, rtol=1e-5, atol=1e-9 * np.abs(values).max())
 
 
 def test_mujoco_has_the_stiffness(tmp_path):

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.identify.neighbours import neighbours
 from tests.mechanisms.machines import write_file
 from tests.support import loaded_arm
 from tests.vibration.test_modes import LENGTH, M_1, K, column
@@ -14,7 +15,6 @@ from tests.vibration.test_modes_command import run
 from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.mechanisms.identified import neighbours
 from cartstiff.vibration.accuracy import intervals
 from cartstiff.vibration.comparison import compare
 from cartstiff.vibration.sensitivities import sensitivities

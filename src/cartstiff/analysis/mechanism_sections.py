@@ -28,15 +28,12 @@ from cartstiff.arrays import read_only
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.connections import NAMED
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elements import Elements
-from cartstiff.mechanisms.identified import linearised
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.influence import influence_of
 
 
 def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
@@ -109,60 +106,6 @@ def deflection_found(
     whole = compliance_deflection(C, whole_wrench, point)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
     return FoundDeflection(_without_rounding(whole, r.posture.length), added, acts_at, shares)
-
-
-def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] | None:
-    r"""Half widths of the intervals that measured springs leave of the load's own deflection.
-
-    The twist ``C W`` changes by ``F^T S F W`` with each compliance, under the load
-    (`cartstiff.stiffness.influence`); the whole covariance of the compliances counts.
-
-    Parameters
-    ----------
-    r : PostureStiffness
-        Under a load.
-    point : ndarray (3,)
-        In M, whose displacement is meant.
-
-    Returns
-    -------
-    dict or None
-        "displacement" (3,) along the axes of M, its "in_room" (3,) along those of F, "length" of
-        the displacement, "angle" of the rotation, and the "level"; None where no spring was
-        measured.
-
-    Raises
-    ------
-    UndefinedError
-        Where no linear motion exists.
-    """
-    known = r.elastic.identified
-    if known is None or r.wrench is None:
-        return None
-    elastic = linearised(r.elastic, r.q)
-    known, elements = elastic.identified or known, Elements(elastic)
-    effects = influence_of(r, elements)
-    felt = effects.forces @ r.wrench
-    twist = effects.compliance @ r.wrench
-    changes = effects.forces.T @ (elements.patterns(known.patterns) @ felt).T
-    rates = changes[3:] + np.cross(changes[:3].T, point).T
-    moved = twist[3:] + np.cross(twist[:3], point)
-
-    def half(rows: Array) -> Array:
-        variance = np.einsum("ip,pr,ir->i", rows, known.covariance, rows)
-        return known.factor * np.sqrt(np.maximum(variance, 0.0))
-
-    def along(vector: Array, rows: Array) -> float:
-        size = float(np.linalg.norm(vector))
-        return float(half(vector[None] @ rows / size)[0]) if size > 0.0 else 0.0
-
-    return {
-        "displacement": half(rates).tolist(),
-        "in_room": half(r.pose[:3, :3] @ rates).tolist(),
-        "length": along(moved, rates),
-        "angle": along(twist[:3], changes[:3]),
-        "level": known.level,
-    }
 
 
 def _without_rounding(deflection: Deflection, length: float) -> Deflection:

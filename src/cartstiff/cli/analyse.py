@@ -64,18 +64,15 @@ _options = option_group(
             ".npz",
             ".nas",
             ".bdf",
-            ".inp",
-            ".mat",
-            ".tex",
             ".xml",
             ".dat",
             ".csv",
             ".urdf",
         ),
-        help="Also write the result: .json, .npz, .mat (Matlab), .tex; its stiffness, and a "
-        "platform's mass, for Nastran (.nas, .bdf) or Abaqus (.inp); the machine for MuJoCo "
-        "(.xml), a platform on lines as springs of Nastran (.dat); the geometry as a table (.csv), "
-        "or as a tree (.urdf) with a mechanism file beside it that closes its loops.",
+        help="Also write the result: .json, .npz; its stiffness, and a platform's mass, for "
+        "Nastran (.nas, .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of "
+        "Nastran (.dat); the geometry as a table (.csv), or as a tree (.urdf) with a mechanism "
+        "file beside it that closes its loops.",
     ),
     click.option(
         "--relax",

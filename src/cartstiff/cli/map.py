@@ -175,7 +175,7 @@ _options = option_group(
     option("--picture", type=PICTURE, help="Draw the first quantity to a .png, .svg or .pdf file."),
     click.option(
         "--kind",
-        type=click.Choice(["auto", "heat", "slices", "line", "histogram", "violin", "points"]),
+        type=click.Choice(["auto", "heat", "slices", "line", "histogram"]),
         default="auto",
         show_default=True,
         help="Kind of the picture.",
@@ -183,8 +183,7 @@ _options = option_group(
     click.option(
         "--by",
         metavar="NAME",
-        help="What divides the places into the regions of a violin (x, y, z, radius, or a "
-        "coordinate), or the axis that slices cut.",
+        help="The axis that slices cut.",
     ),
     repeated_option(
         "--slice",
@@ -302,7 +301,7 @@ def command(
     cuts = {n.replace("/", "."): value for n, value in cuts.items()}
     check_cuts(cuts, sampling)
     if picture is not None:
-        _check_picture(kind, by, sampling, cuts, elastic)
+        _check_picture(kind, by, sampling, cuts)
     if best is not None or worst is not None:
         _check_ranked(quantities)
     if below is not None and above is not None:
@@ -408,9 +407,7 @@ def command(
         say("\n".join([*lines, *(describe(told) if told else [])]))
 
 
-def _check_picture(
-    kind: str, by: str | None, sampling: Any, cuts: dict[str, float], elastic: Any
-) -> None:
+def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, float]) -> None:
     """Refuse a picture that does not fit before the map is computed."""
     lengths = dict(zip(sampling.dims, sampling.shape, strict=True))
     wide = [n for n, count in lengths.items() if count > 1 and n not in cuts and n != "branch"]
@@ -422,9 +419,8 @@ def _check_picture(
             expected="--slice or another kind",
             got=", ".join(wide) or "none",
         )
-    regions = wide if kind == "slices" else ["x", "y", "z", "radius", *elastic.names]
-    if by is not None and by not in regions:
-        raise UnknownNameError("region", by, regions, where="--by")
+    if by is not None and by not in wide:
+        raise UnknownNameError("axis of the map", by, wide, where="--by")
 
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:
@@ -460,6 +456,6 @@ def _answer(
             "found": len(file.boxes) - computed,
         },
         "seconds": round(seconds, 3),
-        **{key: about.get(key) for key in ("intervals", "told")},
+        "told": about.get("told"),
         **summed,
     }

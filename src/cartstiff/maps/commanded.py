@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -99,11 +98,6 @@ class CommandedJob(MapJob):
     def stores_q(self) -> bool:
         """The postures are known by equilibria alone."""
         return True
-
-    @cached_property
-    def with_interval(self) -> tuple[str, ...]:
-        """None: how far a machine goes depends on its springs as well."""
-        return ()
 
     def compute(
         self,

@@ -24,7 +24,6 @@ from cartstiff.many.reading.readings import FREQUENCIES, Readings
 from cartstiff.many.work import each_in_turn, timed
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.chunks import usual_chunk
-from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import Grid, Sampling
@@ -131,13 +130,6 @@ class MapJob:
         return usual_chunk(self.sampling.size, 2 * _ROWS if is_quick else None)
 
     @cached_property
-    def with_interval(self) -> tuple[str, ...]:
-        """Quantities whose interval is kept beside them."""
-        if why_none(self.elastic, self.wrench is not None) is not None:
-            return ()
-        return tuple(q.name for q in intervals_of(self.elastic, self.quantities))
-
-    @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Arrays that are asked of `analyse_many`."""
         return self._outputs_of(self.quantities)
@@ -194,8 +186,7 @@ class MapJob:
         else:
             q = self.sampling.postures(box, self.elastic) if solved is None else solved[0]
         count = len(q)
-        names = (*self.names, *map(half_width_name, self.with_interval))
-        arrays = {name: np.full(count, np.nan) for name in names}
+        arrays = {name: np.full(count, np.nan) for name in self.names}
         arrays["state"] = np.full(count, STATES.index(UNREACHABLE), np.uint8)
         arrays["position"] = np.full((count, 3), np.nan)
         if self._closures and not self.sampling.is_closed:
@@ -274,20 +265,13 @@ class MapJob:
         buffers = self._buffers(len(q)) if outputs == self.outputs else None
         result = self._analysed(q, outputs, buffers)
         values = self._values(result, quantities)
-        if self.with_interval:
-            widths = half_widths(
-                self.elastic,
-                lambda other: self._with_springs(other, result.q),
-                self.with_interval,
-            )
-            values |= {half_width_name(name): width for name, width in widths.items()}
         to_own = np.array([_code(c) for c in result.codes], np.uint8)
         return MapRows(result.q, to_own[result.state], result.arrays["pose"], values)
 
     @cached_property
     def _reader(self) -> Reader | None:
         """Machine code that reads some of the quantities."""
-        if not self.by_kernel or self.with_interval:
+        if not self.by_kernel:
             return None
         wrench = None if self.wrench is None else np.array(self.wrench)
         names, own = readable(self.elastic, self.names, wrench, self.load_axes), self.settings
@@ -317,11 +301,6 @@ class MapJob:
         vibrations = self._vibrations(result.q, result.arrays)
         with timed("quantities read from stored matrices", len(result)):
             return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
-
-    def _with_springs(self, other: ElasticMechanism, q: Array) -> dict[str, Array]:
-        """The quantities that have intervals, of the mechanism with other springs."""
-        job = replace(self, elastic=other, names=self.with_interval)
-        return job._values(job._analysed(q, job.outputs), job.quantities)
 
     def _analysed(
         self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None

@@ -1,4 +1,4 @@
-"""Pictures of maps: heat maps, slices, lines, histograms, violins by region, points in space.
+"""Pictures of maps: heat maps, slices, lines, histograms.
 
 Colours come from a map that is readable without colour vision. Cells without a number are grey and
 hatched, and the legend names their state.
@@ -7,17 +7,25 @@ hatched, and the legend names their state.
 from __future__ import annotations
 
 from collections.abc import Callable
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import UnknownNameError
-from cartstiff.maps.drawing.distributions import histogram, points, violin
-from cartstiff.maps.drawing.grids import heat_map, line, slices
-from cartstiff.maps.reading import quantity_of
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.figures import new_figure
+from cartstiff.geometry.se3 import Array
+from cartstiff.maps.reading import best_branch, each_block, quantity_of, state_names, unit_label
+from cartstiff.maps.totals import finite_range
 
 if TYPE_CHECKING:
     import xarray
+
+#: Readable without colour vision.
+COLOURS = "cividis"
+#: A logarithmic scale from this ratio on.
+DECADES = 100.0
+_HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 
 def draw_map(
@@ -41,7 +49,7 @@ def draw_map(
         One of `KINDS`, or "auto": a line, heat map or slices for one, two or three dimensions, a
         histogram for more and for random postures.
     by : str, optional
-        For "violin" and "slices": the axis, joint or direction along which the map is cut.
+        For "slices": the axis along which the map is cut.
     level : float, optional
         For heat maps: a value of the quantity, in its unit, at which a line is drawn.
     angle : str
@@ -64,7 +72,7 @@ def draw_map(
     array = quantity_of(dataset, quantity)
     if kind == "auto":
         if by is not None:
-            kind = "violin"
+            kind = "slices"
         elif "posture" in array.dims:
             kind = "histogram" if array.size > 2000 else "line"
         else:
@@ -72,8 +80,8 @@ def draw_map(
             kind = {0: "histogram", 1: "line", 2: "heat", 3: "slices"}.get(wide, "histogram")
     if kind not in KINDS:
         raise UnknownNameError("kind of picture", kind, KINDS)
-    if by is not None and kind in ("violin", "slices"):
-        return KINDS[kind](dataset, quantity, by)
+    if by is not None and kind == "slices":
+        return slices(dataset, quantity, by)
     if level is not None and kind == "heat":
         return heat_map(dataset, quantity, level)
     return KINDS[kind](dataset, quantity)
@@ -88,12 +96,291 @@ def _in_degrees(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset.assign_coords(shown)
 
 
+def title_of(dataset: xarray.Dataset) -> str:
+    """The mechanism, and where the map is cut."""
+    parts = []
+    for name, value in dataset.coords.items():
+        if value.ndim == 0 and name not in ("joint", "xyz", "branch", "rank"):
+            parts.append(f"{name} = {float(value):.4g} {value.attrs.get('units', '')}".rstrip())
+    branch = ", best branch" if "branches" in dataset else ""
+    fixed = f"\nat {', '.join(parts)}" if parts else ""
+    return f"{dataset.attrs.get('mechanism', '')}{branch}{fixed}"
+
+
+def wrapped(array: xarray.DataArray) -> str:
+    """Words and unit of a quantity in short lines."""
+    return fill(unit_label(array), 40)
+
+
+def colour_norm(values: Array) -> Any:
+    """Scale of the finite values, logarithmic where they span decades."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return Normalize(0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
+    if low > 0 and high > DECADES * low:
+        return LogNorm(low, high)
+    return Normalize(low, high if high > low else low + (abs(low) or 1.0))
+
+
+def reasons_of(dataset: xarray.Dataset, values: Array) -> Array:
+    """Why each cell has no number; "" where it has one."""
+    names = state_names(dataset)
+    state = np.asarray(dataset["state"].values)
+    reasons = np.full(values.shape, "", dtype=object)
+    for code in np.unique(state):
+        name = names.get(int(code), str(code))
+        reasons[(state == code) & ~np.isfinite(values)] = name
+    reasons[(state == 0) & np.isnan(values)] = "undefined"
+    reasons[np.isinf(values)] = "infinite"
+    return reasons
+
+
+def style_of(name: str) -> tuple[str, str]:
+    """Hatch and grey of a reason, the same in every picture."""
+    order = (
+        "undefined",
+        "infinite",
+        "serial-singularity",
+        "unreachable",
+        "not-assembled",
+        "not-computed",
+        "deficient",
+        "unbalanced",
+        "buckled",
+    )
+    i = order.index(name) if name in order else len(order)
+    return _HATCHES[i % len(_HATCHES)], f"{0.92 - 0.06 * (i % 6):.2f}"
+
+
+def add_legend(figure: Any, reasons: set[str]) -> None:
+    """Name the hatches."""
+    from matplotlib.patches import Patch
+
+    handles = []
+    for name in sorted(reasons):
+        hatch, grey = style_of(name)
+        handles.append(Patch(facecolor=grey, edgecolor="0.3", hatch=hatch, label=name))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(4, len(handles)))
+
+
+def squeezed(dataset: xarray.Dataset, quantity: str, count: int, kind: str) -> xarray.Dataset:
+    """One branch, and exactly `count` dimensions."""
+    chosen = best_branch(dataset, quantity)
+    array = chosen[quantity]
+    narrow = {d: 0 for d, n in array.sizes.items() if n == 1}
+    wide = [str(d) for d in array.dims if d not in narrow]
+    if len(wide) != count:
+        raise InputError(
+            f"a {kind} shows {count} dimension(s)",
+            expected="slices of the map" if len(wide) > count else "more dimensions",
+            got=", ".join(wide) or "none",
+        )
+    return chosen.isel(narrow)
+
+
+def _edges(values: Array) -> Array:
+    """Cell borders around equally spaced values."""
+    step = (values[-1] - values[0]) / (len(values) - 1)
+    edges: Array = np.concatenate([values - step / 2, values[-1:] + step / 2])
+    return edges
+
+
+def _axis_label(coordinate: xarray.DataArray) -> str:
+    unit = coordinate.attrs.get("units")
+    return f"{coordinate.name} [{unit}]" if unit else str(coordinate.name)
+
+
+def _in_millimetres(coordinate: xarray.DataArray) -> xarray.DataArray:
+    """A position as drawings have it, where the mechanism has it in metres."""
+    if coordinate.attrs.get("units") != "m":
+        return coordinate
+    shown: xarray.DataArray = coordinate.copy(data=1e3 * np.asarray(coordinate.values, float))
+    shown.attrs["units"] = "mm"
+    return shown
+
+
+def _cells(
+    axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None = None
+) -> tuple[Any, set[str]]:
+    """Coloured cells of two dimensions, and the reasons of those that have no number.
+
+    Positions stand as in the room: x to the right, z up, as long as wide, in mm. At a `level` of
+    the quantity there is a line.
+    """
+    dims = [str(d) for d in dataset[quantity].dims]
+    spatial = set(dims) <= set("xyz")
+    if spatial:
+        dims = sorted(dims, reverse=True)
+        dataset = dataset.transpose(*dims, ...)
+    array = dataset[quantity]
+    y, x = (_in_millimetres(dataset[d]) if spatial else dataset[d] for d in dims)
+    values = np.asarray(array.values, float)
+    shown = np.ma.masked_invalid(values)
+    mesh = axis.pcolormesh(
+        _edges(x.values), _edges(y.values), shown, cmap=COLOURS, norm=norm, rasterized=True
+    )
+    if level is not None and min(values.shape) > 1 and np.isfinite(values).any():
+        low, high = np.nanmin(values), np.nanmax(values)
+        if low < level < high:
+            axis.contour(x.values, y.values, shown, levels=[level], colors="black", linewidths=1.5)
+    if spatial:
+        axis.set_aspect("equal")
+    reasons = reasons_of(dataset, values)
+    for name in sorted(set(reasons[reasons != ""].tolist())):
+        _hatch(axis, x.values, y.values, reasons == name, name)
+    axis.set(xlabel=_axis_label(x), ylabel=_axis_label(y))
+    return mesh, set(reasons[reasons != ""].tolist())
+
+
+def _hatch(axis: Any, x: Array, y: Array, where: Array, name: str) -> None:
+    hatch, grey = style_of(name)
+    axis.pcolormesh(
+        _edges(x),
+        _edges(y),
+        np.ma.masked_where(~where, np.ones(where.shape)),
+        cmap=_one_colour(grey),
+        vmin=0.0,
+        vmax=1.0,
+        rasterized=True,
+    )
+    # Hatching follows the cells' borders: every cell is drawn as two points on each side.
+    xx, yy = np.repeat(_edges(x), 2)[1:-1], np.repeat(_edges(y), 2)[1:-1]
+    fine = np.repeat(np.repeat(where, 2, axis=0), 2, axis=1).astype(float)
+    axis.contourf(xx, yy, fine, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+
+
+def _one_colour(colour: str) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([colour])
+
+
+def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
+    """Colours over the two dimensions of a map, with a line at a level of the quantity."""
+    flat = squeezed(dataset, quantity, 2, "heat map")
+    figure = new_figure()
+    axis = figure.subplots()
+    mesh, reasons = _cells(
+        axis, flat, quantity, colour_norm(np.asarray(flat[quantity].values, float)), level
+    )
+    figure.colorbar(mesh, ax=axis, label=wrapped(flat[quantity]))
+    axis.set_title(title_of(flat))
+    add_legend(figure, reasons)
+    return figure
+
+
+def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count: int = 6) -> Any:
+    """Heat maps at up to six values of the third dimension, with one scale.
+
+    Parameters
+    ----------
+    dataset, quantity
+        As in `draw_map`.
+    by : str, optional
+        The dimension that is cut; default the one with the fewest values.
+    count : int
+        Most heat maps.
+    """
+    flat = squeezed(dataset, quantity, 3, "picture of slices")
+    array = flat[quantity]
+    cut = by if by is not None else str(min(array.dims, key=lambda d: array.sizes[d]))
+    if cut not in array.dims:
+        raise UnknownNameError("axis of the map", cut, [str(d) for d in array.dims])
+    length = array.sizes[cut]
+    chosen = np.unique(np.linspace(0, length - 1, min(count, length)).round().astype(int))
+    columns = min(3, len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure = new_figure(3.0 * columns + 1.4, 2.8 * rows + 0.8)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    parts = [flat.isel({cut: int(i)}) for i in chosen]
+    norm = colour_norm(np.stack([np.asarray(p[quantity].values, float) for p in parts]))
+    reasons: set[str] = set()
+    mesh = None
+    for i, part in enumerate(parts):
+        axis = axes.flat[i]
+        mesh, why = _cells(axis, part, quantity, norm)
+        reasons |= why
+        value = part[cut]
+        axis.set_title(f"{cut} = {float(value):.4g} {value.attrs.get('units', '')}", fontsize=9)
+        axis.label_outer()
+    for axis in list(axes.flat)[len(parts) :]:
+        axis.set_visible(False)
+    figure.colorbar(mesh, ax=axes, label=wrapped(array))
+    figure.suptitle(title_of(dataset))
+    add_legend(figure, reasons)
+    return figure
+
+
+def line(dataset: xarray.Dataset, quantity: str) -> Any:
+    """A curve along the only dimension of a map; grey where there is no number."""
+    flat = squeezed(dataset, quantity, 1, "line")
+    array = flat[quantity]
+    dim = str(array.dims[0])
+    name = "time" if "time" in flat.coords else dim
+    x = np.asarray(flat[name].values if name in flat.coords else np.arange(array.size), float)
+    values = np.asarray(array.values, float)
+    figure = new_figure()
+    axis = figure.subplots()
+    marker = "." if np.isfinite(values).sum() < 200 else ""
+    axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
+    reasons = reasons_of(flat, values)
+    edges = _edges(x) if len(x) > 1 else np.array([-0.5, 0.5])
+    present = set(reasons[reasons != ""].tolist())
+    for reason in sorted(present):
+        hatch, grey = style_of(reason)
+        rows = np.flatnonzero(reasons == reason)
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            axis.axvspan(
+                edges[run[0]],
+                edges[run[-1] + 1],
+                facecolor=grey,
+                edgecolor="0.3",
+                hatch=hatch,
+                linewidth=0,
+            )
+    axis.set(xlabel=_axis_label(flat[name]) if name in flat.coords else name)
+    axis.set_ylabel(wrapped(array))
+    axis.set_title(title_of(flat))
+    add_legend(figure, present)
+    return figure
+
+
+def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
+    """How often each value occurs; on a logarithmic axis where it spans decades."""
+    array = quantity_of(dataset, quantity)
+    lows, highs, _, numbers = zip(
+        *each_block(dataset, {quantity: finite_range})[quantity], strict=True
+    )
+    low, high, missing = min(lows), max(highs), array.size - sum(numbers)
+    figure = new_figure()
+    axis = figure.subplots()
+    if np.isfinite(low):
+        logarithmic = low > 0 and high > DECADES * low
+        wide = high if high > low else low + (abs(low) or 1.0)
+        spaced = np.geomspace if logarithmic else np.linspace
+        edges = spaced(low, wide, bins + 1)
+        edges[0], edges[-1] = low, wide  # no value is lost to rounding
+
+        def counted(values: Array) -> Array:
+            return np.histogram(values[np.isfinite(values)].astype(float), edges)[0]
+
+        counts = np.sum(each_block(dataset, {quantity: counted})[quantity], axis=0)
+        axis.stairs(counts, edges, fill=True, color="#4c6ca0")
+        if logarithmic:
+            axis.set_xscale("log")
+    axis.set(xlabel=unit_label(array), ylabel="postures")
+    axis.set_title(f"{title_of(dataset)}: {array.size - missing} of {array.size} postures")
+    return figure
+
+
 #: Pictures by name.
 KINDS: dict[str, Callable[..., Any]] = {
     "heat": heat_map,
     "slices": slices,
     "line": line,
     "histogram": histogram,
-    "violin": violin,
-    "points": points,
 }

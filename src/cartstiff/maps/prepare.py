@@ -21,7 +21,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_READING, Backend, lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.commanded import CommandedJob, CommandGrid
-from cartstiff.maps.intervals import half_width_name, why_none
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
 from cartstiff.maps.sampling import Sampling, dimension_name
@@ -240,7 +239,6 @@ def prepare_map(
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
-        **_about_intervals(job),
         **_about_command(job),
         **_versions(),
         "description": json.dumps(description),
@@ -249,16 +247,6 @@ def prepare_map(
         q.name: {"units": q.unit_in(units), "long_name": q.description}
         | ({} if q.better is None else {"better": q.better})
         for q in chosen
-    }
-    known = elastic.identified
-    variables |= {
-        half_width_name(q.name): {
-            "units": q.unit_in(units),
-            "long_name": f"half width of the {100 * known.level:g} % interval of {q.name} that "
-            "measured springs leave",
-        }
-        for q in chosen
-        if known is not None and q.name in job.with_interval
     }
     variables["state"] = {
         "long_name": "state of the mechanism",
@@ -298,22 +286,6 @@ def _about_command(job: MapJob) -> dict[str, str]:
     if not isinstance(job, CommandedJob) or not job.told:
         return {}
     return {"told": ", ".join(f"{name} by {x:+g}" for name, x in job.told.items())}
-
-
-def _about_intervals(job: MapJob) -> dict[str, str]:
-    """What is said of intervals where springs were measured."""
-    known = job.elastic.identified
-    if known is None:
-        return {}
-    if isinstance(job, CommandedJob):
-        return {"intervals": "no intervals after a command: where it leads depends on the springs"}
-    if (none := why_none(job.elastic, job.wrench is not None)) is not None:
-        return {"intervals": none.message}
-    words = f"half widths of {100 * known.level:g} % intervals, from springs measured"
-    words += f" on {known.date} in {known.rows} rows" if known.date else f" in {known.rows} rows"
-    if known.undetermined:
-        words += f"; not in them: {', '.join(known.undetermined)}, which the rows do not show"
-    return {"intervals": words}
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:

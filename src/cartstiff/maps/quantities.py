@@ -367,7 +367,6 @@ QUANTITIES: dict[str, Quantity] = {
             _unstable,
             (*_K, *_C),
             better="smaller",
-            is_elastic=False,
         ),
         Quantity(
             "natural_length",
@@ -401,7 +400,6 @@ QUANTITIES: dict[str, Quantity] = {
             _ratio,
             ("jacobian",),
             "length",
-            is_elastic=False,
         ),
         Quantity(
             "manipulability",
@@ -409,7 +407,6 @@ QUANTITIES: dict[str, Quantity] = {
             "{length}^3",
             _manipulability,
             ("jacobian",),
-            is_elastic=False,
         ),
         *_vibration_quantities(),
         Quantity(
@@ -419,7 +416,6 @@ QUANTITIES: dict[str, Quantity] = {
             lambda s: np.linalg.norm(s.arrays["wrench"][:, :3], axis=1),
             ("wrench",),
             better=None,
-            is_elastic=False,
         ),
         Quantity(
             "force",
@@ -428,7 +424,6 @@ QUANTITIES: dict[str, Quantity] = {
             lambda s: np.linalg.norm(s.arrays["wrench"][:, 3:], axis=1),
             ("wrench",),
             better=None,
-            is_elastic=False,
         ),
         Quantity(
             "energy",

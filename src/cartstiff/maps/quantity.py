@@ -245,8 +245,6 @@ class Quantity:
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
         Which end is the best posture.
-    is_elastic : bool
-        Whether springs decide it, smoothly: then it has an interval where they were measured.
     """
 
     name: str
@@ -256,7 +254,6 @@ class Quantity:
     needs: tuple[str, ...]
     asks: Literal["direction", "deflect", "length", "damping", "milling"] | None = None
     better: Literal["larger", "smaller"] | None = "larger"
-    is_elastic: bool = True
 
     def unit_in(self, units: Units) -> str:
         """The unit with the mechanism's names."""

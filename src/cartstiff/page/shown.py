@@ -18,7 +18,6 @@ from cartstiff.analysis.indices import condition, held_values, spectrum
 from cartstiff.analysis.mechanism_sections import (
     FoundDeflection,
     deflection_found,
-    deflection_half_width,
 )
 from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
@@ -292,15 +291,11 @@ def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
     found = _deflection(result, state, notes)
     if found is None:
         return None
-    spread = notes.attempt(
-        "interval of the deflection", deflection_half_width, result, np.array(state.point)
-    )
     whole, rows = found.whole, found.shares["shares"] if found.shares else []
     return {
         "displacement": whole.displacement.tolist(),
         "in_room": (result.pose[:3, :3] @ whole.displacement).tolist(),
         "rotation": whole.twist[:3].tolist(),
-        "half_width": plain(spread),
         "energy": plain(whole.energy),
         "acts_at": found.acts_at.tolist(),
         "resisted": _resists(result),

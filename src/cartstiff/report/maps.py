@@ -38,7 +38,6 @@ def describe_map(
         *_load(answer),
         *([weighed] if weighed else []),
         *([f"drives are told to move on: {answer['told']}"] if answer.get("told") else []),
-        *([answer["intervals"]] if answer.get("intervals") else []),
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
@@ -83,17 +82,14 @@ def describe_map(
 def ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
     """Rows of a table of postures, for JSON."""
     from cartstiff.analysis.plain import plain
-    from cartstiff.maps.intervals import half_width_name
     from cartstiff.maps.reading import best, state_names, worst
 
-    width = half_width_name(name)
     rows = (best if which == "best" else worst)(dataset, name, count)
     names = state_names(dataset)
     joints = [str(j) for j in dataset["joint"].values]
     return [
         {
             "value": plain(rows[name].values[i]),
-            **({"half_width": plain(rows[width].values[i])} if width in rows else {}),
             "q": dict(zip(joints, plain(rows["q"].values[i]), strict=True)),
             "position": plain(rows["position"].values[i]),
             "state": names[int(rows["state"].values[i])],
@@ -129,15 +125,13 @@ def _postures(
     if not rows:
         return ["  none"]
     sizes = [degrees(1.0) if head.endswith("[deg]") else 1.0 for head in coordinates]
-    half = ["half_width"] if "half_width" in rows[0] else []  # where springs were measured
-    titles = ["value", *(name.replace("_", " ") for name in half), *coordinates]
+    titles = ["value", *coordinates]
     titles += [f"{c} [{units['length']}]" for c in "xyz"]
     return table(
         titles,
         [
             [
                 number(row["value"]),
-                *(number(row[name], 3) for name in half),
                 *(number(q * s) for q, s in zip(row["q"].values(), sizes, strict=True)),
                 *(number(x) for x in row["position"]),
             ]

@@ -51,10 +51,10 @@ def write_result(
 ) -> None:
     """Write a result as JSON (.json), NumPy arrays (.npz, with the JSON inside), or for others.
 
-    Nastran (.nas, .bdf; legs as springs: .dat), Abaqus (.inp), Matlab (.mat), LaTeX (.tex), MuJoCo
-    (.xml, platforms on lines), the geometry as a table (.csv) or a tree (.urdf, with a mechanism
-    file of the same name that closes its loops): `cartstiff.report.exchange`. `data` is the
-    JSON object, if it holds more than ``result.as_dict()``.
+    Nastran (.nas, .bdf; legs as springs: .dat), MuJoCo (.xml, platforms on lines), the geometry
+    as a table (.csv) or a tree (.urdf, with a mechanism file of the same name that closes its
+    loops): `cartstiff.report.exchange`. `data` is the JSON object, if it holds more than
+    ``result.as_dict()``.
     """
     if path.suffix.lower() in EXCHANGE:
         write_whole(path, exchanged(result, path.suffix.lower()))

@@ -55,7 +55,6 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         f"{facts['smallest_ratio']:.3g}",
         result.configuration,
         result.collisions if isinstance(result.collisions, str) else result.collisions["message"],
-        *(note.message for note in result.notes if note.code == "no-intervals"),
         "",
         "Postures",
     ]
@@ -63,16 +62,12 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     if result.angles is not None:
         heads.append("angle [deg]")
     heads.append(result.criterion.name + of_criterion)
-    if result.half_widths is not None:
-        heads.append("half width" + of_criterion)
     body = []
     for i, q in enumerate(shown(result.elastic, result.q[:_MOST])):
         row = [str(i + 1), *(f"{v:.5f}" for v in q)]
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
         row.append(number(float(result.values[i])))
-        if result.half_widths is not None:
-            row.append(number(float(result.half_widths[i]), 3))
         body.append(tuple(row))
     lines += table(heads, body)
     if len(result.q) > _MOST:

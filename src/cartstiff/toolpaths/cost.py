@@ -11,11 +11,9 @@ from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
-from cartstiff.maps.intervals import half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath
@@ -171,22 +169,6 @@ class PathCost:
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         return Judged(value, cost, ratio, side)
-
-    @property
-    def no_intervals(self) -> Note | None:
-        """Why springs that were measured leave no interval of the criterion here."""
-        return why_none(self.elastic, self.loaded)
-
-    def half_widths(self, q: Array, points: Array, poses: Array) -> Array | None:
-        """Half widths (N,) of the intervals that measured springs leave of the criterion."""
-        if not intervals_of(self.elastic, [self.quantity]) or self.no_intervals is not None:
-            return None
-        name = self.quantity.name
-        return half_widths(
-            self.elastic,
-            lambda other: {name: replace(self, elastic=other)(q, points, poses).value},
-            [name],
-        )[name]
 
     def _loads(self, points: Array, poses: Array) -> Array:
         """Wrenches (N, 6) in body components, about the point at which they act."""

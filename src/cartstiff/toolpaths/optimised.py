@@ -10,7 +10,6 @@ import numpy as np
 from cartstiff.arrays import csv_text
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.collisions import NOT_CHECKED
-from cartstiff.maps.intervals import half_width_name
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import shown
@@ -76,9 +75,7 @@ class OptimisedPath:
     candidates : int
         Postures that were compared before the refinement.
     notes : tuple of Note
-        From loading, and why there are no intervals.
-    half_widths : ndarray (m,) or None
-        Half widths of the intervals of `values`, where springs were measured.
+        From loading.
     collisions : dict or str
         What was tested (`cartstiff.loading.collisions.Collisions`), or that nothing was.
     off_singular : bool or None
@@ -104,7 +101,6 @@ class OptimisedPath:
     constant: ConstantChoice | None
     candidates: int
     notes: tuple[Note, ...] = field(default=())
-    half_widths: Array | None = None
     collisions: dict[str, Any] | str = NOT_CHECKED
     off_singular: bool | None = True
     nearby: float | None = None
@@ -192,7 +188,6 @@ class OptimisedPath:
             "poses": self.poses.tolist(),
             "angles": None if self.angles is None else self.angles.tolist(),
             "values": self.values.tolist(),
-            "half_widths": None if self.half_widths is None else self.half_widths.tolist(),
             "ratios": self.ratios.tolist(),
             "constant": None
             if self.constant is None
@@ -243,7 +238,4 @@ class OptimisedPath:
         if self.constant is not None:
             columns.append(self.constant.values[:, None])
             names.append(f"{self.criterion.name}_constant{unit}")
-        if self.half_widths is not None:
-            columns.append(self.half_widths[:, None])
-            names.append(f"{half_width_name(self.criterion.name)}{unit}")
         return csv_text(np.hstack(columns), names)

@@ -65,18 +65,14 @@ export function deflectionPanel(store) {
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
     const turned = turn * store.hello.mechanism.size > CLOSE * way ? turn : 0;
     const what = store.state.point.some((x) => x) ? "the point" : "M";
-    const half = moved.half_width; // where the springs were measured
-    const level = half ? `${short(100 * half.level, 3)} % intervals from the measured springs` : "";
-    const within = (text) => (half ? ` \u00b1 ${text}` : "");
-    head.replaceChildren(`${what} moves `, el("b", {}, length(way) + within(half && length(half.length))),
-      ` and turns `, el("b", {}, `${short(1000 * turned, 3)}${within(half && short(1000 * half.angle, 2))} mrad`));
-    head.title = `To first order, from where the springs rest without this load${half ? `; ${level}` : ""}`;
+    head.replaceChildren(`${what} moves `, el("b", {}, length(way)),
+      ` and turns `, el("b", {}, `${short(1000 * turned, 3)} mrad`));
+    head.title = "To first order, from where the springs rest without this load";
     const row = (name, value, title) => el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
     detail.append(
       row("tool axes", vector(moved.displacement), "along the axes of M"),
       row("room axes", vector(moved.in_room), "along the axes of F"),
       ...(moved.acts_at.some((x) => x) ? [row("wrench at M", wrenchText(wrench), "moment and force about the origin of M, along its axes")] : []),
-      ...(half ? [row("\u00b1", vector(half.in_room), `${level}, along the axes of F`)] : []),
       row("energy", `${short(moved.energy, 3)} ${store.unit("moment")}`, "that the load puts into the springs"));
     const says = assumptions(store, moved);
     line.textContent = says;

@@ -243,7 +243,7 @@ export class Living {
     const turn = twist.slice(0, 3).map((x) => (Math.abs(x) * m.length > ROUNDING * size ? x : 0));
     const { values } = eigen(m.C.load);
     return {
-      displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, half_width: null, energy, acts_at: m.at,
+      displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, energy, acts_at: m.at,
       resisted: values[0] >= 0 || -values[0] <= ZERO * Math.max(...values.map(Math.abs)),
       shares: this.shares(m, twist, shift, energy, state.point).map((share, i) => ({ name: this.data.names[i], share })), notes: [],
     };

@@ -1,4 +1,4 @@
-r"""A stiffness for other programs: Nastran, Abaqus, Matlab, LaTeX, and a machine for MuJoCo.
+"""A stiffness for other programs: Nastran, and a machine for MuJoCo.
 
 Finite-element programs take one symmetric matrix of a node to the ground, rows and columns
 (translation, rotation): K^B about the body frame's origin, here along the axes of F. What of the
@@ -8,7 +8,6 @@ the unit that goes with those of length, force and second.
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable
 
@@ -109,71 +108,6 @@ def _nastran(result: PostureStiffness) -> bytes:
     return ("\n".join(line.rstrip() for line in lines) + "\n").encode()
 
 
-def _abaqus(result: PostureStiffness) -> bytes:
-    """A node with its matrices as sparse input, lower triangles."""
-    matrices = {"STIFFNESS": _stiffness(result), "MASS": _mass(result)}
-    known = {kind: K for kind, K in matrices.items() if K is not None}
-    at = ", ".join(f"{x:.15e}" for x in result.pose[:3, 3])
-    lines = [*[f"** {line}" for line in _said(result)], "*NODE, NSET=BODY", f"1, {at}"]
-    for kind, K in known.items():
-        lines.append(f"*MATRIX INPUT, NAME=BODY_{kind}")
-        lines += [f"1, {i + 1}, 1, {j + 1}, {K[i, j]:.16e}" for i in range(6) for j in range(i + 1)]
-    lines.append("*MATRIX ASSEMBLE, " + ", ".join(f"{kind}=BODY_{kind}" for kind in known))
-    return ("\n".join(lines) + "\n").encode()
-
-
-def _matlab(result: PostureStiffness) -> bytes:
-    """All matrices, order angular-linear."""
-    from scipy.io import savemat
-
-    units = result.elastic.units
-    data: dict[str, object] = {
-        "name": result.elastic.name,
-        "order": "angular-linear",
-        "q": result.q,
-        "pose": result.pose,
-        "units": {"length": units.length, "force": units.force, "angle": "rad"},
-    }
-    data |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
-    data |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}
-    for name in ("wrench", "jacobian"):
-        if (value := getattr(result, name)) is not None:
-            data[name] = value
-    if (mass := _mass(result)) is not None:
-        data["M_of_the_node"] = mass
-    buffer = io.BytesIO()
-    savemat(buffer, data)
-    return buffer.getvalue()
-
-
-def _latex(result: PostureStiffness) -> bytes:
-    """Each different matrix, order angular-linear, six digits."""
-    units = result.elastic.units
-
-    def number(x: float, size: float) -> str:
-        if abs(x) <= numerics.ROUNDING * size:
-            return "0"
-        mantissa, _, exponent = f"{x:.6g}".partition("e")
-        return mantissa + (rf" \cdot 10^{{{int(exponent)}}}" if exponent else "")
-
-    shown: list[str] = []
-    for name, K in result.matrices.items():
-        if K is None:
-            continue
-        size = float(np.abs(K).max())
-        rows = " \\\\\n".join(" & ".join(number(x, size) for x in row) for row in K)
-        shown.append(f"K^{name} &= \\begin{{bmatrix}}\n{rows}\n\\end{{bmatrix}}")
-    if not shown:
-        raise result.reduction.undefined()
-    comments = [f"% {line}" for line in _said(result)[:2]]
-    comments.append(
-        f"% rows (moment, force), columns (rotation, translation): {units.force}, "
-        f"{units.length}, rad; \\usepackage{{amsmath}}"
-    )
-    body = " \\\\\n".join(shown)
-    return ("\n".join([*comments, "\\begin{align*}", body, "\\end{align*}"]) + "\n").encode()
-
-
 def _mujoco(result: PostureStiffness) -> bytes:
     """A platform on lines as a free body on spatial tendons; chains joint by joint; in SI units."""
     elastic, posture = result.elastic, result.posture
@@ -250,9 +184,6 @@ def _mujoco(result: PostureStiffness) -> bytes:
 EXCHANGE: dict[str, Callable[[PostureStiffness], bytes]] = {
     ".nas": _nastran,
     ".bdf": _nastran,
-    ".inp": _abaqus,
-    ".mat": _matlab,
-    ".tex": _latex,
     ".xml": _mujoco,
     ".dat": legs_of_nastran,
     ".csv": geometry_csv,
