@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,6 @@ from cartstiff.loading.catalogue import (
     example_robot,
     example_robots,
 )
-from cartstiff.loading.shorthand.parameters import Parameters
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 
@@ -229,15 +227,11 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading.build import serial_of, with_overrides
     from cartstiff.loading.defaults import default_frame
-    from cartstiff.loading.keys.checked import robot_alone
     from cartstiff.loading.parts import described, joints_that_move
+    from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
-    alone = robot_alone(model)
-    if alone is None:
-        from cartstiff.loading.schema import SerialFile
-
-        alone = SerialFile.model_construct(kind="serial", model=model)
+    alone = SerialFile.model_construct(kind="serial", model=model)
     serial = with_overrides(alone, overrides, where)
     description = described(serial, None)
     facts = description.facts
@@ -280,14 +274,8 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
 
 
 def _from_file(path: Path, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.from_checked import mechanism_of
-    from cartstiff.loading.keys.checked import checked_before
     from cartstiff.loading.yaml_file import read_yaml
 
-    kept = None if overrides.get("parameters") else checked_before(path)
-    if kept is not None:
-        with suppress(InputError):  # the message needs the lines of the file
-            return mechanism_of(kept[0], Parameters(kept[1], {}), path, overrides)
     return from_data(*read_yaml(path), path, overrides)
 
 

@@ -13,7 +13,8 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
-from cartstiff.loading.keys.checked import Checked, pose_of
+from cartstiff.loading.keys.bodies import PayloadModel
+from cartstiff.loading.keys.words import PoseModel, pose_of
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -327,7 +328,7 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
             if total == 0
             else ((own * np.array(at) + mass * np.array(centre)) / total)
         )
-        payload = Checked("PayloadModel", ("mass", "com"), mass=total, com=com.tolist())
+        payload = PayloadModel.model_construct(mass=total, com=com.tolist())
     if (gravity := overrides.get("gravity")) is not None:
         keys["gravity"] = list(gravity)
     if payload is not file.payload:
@@ -335,9 +336,9 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     return file.model_copy(update=keys) if keys else file
 
 
-def _model_of(T: Array) -> Checked:
-    keys = {"xyz": T[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(T).tolist()}
-    return Checked("PoseModel", keys, **keys)
+def _model_of(T: Array) -> PoseModel:
+    xyz, rpy = T[:3, 3].tolist(), se3.roll_pitch_yaw(T).tolist()
+    return PoseModel.model_construct(xyz=xyz, rpy=rpy)
 
 
 def _with_ros(file: Any, overrides: Mapping[str, Any], where: str) -> Any:

@@ -12,7 +12,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
-from cartstiff.loading.keys.checked import pose_of
+from cartstiff.loading.keys.words import pose_of
 from cartstiff.loading.mjcf.facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,

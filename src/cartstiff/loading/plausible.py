@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cartstiff.loading.keys.checked import form_of
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
@@ -99,13 +98,13 @@ def file_notes(file: Any) -> list[Note]:
 def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
     """All entries of a model in a file, by the keys that lead to them."""
     inner: Iterable[tuple[str, Any]] = ()
-    if form_of(value) == form:
+    if type(value).__name__ == form:
         yield place, value
     elif hasattr(value, "model_fields_set"):
         inner = ((key, getattr(value, key)) for key in value.model_fields_set)
     elif isinstance(value, dict):
         inner = value.items()
-    elif isinstance(value, list) and value and form_of(value[0]) == "LegModel":
+    elif isinstance(value, list) and value and type(value[0]).__name__ == "LegModel":
         inner = ((str(i), entry) for i, entry in enumerate(value, start=1))
     for key, entry in inner:
         yield from _each(entry, f"{place}.{key}" if place else key, form)

@@ -11,7 +11,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.checked import pose_of
+from cartstiff.loading.keys.words import pose_of
 from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns

@@ -12,7 +12,6 @@ from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.checked import pose_of
 from cartstiff.loading.keys.words import (
     RIGID,
     FileModel,
@@ -27,6 +26,7 @@ from cartstiff.loading.keys.words import (
     Vector,
     Vectors,
     only_one,
+    pose_of,
 )
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.superelement import (

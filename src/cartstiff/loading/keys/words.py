@@ -6,9 +6,12 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, WrapValidator
 from pydantic_core import PydanticCustomError
 
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 _MOST = LARGEST_NUMBER
@@ -73,6 +76,13 @@ class PoseModel(FileModel):
 
     xyz: Vector = [0.0, 0.0, 0.0]
     rpy: Vector = [0.0, 0.0, 0.0]
+
+
+def pose_of(entry: PoseModel) -> Array:
+    """4x4 pose of an entry."""
+    if not any(entry.xyz) and not any(entry.rpy):
+        return np.eye(4)
+    return se3.from_roll_pitch_yaw(entry.xyz, entry.rpy)
 
 
 class UnitsModel(FileModel):

@@ -12,9 +12,8 @@ import pinocchio as pin
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.checked import pose_of
 from cartstiff.loading.keys.springs import JointSpringModel
-from cartstiff.loading.keys.words import PoseModel
+from cartstiff.loading.keys.words import PoseModel, pose_of
 from cartstiff.loading.legs.drawing import drawn, one_each
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import LegModel, NamedLegs, ParallelFile

@@ -11,7 +11,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.checked import pose_of
+from cartstiff.loading.keys.words import pose_of
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.mounted_struts import Mount, MountedStruts
