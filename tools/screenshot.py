@@ -1,4 +1,4 @@
-"""The page as a picture: ``python tools/screenshot.py`` writes docs/images/page.png anew.
+"""The page and a report as pictures: ``python tools/screenshot.py`` writes them to docs/images/.
 
 Needs a Chromium (tools/provide_browser.sh) and playwright.
 """
@@ -8,11 +8,15 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "images" / "page.png"
+REPORT_TARGET = TARGET.with_name("report.png")
 
 #: A UR5 that carries a weight of 100 N, posture A pinned before the elbow was bent.
 MECHANISM = "ur5"
@@ -21,6 +25,11 @@ STATE = (
     "&connection=A&load=0,0,0,0,0,-100&load_axes=inertial"
 )
 SIZE = {"width": 1280, "height": 720}
+
+#: The report of the README; its first screen is taken.
+REPORT = ["report", "ur10", "--tcp", "0,0,0.15", "--payload", "4,0,0,-0.05"]
+REPORT += ["--load", "0,0,0,0,0,-300", "--world"]
+REPORT_SIZE = {"width": 900, "height": 720}
 
 #: Software rendering, no calls home; as root a sandbox is not to be had.
 FLAGS = [
@@ -87,8 +96,23 @@ def pictures(browser: Any, url: str, themes: tuple[str, ...] = ("light",)) -> li
     return found
 
 
-def main(target: Path = TARGET) -> None:
-    """Serve the page, take its picture, write it."""
+def report_picture(browser: Any) -> bytes:
+    """PNG of the first screen of the README's report, with its page drawn."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "report.html"
+        command = [sys.executable, "-m", "cartstiff", *REPORT, "-o", str(file)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        page = browser.new_page(viewport=REPORT_SIZE, color_scheme="light", reduced_motion="reduce")
+        page.set_default_timeout(300_000)
+        page.goto(file.as_uri())
+        page.wait_for_timeout(15_000)  # the page inside it, by software rendering
+        png: bytes = page.screenshot()
+        page.close()
+    return png
+
+
+def main() -> None:
+    """Serve the page, make the report, take their pictures, write them."""
     from playwright.sync_api import sync_playwright
 
     import cartstiff
@@ -101,20 +125,15 @@ def main(target: Path = TARGET) -> None:
         with sync_playwright() as playwright:
             browser = launch(playwright)
             (png,) = pictures(browser, server.url + STATE)
+            found = {TARGET: png, REPORT_TARGET: report_picture(browser)}
             browser.close()
     finally:
         server.close()
-    write_whole(target, png)
-    print(f"Wrote {target} ({len(png) / 1000:.0f} kB)")
+    for target, png in found.items():
+        write_whole(target, png)
+        print(f"Wrote {target} ({len(png) / 1000:.0f} kB)")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Write the page of a UR5 as a picture.")
-    parser.add_argument(
-        "target",
-        nargs="?",
-        type=Path,
-        default=TARGET,
-        help="PNG file; default docs/images/page.png",
-    )
-    main(parser.parse_args().target)
+    argparse.ArgumentParser(description="Write the pictures of the README anew.").parse_args()
+    main()

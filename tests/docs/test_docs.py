@@ -123,26 +123,6 @@ def test_links_of_plain_pages_exist(name):
 _TABLE = re.compile(r"^\| \| cartstiff \|.*?(?=\n\n)", re.M | re.S)
 
 
-def _cells(path: Path) -> dict[tuple[str, str], str]:
-    """Cells of the comparison's tables by row and tool, without footnotes."""
-    text = re.sub(r" ?\[\^\w+\]", "", path.read_text(encoding="utf-8"))
-    found: dict[tuple[str, str], str] = {}
-    for table in _TABLE.findall(text):
-        rows = [
-            [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()
-        ]
-        for name, *cells in rows[2:]:
-            for tool, cell in zip(rows[0][1:], cells, strict=True):
-                assert found.setdefault((name, tool), cell) == cell, (name, tool)
-    return found
-
-
-def test_the_short_comparison_is_a_part_of_the_long_one():
-    short, long = _cells(ROOT / "README.md"), _cells(DOCS / "comparison.md")
-    assert short
-    assert {name: long.get(name) for name in short} == short
-
-
 def test_every_cell_of_the_comparison_that_claims_something_has_a_source():
     text = (DOCS / "comparison.md").read_text(encoding="utf-8")
     used = set(re.findall(r"\[\^(\w+)\]", "".join(_TABLE.findall(text))))
