@@ -61,7 +61,6 @@ SMALL = {
     "choices",
     "expressions",
     "figures",
-    "graded",
     "lazily",
     "matrix_names",
     "notebook",

@@ -10,13 +10,16 @@ from tests.laws.test_many_engine import arm, assert_same
 from tests.mechanisms.machines import joint, write_urdf
 
 import cartstiff
+from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_RECORDING
 from cartstiff.many.postures import OUTPUTS, analyse_many
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.maps.quantity import needed_outputs
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-RECORDED = tuple(name for name in OUTPUTS if not name.startswith("root"))
 WRENCH = np.array([1.0, 2.0, -3.0, 40.0, 50.0, -6.0])
+_FREEDOMS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 COUNT = WORTH_RECORDING + 7
 
 
@@ -28,8 +31,8 @@ def singular(n: int, zeros: tuple[int, ...] = (4,), seed: int = 0) -> Array:
 
 
 def check(elastic: ElasticMechanism, q: Array, by_engine: int, **load: object) -> dict[str, int]:
-    assert_same(elastic, q, "portable", outputs=RECORDED, **load)
-    found = analyse_many(elastic, q, outputs=RECORDED, path="portable", **load)
+    assert_same(elastic, q, "portable", outputs=OUTPUTS, **load)
+    found = analyse_many(elastic, q, outputs=OUTPUTS, path="portable", **load)
     assert found.by_engine == by_engine
     return found.counts()
 
@@ -60,7 +63,7 @@ def test_springs_that_turn_the_self_motion():
     found = analyse_many(elastic, q, outputs=("stiffness_B", "wrench"), path="portable")
     assert found.counts() == {"regular": 7, "unbalanced": 100}
     assert found.by_engine == 0
-    assert_same(elastic, q, "portable", outputs=RECORDED)
+    assert_same(elastic, q, "portable", outputs=OUTPUTS)
 
 
 def test_nearer_and_nearer():
@@ -113,6 +116,60 @@ def test_an_arm_that_is_singular_in_every_posture_is_decided_without_an_inverse(
     ]
     planar = cartstiff.load(write_urdf(tmp_path, *joints), frame="l6").with_springs(1e3)
     q = np.random.default_rng(3).uniform(-1, 1, (COUNT, 7))
-    found = analyse_many(planar, q, path="portable", outputs=RECORDED)
+    found = analyse_many(planar, q, path="portable", outputs=OUTPUTS)
     assert not found.is_regular.any()
-    assert_same(planar, q, "portable", outputs=RECORDED)
+    assert_same(planar, q, "portable", outputs=OUTPUTS)
+
+
+def test_quantities_of_maps_where_there_is_no_stiffness():
+    """What `analyse` calls null is undefined; compliances are those of ``J k^-1 J^T`` by NumPy."""
+    elastic = cartstiff.load("ur5")
+    settings = Settings("load", 0.3, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 3.0, 0.0, 4.0))
+    of_stiffness = [
+        "condition",
+        "minimum",
+        "isotropy",
+        "determinant",
+        "unstable_directions",
+        "natural_length",
+        "translation_condition",
+        "rotation_condition",
+        "along_held",
+        "about_held",
+        *(f"{f}_{o}_{e}" for f in _FREEDOMS for o in ("held", "free") for e in ("min", "max")),
+    ]
+    of_compliance = [
+        f"compliance_{f}_{o}_{e}"
+        for f in _FREEDOMS
+        for o in ("free", "held")
+        for e in ("min", "max")
+    ]
+    names = [*of_stiffness, *of_compliance, "along_free", "deflection"]
+    quantities = choose_quantities(names, settings, elastic)
+    q = singular(6)[:WORTH_RECORDING]
+    found = analyse_many(elastic, q, outputs=needed_outputs(quantities, settings))
+    assert found.counts() == {"serial-singularity": len(q)}
+    assert found.by_engine == 0
+    values = evaluate(quantities, found.arrays, settings)
+    answer = analyse_posture(cartstiff.analyse(elastic, q[0]), length=0.3)
+    assert answer["indices"] is answer["stiffness"] is None
+    for name in of_stiffness:
+        assert np.isnan(values[name]).all(), name
+    for i in (0, 50, 99):
+        J = cartstiff.analyse(elastic, q[i]).jacobian
+        C = (J / elastic.springs.stiffness) @ J.T
+        assert values["along_free"][i] == pytest.approx(1.0 / C[5, 5], rel=1e-12)
+        moved = np.linalg.norm((C @ settings.deflect)[3:])
+        assert values["deflection"][i] == pytest.approx(moved, rel=1e-12)
+        for freedom, own in _FREEDOMS.items():
+            other = np.delete(np.arange(6), own)
+            left = (
+                C[own, own]
+                - C[own][:, other] @ np.linalg.inv(C[np.ix_(other, other)]) @ (C[other][:, own])
+            )
+            for others, block in (("free", C[own, own]), ("held", left)):
+                low, _, high = np.linalg.eigvalsh(block)
+                size = 1e-12 * np.abs(C[own, own]).max()
+                for end, value in (("min", low), ("max", high)):
+                    got = values[f"compliance_{freedom}_{others}_{end}"][i]
+                    assert got == pytest.approx(value, rel=1e-9, abs=size)

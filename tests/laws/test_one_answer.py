@@ -245,7 +245,7 @@ def _same(got, expected, tolerance, what):
 def test_one_answer(name, load):
     first = MECHANISMS.index(name) + LOADS.index(load)
     for i in range(first % 3, len(DISTANCES), 3):
-        check_posture(name, load, DISTANCES[i], 15 if i % 2 else 2, first)
+        check_posture(name, load, DISTANCES[i], 9 if i % 2 else 2, first)
 
 
 @pytest.mark.parametrize(
@@ -254,13 +254,13 @@ def test_one_answer(name, load):
         ("closed chain", "dead force", 1e-1, 6, 1046),  # unstable
         ("platform", "dead force", 1e-2, 2, 1051),  # unstable
         ("closed chain", "spring", 1e-2, 6, 1417),  # a saddle, whose fall is rounding
-        ("platform", "none", 1e-1, 15, 1108),  # tensions of stiff legs are rounding
+        ("platform", "none", 1e-1, 9, 1108),  # tensions of stiff legs are rounding
         ("platform", "none", 1e-2, 2, 1412),  # stiff legs round the force along a soft motion
-        ("6R", "dead moment", 1e-6, 15, 1341),
-        ("platform", "dead force", 1e-1, 15, 2160),  # unstable, beside stiff legs
+        ("6R", "dead moment", 1e-6, 9, 1341),
+        ("platform", "dead force", 1e-1, 9, 2160),  # unstable, beside stiff legs
         ("platform", "follower", 1e-6, 6, 2319),  # the load fixes tensions to nine digits
         ("closed chain", "conservative", 1e-10, 9, 500206),  # regular beside what is type 2
-        ("7R", "conservative", 1e-6, 12, 510477),  # K alone: no pivot is small, the inverse large
+        ("7R", "conservative", 1e-6, 9, 510477),  # K alone: no pivot is small, the inverse large
         ("platform", "spring", 1e-7, 6, 656904),  # tensions leave soft motions eight digits
     ],
 )
@@ -348,7 +348,8 @@ def check_posture(name, load, distance, decades, seed):
     ellipsoids = single["ellipsoids"]
     free = ellipsoids["stiffness"]["translation"]["free"]
     if free is not None and at_origin.tangent_compliance is not None:
-        turned = ellipsoids["stiffness"]["rotation"]["free"]["eigenvalues"]
+        turned = ellipsoids["stiffness"]["rotation"]["free"]
+        turned = [None] if turned is None else turned["eigenvalues"]
         least, _, most = free["eigenvalues"]
         _same(numbers["translation_free_min"], least, tolerance, "free min")
         # Of the compliance the stiffest direction is known as far as the softest leaves digits.
@@ -356,17 +357,23 @@ def check_posture(name, load, distance, decades, seed):
         _same(numbers["translation_free_max"], most, known, "free max")
         _same(numbers["rotation_free_min"], turned[0], tolerance, "free rotation")
         _same(numbers["along_free"], single["directions"][-1]["along"]["free"], tolerance, "along")
-        held = ellipsoids["stiffness"]["translation"]["held"]["eigenvalues"]
+        held = ellipsoids["stiffness"]["translation"]["held"]
+        held = [np.nan] * 3 if held is None else held["eigenvalues"]
         known = max(tolerance, 10.0 * _promised(at_origin, "stiffness"))
         if "near-type-2-singularity" in _codes(result):  # of the largest, as the compliance above
             known = max(known, SAME * np.abs(held).max() / abs(held[0]))
-        _same(numbers["translation_held_min"], held[0], known, "held")
+        if np.isfinite(held).all() or np.isfinite(numbers["translation_held_min"]):
+            _same(numbers["translation_held_min"], held[0], known, "held")
         for kind in ("along", "about"):
             _same(numbers[f"{kind}_held"], single["directions"][-1][kind]["held"], known, kind)
-        condition = single["indices"]["condition_number"] or np.inf
-        _same(numbers["condition"], condition, max(1e-6, known), "condition")
-        if known < 1.0:  # else a note says that K does not hold it
-            _same(numbers["minimum"], single["indices"]["minimum_stiffness"], tolerance, "minimum")
+        indices = single["indices"]
+        if indices is None:
+            assert np.isnan([numbers["condition"], numbers["minimum"]]).all()
+        else:
+            condition = indices["condition_number"] or np.inf
+            _same(numbers["condition"], condition, max(1e-6, known), "condition")
+            if known < 1.0:  # else a note says that K does not hold it
+                _same(numbers["minimum"], indices["minimum_stiffness"], tolerance, "minimum")
     soft = ellipsoids["compliance"]["translation"]["free"]
     if soft is not None and np.isfinite(numbers["compliance_translation_free_max"]):
         _same(numbers["compliance_translation_free_max"], soft["eigenvalues"][2], tolerance, "soft")

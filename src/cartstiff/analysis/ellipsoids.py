@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import graded, numerics
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -34,9 +34,8 @@ from cartstiff.analysis.matrices import (
     move_stiffness,
     symmetric_part,
 )
-from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, read_only
+from cartstiff.arrays import checked_matrix, checked_unit, read_only
 from cartstiff.errors import UndefinedError, UnknownNameError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
 Freedom = Literal["translation", "rotation"]
@@ -199,20 +198,16 @@ def stiffness_ellipsoid(
     others: Others,
     T_m_n: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
-    root: Array | None = None,
 ) -> Ellipsoid:
     """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses.
 
-    The inverse, the compliance (6, 6), gives what the stiffness has no digits for; its root
-    (6, 6), see `cartstiff.graded`, what neither has, and is all that is read where it is given.
+    The inverse, the compliance (6, 6), gives what the stiffness has no digits for.
 
     Raises
     ------
     UndefinedError
         As `stiffness_block`; code ``"lost-digits"`` where neither knows a principal value.
     """
-    if root is not None:
-        return _of_root(root, freedom, others, T_m_n, is_stiffness=True)
     return _of_pair(stiffness_block, stiffness, compliance_block, inverse, freedom, others, T_m_n)
 
 
@@ -222,37 +217,13 @@ def compliance_ellipsoid(
     others: Others,
     T_m_n: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
-    root: Array | None = None,
 ) -> Ellipsoid:
     """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances.
 
-    The inverse, the stiffness (6, 6), gives what the compliance has no digits for; the root as in
-    `stiffness_ellipsoid`, with the same errors.
+    The inverse, the stiffness (6, 6), gives what the compliance has no digits for. The errors are
+    those of `stiffness_ellipsoid`.
     """
-    if root is not None:
-        return _of_root(root, freedom, others, T_m_n, is_stiffness=False)
     return _of_pair(compliance_block, compliance, stiffness_block, inverse, freedom, others, T_m_n)
-
-
-# Rounding of a root of the compliance, over its largest row.
-_OF_A_ROOT = 64.0
-
-
-def _of_root(
-    root: Array, freedom: Freedom, others: Others, T: ArrayLike | None, is_stiffness: bool
-) -> Ellipsoid:
-    """Ellipsoid of a block of C = G G^T or of its inverse, from G."""
-    keep, is_held = _choice(freedom, others)
-    if T is not None:
-        root = se3.adjoint(se3.inverse(checked_pose(T, "frame"))) @ root
-    values, vectors = graded.eigenpairs(graded.held(root, keep) if is_held else root[keep])
-    if is_stiffness:
-        return shape_of(values, vectors, "positive")
-    values, vectors = 1.0 / values[::-1], vectors[:, ::-1]
-    # Squares of the root's rounding are what is left of a motion that does not exist.
-    size = float((root[keep] ** 2).sum())
-    values = np.where(values > (_OF_A_ROOT * numerics.EPSILON) ** 2 * size, values, 0.0)
-    return shape_of(values, vectors, definiteness(values, zero=0.0))
 
 
 def _moved(block: Callable[..., Array], matrix: ArrayLike, T: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import graded, numerics
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -100,7 +100,6 @@ def indices_of(
     stiffness: ArrayLike,
     length: float,
     compliance: ArrayLike | None = None,
-    root: Array | None = None,
 ) -> Indices:
     r"""All indices at a length scale.
 
@@ -116,8 +115,6 @@ def indices_of(
     compliance : array_like, shape (6, 6), optional
         The inverse, where it is known better than the stiffness tells it: near a singularity the
         small eigenvalues come from there.
-    root : ndarray, shape (6, 6), optional
-        Root of the inverse, see `cartstiff.graded`, from which all of them come where it is given.
 
     Raises
     ------
@@ -126,7 +123,7 @@ def indices_of(
     """
     K = as_symmetric(stiffness)
     C = None if compliance is None else as_symmetric(compliance, "compliance")
-    values, x, kind = spectrum(K, length, C, root)
+    values, x, kind = spectrum(K, length, C)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = condition(values)
     shares = np.sum(x[:3] ** 2, axis=0)
@@ -143,30 +140,25 @@ def indices_of(
         float(values[0]),
         twist,
         float(np.prod(values) * length**6),
-        condition(held_values(K, C, "translation", root)),
-        condition(held_values(K, C, "rotation", root)),
+        condition(held_values(K, C, "translation")),
+        condition(held_values(K, C, "rotation")),
     )
 
 
-def spectrum(
-    K: Array, length: float, C: Array | None = None, root: Array | None = None
-) -> tuple[Array, Array, Definiteness]:
+def spectrum(K: Array, length: float, C: Array | None = None) -> tuple[Array, Array, Definiteness]:
     """Eigenvalues (6,) and eigenvectors (6, 6) of K_l, and the definiteness, as in `indices_of`.
 
     Parameters and errors are those of `indices_of`; K and C are symmetric.
     """
     scaled = with_angles_times(K, 1.0 / checked_length(length))
     inverse = None if C is None else with_angles_times(C, length)
-    if root is not None:
-        values, x = graded.eigenpairs(_scaled_root(root, length))
-    else:
-        values, x = numerics.eigenpairs(scaled, inverse)
+    values, x = numerics.eigenpairs(scaled, inverse)
     if any(v != v for v in values.tolist()):
         raise lost_digits(values, "the stiffness matrix")
     return (
         values,
         x,
-        _definiteness(K) if root is inverse is None else definiteness(values, zero=0.0),
+        _definiteness(K) if inverse is None else definiteness(values, zero=0.0),
     )
 
 
@@ -179,18 +171,9 @@ def _definiteness(K: Array) -> Definiteness:
     return definiteness(values, zero=0.0)
 
 
-def _scaled_root(root: Array, length: float) -> Array:
-    """Root of the compliance with angles multiplied by a length."""
-    return root * np.repeat([length, 1.0], 3)[:, None]
-
-
-def held_values(
-    K: Array, C: Array | None, freedom: Literal["translation", "rotation"], root: Array | None
-) -> Array:
+def held_values(K: Array, C: Array | None, freedom: Literal["translation", "rotation"]) -> Array:
     """Eigenvalues (3,) of a diagonal block of K; its inverse is C with the other freedom held."""
     block = TRANSLATION if freedom == "translation" else ROTATION
-    if root is not None:
-        return graded.eigenvalues(graded.held(root, block))
     alone = numerics.eigenvalues(K[block, block])
     if C is None or numerics.hold_all_digits(alone):
         return alone
@@ -209,7 +192,7 @@ def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
 
 
 def best_conditioned_length(
-    stiffness: ArrayLike, compliance: ArrayLike | None = None, root: Array | None = None
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
 ) -> tuple[float, float]:
     r"""Length at which the condition number is smallest, and that number.
 
@@ -227,8 +210,6 @@ def best_conditioned_length(
     start = balancing_length(K)
 
     def at(lengths: Array) -> Array:
-        if root is not None:
-            return graded.extremes(root, lengths)
         d = np.repeat(np.column_stack([1.0 / lengths, np.ones(lengths.size)]), 3, axis=1)
         scale = d[:, :, None] * d[:, None, :]
         return numerics.eigenvalues(K * scale, None if C is None else C / scale)

@@ -226,37 +226,52 @@ def _plainly_eliminated(m: Array, keep: slice, rest: slice) -> tuple[Array, floa
     return free, loss, is_plain
 
 
-def _block(matrix: Array, rows: slice | Array, columns: slice | Array) -> Array:
-    if isinstance(rows, slice) or isinstance(columns, slice):
-        return matrix[rows, columns]
-    return matrix[np.ix_(rows, columns)]
-
-
 def _eliminated(m: Array, kept: slice | Array, others: slice | Array) -> Array:
-    length = balancing_length(m)
-    per_length = 1.0 / length
-    d = np.array([per_length, per_length, per_length, 1.0, 1.0, 1.0])
-    scaled = m * d[:, None] * d
-    inner, edge = _block(scaled, others, others), _block(scaled, others, kept)
-    u, values, vt = np.linalg.svd(inner)
-    largest = float(np.abs(scaled).max())
-    rank = int(np.count_nonzero(values > numerics.ZERO * largest))
-    moves = vt[:rank].T @ ((u[:, :rank].T @ edge) / values[:rank, None])
-    left = float(np.abs(inner @ moves - edge).max())
-    # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
-    # semidefinite matrix.
-    if left > np.sqrt(numerics.ZERO) * largest:
+    free, left, values, length = _on_kept(m[None], np.r_[kept], np.r_[others])
+    if np.isnan(free).any():
         raise UndefinedError(
             "the other freedoms are loaded where they have no stiffness: no balance exists",
             code="singular",
-            values={"singular_values": values.tolist(), "unbalanced": left, "length": length},
+            values={
+                "singular_values": values[0].tolist(),
+                "unbalanced": float(left[0]),
+                "length": float(length[0]),
+            },
         )
-    block = _block(scaled, kept, kept)
-    free = block - _block(scaled, kept, others) @ moves
-    if np.abs(free).max() <= numerics.ZERO * np.abs(block).max():
-        free = np.zeros_like(block)  # all of it was taken away
-    result: Array = free / d[kept][:, None] / d[kept]
-    return result
+    return free[0]
+
+
+def eliminate_each(stack: Array, keep: slice) -> Array:
+    """`eliminate` of matrices (N, 6, 6) for a block (N, 3, 3); NaN where no answer exists."""
+    every = np.arange(6)
+    return _on_kept(stack, every[keep], np.delete(every, every[keep]))[0]
+
+
+def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array, Array]:
+    """What `eliminate` says of matrices (N, 6, 6), NaN where no balance exists, and why.
+
+    That is how much of the load is left (N,), the singular values of ``M_oo`` (N, k), and the
+    lengths (N,), both with lengths measured so that both diagonal blocks are equally large.
+    """
+    length = np.array([balancing_length(matrix) for matrix in m])
+    d = np.ones((len(m), 6))
+    d[:, :3] /= length[:, None]
+    scaled = m * d[:, :, None] * d[:, None, :]
+    inner, edge = scaled[:, others[:, None], others], scaled[:, others[:, None], kept]
+    u, values, vt = np.linalg.svd(inner)
+    largest = np.abs(scaled).max(axis=(1, 2))
+    is_held = values > numerics.ZERO * largest[:, None]
+    gains = np.where(is_held, 1.0 / np.where(is_held, values, 1.0), 0.0)
+    moves = vt.swapaxes(1, 2) @ (gains[:, :, None] * (u.swapaxes(1, 2) @ edge))
+    left = np.abs(inner @ moves - edge).max(axis=(1, 2))
+    block = scaled[:, kept[:, None], kept]
+    free = block - scaled[:, kept[:, None], others] @ moves
+    is_all = np.abs(free).max(axis=(1, 2)) <= numerics.ZERO * np.abs(block).max(axis=(1, 2))
+    free[is_all] = 0.0  # all of it was taken away
+    # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
+    # semidefinite matrix.
+    free[left > np.sqrt(numerics.ZERO) * largest] = np.nan
+    return free / d[:, kept, None] / d[:, None, kept], left, values, length
 
 
 def lost_digits(values: Array, what: str) -> UndefinedError:
@@ -269,9 +284,7 @@ def lost_digits(values: Array, what: str) -> UndefinedError:
     )
 
 
-def stiffness_of_motion(
-    twist: Array, stiffness: Array, root: Array | None = None, is_singular: bool = False
-) -> float | None:
+def stiffness_of_motion(twist: Array, stiffness: Array, is_singular: bool = False) -> float | None:
     """``t^T K t`` of a motion t (6,), the other freedoms held; None where its digits are lost.
 
     Parameters
@@ -280,9 +293,6 @@ def stiffness_of_motion(
         t.
     stiffness : ndarray, shape (6, 6)
         K, symmetric.
-    root : ndarray, shape (6, 6), optional
-        Root G of the compliance, see `cartstiff.graded`, which holds a soft motion beside stiff
-        ones: ``|G^-1 t|^2``.
     is_singular : bool
         K has no inverse: what may be rounding of its terms is zero.
     """
@@ -291,8 +301,6 @@ def stiffness_of_motion(
     rounding = numerics.EPSILON * terms
     if rounding <= numerics.TELLING * abs(value):
         return value
-    if root is not None:
-        return float(np.sum(np.linalg.solve(root, twist) ** 2))
     if is_singular and abs(value) <= numerics.ZERO * terms:
         return 0.0
     return value if rounding <= numerics.LOST * abs(value) else None

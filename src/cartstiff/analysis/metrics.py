@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import graded, numerics
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -60,9 +60,7 @@ class CharacteristicLength:
     reason: str
 
 
-def natural_length(
-    stiffness: ArrayLike, compliance: ArrayLike | None = None, root: Array | None = None
-) -> float:
+def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> float:
     r"""Length at which rotation and translation are equally stiff, from the stiffness alone.
 
     ``(det S / det K_tt)^(1/6)`` with ``S = K_rr - K_rt K_tt^-1 K_tr`` the rotational stiffness with
@@ -76,30 +74,22 @@ def natural_length(
         Symmetric.
     compliance : array_like, shape (6, 6), optional
         Its inverse, where that is known better than by inversion.
-    root : ndarray, shape (6, 6), optional
-        Root of the inverse, see `cartstiff.graded`, which is all that is read where it is given.
 
     Raises
     ------
     UndefinedError
         Code ``"no-natural-length"`` unless both blocks are positive definite.
     """
-    return _natural_length(*_checked(stiffness, compliance, root), root)
+    return _natural_length(*_checked(stiffness, compliance))
 
 
-def _checked(K: ArrayLike, C: ArrayLike | None, root: Array | None) -> tuple[Array, Array | None]:
-    """Stiffness and compliance as symmetric matrices; with a root nobody reads them."""
-    if root is not None:
-        return root, None
+def _checked(K: ArrayLike, C: ArrayLike | None) -> tuple[Array, Array | None]:
+    """Stiffness and compliance as symmetric matrices."""
     return as_symmetric(K), None if C is None else as_symmetric(C, "compliance")
 
 
-def _natural_length(K: Array, C: Array | None, root: Array | None) -> float:
+def _natural_length(K: Array, C: Array | None) -> float:
     """`natural_length` of matrices known to be symmetric."""
-    if root is not None:
-        turning = graded.eigenvalues(root[ROTATION])
-        moving = graded.eigenvalues(graded.held(root, TRANSLATION))
-        return float(np.exp((np.log(turning).sum() - np.log(moving).sum()) / 6.0))
     if C is None and (length := _length_of_positive(K)) is not None:
         return length
     translation, rotation = _principal_values(K, C)
@@ -187,7 +177,6 @@ def length_from_inertia(mass: float, inertia: ArrayLike) -> float:
 def characteristic_length(
     stiffness: ArrayLike | None = None,
     compliance: ArrayLike | None = None,
-    root: Array | None = None,
     *,
     given: float | None = None,
     mass: float | None = None,
@@ -202,16 +191,16 @@ def characteristic_length(
         value = length_from_inertia(mass, inertia)
         return CharacteristicLength(value, "inertia", "radius of gyration of the body")
     if stiffness is None:
-        return length_of_pair(None, None, None)
-    return length_of_pair(*_checked(stiffness, compliance, root), root)
+        return length_of_pair(None, None)
+    return length_of_pair(*_checked(stiffness, compliance))
 
 
-def length_of_pair(K: Array | None, C: Array | None, root: Array | None) -> CharacteristicLength:
-    """The natural length of a `StiffnessInFrame.pair` and its root, else one unit, and why."""
+def length_of_pair(K: Array | None, C: Array | None) -> CharacteristicLength:
+    """The natural length of a `StiffnessInFrame.pair`, else one unit, and why."""
     if K is None:
         return CharacteristicLength(1.0, "unit", "one unit of length: there is no stiffness matrix")
     try:
-        value = _natural_length(K, C, root)
+        value = _natural_length(K, C)
     except UndefinedError:
         reason = "one unit of length: none is natural, as the stiffness is not positive definite"
         return CharacteristicLength(1.0, "unit", reason)
@@ -270,7 +259,6 @@ def modes(
     metric: ArrayLike,
     name: str = "user",
     compliance: ArrayLike | None = None,
-    root: Array | None = None,
 ) -> MetricModes:
     r"""Eigenvalues and twists of K with respect to a metric, by Cholesky reduction.
 
@@ -282,8 +270,6 @@ def modes(
         Carried in the result; under "inertia" the result has frequencies.
     compliance : array_like, shape (6, 6), optional
         The inverse, which gives what the stiffness has no digits for.
-    root : ndarray, shape (6, 6), optional
-        Root of the inverse, see `cartstiff.graded`, from which all values come where it is given.
 
     Raises
     ------
@@ -303,10 +289,7 @@ def modes(
     half = np.linalg.solve(L, K)
     reduced = np.linalg.solve(L, half.T)
     inverse = None if compliance is None else L.T @ as_symmetric(compliance, "compliance") @ L
-    if root is not None:
-        values, y = graded.eigenpairs(L.T @ root)
-    else:
-        values, y = numerics.eigenpairs(reduced, inverse)
+    values, y = numerics.eigenpairs(reduced, inverse)
     if np.isnan(values).any():
         raise lost_digits(values, "the stiffness matrix")
     twists = np.linalg.solve(L.T, y)

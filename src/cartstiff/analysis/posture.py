@@ -126,7 +126,6 @@ def analyse_posture(
             compliance=here.compliances[name],
             inverse=here.pair(name, "held")[1],
             is_singular=stiffness[name] is not None and here.compliances[name] is None,
-            roots={others: here.root(name, others) for others in ("held", "free")},
             mass=mass,
             inertia=inertia,
             mass_centre=mass_centre,

@@ -42,7 +42,6 @@ from cartstiff.analysis.screws import eigenscrews
 from cartstiff.analysis.synthesis import realisability, realise
 from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, checked_vector
 from cartstiff.errors import UndefinedError, UnknownNameError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.in_frame import inverse_pair
 from cartstiff.stiffness.posture_notes import error_of_soft_directions
@@ -64,7 +63,6 @@ def summarise(
     connection: str | None = None,
     compliance: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
-    roots: Mapping[str, Array | None] | None = None,
     is_singular: bool = False,
     mass: float | None = None,
     inertia: ArrayLike | None = None,
@@ -94,9 +92,6 @@ def summarise(
     inverse : array_like, shape (6, 6), optional
         Inverse of the symmetric part of the analysed matrix, in frame M, where it is known better
         than the matrix tells it.
-    roots : mapping of str to (6, 6) array or None, optional
-        Roots of `inverse` ("held") and of the symmetric part of `compliance` ("free") in frame M,
-        see `cartstiff.graded`: principal values and indices come from them where they are given.
     is_singular : bool
         Whether the analysed matrix is known to have no inverse, whatever its rounding says.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
@@ -147,11 +142,7 @@ def summarise(
         C = symmetric_part(inverse if T_m_n is None else move_compliance(inverse, T_m_n))
     elif base is not None and not numerics.is_about_symmetric(base):
         C = None if (inverted := numerics.invert(symmetric_part(base))) is None else inverted.matrix
-    G = {others: None if roots is None else roots.get(others) for others in ("held", "free")}
-    if T_m_n is not None:
-        back = se3.adjoint(se3.inverse(checked_pose(T_m_n, "frame")))
-        G = {others: None if root is None else back @ root for others, root in G.items()}
-    scale = characteristic_length(K, C, G["held"], given=length, mass=mass, inertia=inertia)
+    scale = characteristic_length(K, C, given=length, mass=mass, inertia=inertia)
     if K is None:
         reason = (
             "no stiffness matrix exists here; what follows comes from the compliance alone"
@@ -175,10 +166,10 @@ def summarise(
         "length": scale,
         "stiffness": K,
         "compliance": free[1],
-        "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, G, notes),
-        "directions": _directions(K, free[1], G["held"], C is None, axes),
+        "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, notes),
+        "directions": _directions(K, free[1], C is None, axes),
     }
-    result |= _of_stiffness(K, C, G["held"], scale.value, metric, springs, notes)
+    result |= _of_stiffness(K, C, scale.value, metric, springs, notes)
     minus = stiffness.get("A")
     result["asymmetry"] = result["connections"] = None
     if minus is not None:
@@ -228,10 +219,9 @@ def _moved(
 
 def _ellipsoids(
     pairs: Mapping[str, tuple[Array | None, Array | None]],
-    roots: Mapping[str, Array | None],
     notes: Notes,
 ) -> dict[str, Any]:
-    """Nested by quantity, freedom and others; `pairs` and their `roots` by the last."""
+    """Nested by quantity, freedom and others; `pairs` by the last."""
     tables: dict[str, Any] = {}
     for i, (quantity, function) in enumerate(
         (("stiffness", stiffness_ellipsoid), ("compliance", compliance_ellipsoid))
@@ -248,7 +238,6 @@ def _ellipsoids(
                     others,
                     None,
                     pair[1 - i],
-                    roots[others],
                 )
                 for others, pair in pairs.items()
             }
@@ -260,7 +249,6 @@ def _ellipsoids(
 def _directions(
     K: Array | None,
     C: Array | None,
-    root: Array | None,
     is_singular: bool,
     axes: Mapping[str, Array],
 ) -> list[dict[str, Any]]:
@@ -282,7 +270,7 @@ def _directions(
                     free = 1.0 / (twist @ C @ twist)
             elif K is not None:
                 free = Notes().attempt(kind, function, K, axis, np.zeros(3), "free")
-            held = None if K is None else stiffness_of_motion(twist, K, root, is_singular)
+            held = None if K is None else stiffness_of_motion(twist, K, is_singular)
             row[kind] = {"held": held, "free": free}
         table.append(row)
     return table
@@ -314,7 +302,6 @@ _OF_STIFFNESS = (
 def _of_stiffness(
     K: Array | None,
     C: Array | None,
-    G: Array | None,
     length: float,
     metric: tuple[str, Array],
     springs: bool,
@@ -329,8 +316,8 @@ def _of_stiffness(
         notes.add(reason, f"centre ({what.replace('_', ' ')})")
     screws = eigenscrews(K)
     twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
-    numbers = notes.attempt("indices", indices_of, K, length, C, G)
-    best = notes.attempt("indices", best_conditioned_length, K, C, G)
+    numbers = notes.attempt("indices", indices_of, K, length, C)
+    best = notes.attempt("indices", best_conditioned_length, K, C)
     judgement = realisability(K)
     realised = realise(K, length) if springs and judgement.passive else None
     return {
@@ -352,7 +339,7 @@ def _of_stiffness(
             "best_length": None if best is None else best[0],
             "condition_at_best_length": None if best is None else best[1],
         },
-        "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C, G),
+        "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C),
         "synthesis": {
             **plain(judgement),
             "springs": None if realised is None else realised.springs,

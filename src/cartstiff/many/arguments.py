@@ -8,9 +8,8 @@ from math import prod
 
 import numpy as np
 from numpy.lib.array_utils import byte_bounds
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cartstiff import numerics
 from cartstiff.arrays import checked_array, overlap
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
@@ -28,7 +27,6 @@ OUTPUTS = (
     "energy",
     *(f"stiffness_{c}" for c in OF_MANY),
     *(f"compliance_{c}" for c in OF_MANY),
-    *(f"root_{others}_{c}" for others in ("held", "free") for c in OF_MANY),
 )
 
 
@@ -67,37 +65,12 @@ def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def recorded(names: Sequence[str]) -> tuple[str, ...]:
-    """Outputs that kernels compute for some outputs: the tangent under a load follows from K^B.
-
-    Roots of compliances are the engine's; whether they are needed is seen from K and C.
-    """
+    """Outputs that kernels compute for some outputs: the tangent under a load follows from K^B."""
     needed = dict.fromkeys(names)
-    for name in names:
-        if name.startswith("root"):
-            del needed[name]
-            own = _own(name)
-            needed |= {f"stiffness_{own}": None, f"compliance_{own}": None}
     for kind in ("stiffness", "compliance"):
         if needed.pop(f"{kind}_load", 0) is None:
             needed |= {f"{kind}_B": None, "wrench": None}
     return tuple(needed)
-
-
-def _own(root: str) -> str:
-    """The connection whose K and C tell whether a root is needed."""
-    connection = root.split("_")[-1]
-    return connection if connection in ("K", "F") else "B"
-
-
-def without_digits(
-    names: Sequence[str], known: Mapping[str, Array], shape: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """Postures (N,) whose K and C do not hold all principal values: roots are asked for there."""
-    lost: NDArray[np.bool_] = np.zeros(shape, bool)
-    for own in dict.fromkeys(_own(n) for n in names if n.startswith("root")):
-        K, C = known[f"stiffness_{own}"], known[f"compliance_{own}"]
-        lost |= numerics.pair_conditions(K, C) > numerics.PAIRED
-    return lost
 
 
 def checked_count(what: str, value: object) -> int | None:

@@ -23,8 +23,7 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
     else, if matrices are among the outputs, a stiffness matrix (the tangent under the load, where
     its inverse is asked for) that has no inverse, or what a note of `analyse` says of lost digits:
-    of the compliance, or, where none is asked for, of the stiffness, too; or, where its roots are
-    asked for, of principal values that nothing holds.
+    of the compliance, or, where none is asked for, of the stiffness, too.
     """
     if result.reduction.states:
         return result.reduction.states[-1].code
@@ -49,15 +48,6 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
             and (note.values["matrix"] == "compliance" or "compliance" not in kinds)
         ):
             return note.code
-    for output in outputs:
-        kind, _, which = output.partition("_")
-        others, _, name = which.partition("_")
-        if (
-            kind == "root"
-            and result.needs_root(name)
-            and result.root_of_compliance(name, others) is None
-        ):
-            return "lost-digits"
     return REGULAR
 
 
@@ -102,9 +92,6 @@ def _closed(elastic: ElasticMechanism, q: Array) -> Array:
 
 def _output(result: PostureStiffness, name: str) -> Array | float | None:
     kind, _, connection = name.partition("_")
-    if kind == "root":
-        others, _, connection = connection.partition("_")
-        return result.root_of_compliance(connection, others)
     if connection == "load":
         return result.tangent if kind == "stiffness" else result.tangent_compliance
     if kind == "stiffness":

@@ -32,7 +32,6 @@ from cartstiff.many.arguments import (
     full_name,
     recorded,
     with_room,
-    without_digits,
 )
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
 from cartstiff.many.kernels import ASKED, BACKENDS, WORTH_RECORDING, Backend, bent, chosen, run
@@ -132,7 +131,6 @@ class Postures:
             "energy": (),
             "stiffness": ("wrench", "motion"),
             "compliance": ("motion", "wrench"),
-            "root": ("motion", "factor"),
         }
         arrays: dict[str, tuple[tuple[str, ...], Array]] = {
             "q": (("posture", "coordinate"), self.q),
@@ -208,9 +206,6 @@ def analyse_many(
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
         "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
         under the load; "X" alone is short for "stiffness_X". Only what they need is computed.
-        "root_held_X" and "root_free_X" (N, 6, 6) are roots of the inverse of the symmetric part of
-        "stiffness_X", and of the symmetric part of "compliance_X", see `cartstiff.graded`, where
-        stiffness and compliance leave principal values without digits; NaN elsewhere.
     out : mapping of str to ndarray, optional
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.
@@ -277,19 +272,13 @@ def analyse_many(
     by_kernel = with_room(known, arrays, coordinates.shape)
     run(taken, kernel, coordinates, each, by_kernel, state, count, size)
     _under_load(kind, by_kernel, arrays, state)
-    lost = without_digits(names, by_kernel, state.shape)
-    state[lost & (state != UNBALANCED)] = ENGINE
-    for name in names:
-        if name.startswith("root"):
-            arrays[name][...] = np.nan
     ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     if not state.any():
         state[:] = _index(codes, taken.regular)
         return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
     doubtful = np.flatnonzero(state == ENGINE)
     lost_state, lost_rank = "", doubtful[:0]
-    is_rooted = any(name.startswith("root") for name in names)
-    if len(doubtful) >= WORTH_RECORDING and not is_rooted:
+    if len(doubtful) >= WORTH_RECORDING:
         lost_state, lost_rank, torn = lost_ranks(
             taken, coordinates, each, by_kernel, doubtful, ran == "compiled", count, size
         )

@@ -85,7 +85,6 @@ def _analyses(s: Stacks) -> list[dict[str, Any]]:
                     connection=settings.connection,
                     compliance=compliance,
                     inverse=_or_none(s.C[i]),
-                    roots=s.roots(i),
                     springs=False,
                 )
             )

@@ -54,9 +54,7 @@ def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any
     `load` as `wrench` and its kind in `cartstiff.analyse`.
     """
     here = analyse(elastic, **load).at()
-    length = characteristic_length(
-        *here.pair(connection, "held"), here.root(connection, "held")
-    ).value
+    length = characteristic_length(*here.pair(connection, "held")).value
     return float(f"{length:.6g}")  # the same digits on every processor
 
 

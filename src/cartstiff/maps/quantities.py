@@ -57,14 +57,14 @@ def _principal(
         stiff = kind == "stiffness"
         function = stiffness_ellipsoid if stiff else compliance_ellipsoid
 
-        def one(matrix: Array, inverse: Array | None, root: Array | None) -> Array:
-            return function(matrix, freedom, others, None, inverse, root).eigenvalues
+        def one(matrix: Array, inverse: Array) -> Array:
+            return function(matrix, freedom, others, None, inverse).eigenvalues
 
         taken = others if pair is None else pair
         K, C = s.pair(taken)
         stack, inverse = (K, C) if stiff else (C, K)
         return row_by_row.block_values(
-            stack, inverse, s.root(taken), _BLOCKS[freedom], stiff == (others == "held"), one
+            stack, inverse, _BLOCKS[freedom], stiff == (others == "held"), one
         )
 
     return s.once(f"{kind} {freedom} {others} {pair}", make)
@@ -131,7 +131,7 @@ def _held_on_axis(s: Stacks, block: slice, u: Array) -> Array:
     terms = numerics.EPSILON * np.einsum("ni,nij,nj->n", size, np.abs(s.K), size)
     for i in np.flatnonzero(terms > numerics.TELLING * np.abs(values)):
         is_singular = not np.isfinite(s.C[i]).all()
-        value = stiffness_of_motion(twists[i], s.K[i], s.roots(int(i))["held"], is_singular)
+        value = stiffness_of_motion(twists[i], s.K[i], is_singular)
         values[i] = np.nan if value is None else value
     return values
 
@@ -148,7 +148,7 @@ def _unstable(s: Stacks) -> Array:
     rr, tt = row_by_row.block_norms(s.K)
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
-    values = row_by_row.eigenvalues(s.K, s.C, length, s.root("held"))
+    values = row_by_row.eigenvalues(s.K, s.C, length)
     return np.where(np.isnan(values).any(axis=1), np.nan, row_by_row.signs(values)[0])
 
 

@@ -74,16 +74,15 @@ class Settings:
         """Outputs that `Stacks.pair` needs with the other freedoms free."""
         if self.connection in ASYMMETRIC:
             name = self.connection
-            return f"stiffness_{name}", f"compliance_{name}", f"root_free_{name}"
+            return f"stiffness_{name}", f"compliance_{name}"
         return f"stiffness_{self.matrix}", *self.inverted
 
     @property
     def inverted(self) -> tuple[str, ...]:
-        """Outputs from which the inverse of that symmetric part follows, and its root."""
-        root = f"root_held_{self.matrix}"
+        """Outputs from which the inverse of that symmetric part follows."""
         if self.matrix == "load":
-            return "compliance_B", "wrench", root
-        return f"compliance_{self.matrix}", root
+            return "compliance_B", "wrench"
+        return (f"compliance_{self.matrix}",)
 
 
 class Stacks:
@@ -147,21 +146,6 @@ class Stacks:
         name = self.settings.connection
         return self.once("free", make)
 
-    def root(self, others: str) -> Array | None:
-        """Roots (N, 6, 6), as `StiffnessInFrame.root`; NaN where a posture needs or has none."""
-        if others == "held" or self.settings.connection not in ASYMMETRIC:
-            return self.arrays.get(f"root_held_{self.settings.matrix}")
-        return self.arrays.get(f"root_free_{self.settings.connection}")
-
-    def roots(self, row: int) -> dict[str, Array | None]:
-        """Both roots of one posture, None where there is none."""
-        matrices: dict[str, Array | None] = {}
-        for others in ("held", "free"):
-            stack = self.root(others)
-            known = stack is not None and bool(np.isfinite(stack[row]).all())
-            matrices[others] = stack[row] if stack is not None and known else None
-        return matrices
-
     @property
     def vibrations(self) -> ManyModes:
         """Small vibrations at the postures."""
@@ -187,7 +171,7 @@ class Stacks:
         """Of the stiffness with lengths scaled (N, 6)."""
         return self.once(
             "eigenvalues",
-            lambda: row_by_row.eigenvalues(self.K, self.C, self.settings.length, self.root("held")),
+            lambda: row_by_row.eigenvalues(self.K, self.C, self.settings.length),
         )
 
     def singular_values(self) -> Array:

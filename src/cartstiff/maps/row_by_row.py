@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cartstiff import graded, numerics
+from cartstiff import numerics
+from cartstiff.analysis.matrices import eliminate_each
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -54,11 +55,8 @@ def principal(blocks: Array) -> Array:
     return numerics.eigenvalues(blocks)
 
 
-def eigenvalues(K: Array, C: Array, length: float | Array, G: Array | None = None) -> Array:
-    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`.
-
-    From the roots G (N, 6, 6) of C where these are no NaN.
-    """
+def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
+    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
     scaled = scale_lengths(K, length)
     values = numerics.eigenvalues(scaled)
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
@@ -67,42 +65,32 @@ def eigenvalues(K: Array, C: Array, length: float | Array, G: Array | None = Non
         inverse = scale_lengths(C, 1.0 / np.asarray(length))
         values[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
     values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
-    sizes = np.broadcast_to(length, len(K))
-    for i, root in _rooted(G):
-        values[i] = graded.eigenvalues(root * np.repeat([sizes[i], 1.0], 3)[:, None])
     return values
-
-
-def _rooted(G: Array | None) -> list[tuple[int, Array]]:
-    """Rows that have a root, and these."""
-    return [] if G is None else [(int(i), G[i]) for i in np.flatnonzero(np.isfinite(G[:, 0, 0]))]
 
 
 def block_values(
     stack: Array,
     inverse: Array,
-    roots: Array | None,
     keep: slice,
     is_held: bool,
-    one: Callable[[Array, Array | None, Array | None], Array],
+    one: Callable[[Array, Array], Array],
 ) -> Array:
     """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
 
     Held they are those of the matrix's block, free the inverses of those of the inverse's block;
-    where that block has lost digits or does not exist, what one posture gives.
+    where that block has lost digits, what one posture says; where there is no inverse, those of
+    the matrix alone.
 
     Parameters
     ----------
     stack, inverse : ndarray, shape (N, 6, 6)
         Stiffness and compliance, or the other way round; NaN where there is none.
-    roots : ndarray, shape (N, 6, 6), optional
-        Roots of the compliance, which tell all where they are no NaN.
     keep : slice
         `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
     is_held : bool
         Whether the block is that of `stack`.
     one : callable
-        Values (3,) of one matrix, and its inverse and root, or None if it has none.
+        Values (3,) of one matrix, and its inverse.
     """
     values = principal((stack if is_held else inverse)[:, keep, keep])
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
@@ -112,15 +100,17 @@ def block_values(
     exists = np.isfinite(stack).all(axis=(1, 2))
     values[~exists] = np.nan
     known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
-    rooted = _rooted(roots)
-    plain[[i for i, _ in rooted]] = True
-    for i in np.flatnonzero(exists & np.logical_not(plain)):
+    for i in np.flatnonzero(exists & known & np.logical_not(plain)):
         try:
-            values[i] = one(stack[i], inverse[i] if known[i] else None, None)
-        except (UndefinedError, np.linalg.LinAlgError):
+            values[i] = one(stack[i], inverse[i])
+        except UndefinedError:
             values[i] = np.nan
-    for row, root in rooted:
-        values[row] = one(stack[row], inverse[row], root)
+    if (alone := exists & ~known).any():
+        own = stack[alone]
+        blocks = own[:, keep, keep]
+        size = np.abs(blocks).max(axis=(1, 2))[:, None]
+        values[alone] = principal(blocks if is_held else eliminate_each(own, keep))
+        values[alone] = np.where(np.abs(values[alone]) <= numerics.ZERO * size, 0.0, values[alone])
     return values
 
 

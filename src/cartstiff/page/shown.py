@@ -187,9 +187,9 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
 
 def _indices(pair: HeldPair) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
-    K, C, root, length = pair.K, pair.C, pair.root, pair.length
+    K, C, length = pair.K, pair.C, pair.length
     try:
-        values, _, definiteness = spectrum(K, length.value, C, root)
+        values, _, definiteness = spectrum(K, length.value, C)
     except UndefinedError:
         return None
     blocks = dict[str, float]()
@@ -197,7 +197,7 @@ def _indices(pair: HeldPair) -> dict[str, Any] | None:
         try:  # principal values that are shown as well
             of_block = pair.ellipsoid(freedom).eigenvalues
         except UndefinedError:
-            of_block = held_values(K, C, freedom, root)
+            of_block = held_values(K, C, freedom)
         blocks[freedom] = condition(of_block)
     return {
         "length": length.value,

@@ -56,19 +56,17 @@ class HeldPair:
         Symmetric.
     C : ndarray, shape (6, 6), or None
         Its inverse.
-    root : ndarray, shape (6, 6), or None
-        Root of C, see `cartstiff.graded`, where stiffness and compliance have not all digits.
     """
 
-    def __init__(self, K: Array, C: Array | None, root: Array | None) -> None:
-        self.K, self.C, self.root = K, C, root
+    def __init__(self, K: Array, C: Array | None) -> None:
+        self.K, self.C = K, C
         self._shapes: dict[Freedom, Ellipsoid] = {}
 
     @cached_property
     def _blocks(self) -> tuple[list[bool], Array, Array]:
         """Of K_tt, K_rr and C_rr: whether all digits are there, eigenvalues, and eigenvectors."""
         K, C = self.K, self.C
-        if C is None or self.root is not None:
+        if C is None:
             return [False] * 3, K, K
         stack = np.array(
             [K[TRANSLATION, TRANSLATION], K[ROTATION, ROTATION], C[ROTATION, ROTATION]]
@@ -89,7 +87,7 @@ class HeldPair:
             if is_whole[at]:
                 shape = shape_of(values[at], vectors[at], definiteness(values[at]))
             else:
-                shape = stiffness_ellipsoid(self.K, freedom, "held", None, self.C, self.root)
+                shape = stiffness_ellipsoid(self.K, freedom, "held", None, self.C)
             self._shapes[freedom] = shape
         return self._shapes[freedom]
 
@@ -102,7 +100,7 @@ class HeldPair:
             if moving[0] > 0.0 and softness[0] > 0.0:
                 logs = sum(map(log, softness)) + sum(map(log, moving))
                 return CharacteristicLength(exp(-logs / 6.0), "natural", NATURAL)
-        return length_of_pair(self.K, self.C, self.root)
+        return length_of_pair(self.K, self.C)
 
 
 @lru_cache(maxsize=16)  # numbers and picture of a page are about the same
@@ -128,17 +126,16 @@ def block_ellipsoid(
         return None if pair is None else pair.ellipsoid(freedom)
     how: Others = "free" if others == "block" else others
     K, C = here.pair(connection, how)
-    root = here.root(connection, how)
     if is_stiffness:
-        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C, root)
-    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K, root)
+        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C)
+    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K)
 
 
 @lru_cache(maxsize=16)
 def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
     """The pair of a connection with the other freedoms held; None without a stiffness."""
     K, C = here.pair(connection, "held")
-    return None if K is None else HeldPair(K, C, here.root(connection, "held"))
+    return None if K is None else HeldPair(K, C)
 
 
 #: Notes that say why a stiffness does not exist.

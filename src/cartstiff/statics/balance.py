@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cartstiff import graded
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.numerics import eigenvalues, invert
@@ -107,10 +106,6 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
     """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
     stiffness = balance.stiffness
     if balance.is_skewed and balance.free is not None:
-        if conservative:
-            root = graded.root_of_compliance(balance.free, 0.5 * (stiffness + stiffness.T))
-            if root is not None:
-                return graded.eigenvalues(root)
         back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
         stiffness = back.T @ stiffness @ back
         if conservative:
@@ -119,13 +114,7 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
         inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
         if inverse is None:
             return eigenvalues(stiffness)
-        values = eigenvalues(stiffness, inverse.matrix)
-        if np.isnan(values).any():
-            root = graded.root_of_compliance(np.eye(len(stiffness)), stiffness)
-            if root is not None:
-                return graded.eigenvalues(root)
-            return eigenvalues(stiffness, inverse.matrix, doubtful=True)
-        return values
+        return eigenvalues(stiffness, inverse.matrix, doubtful=True)
     roots = np.linalg.eigvals(stiffness)
     roots = roots[np.argsort(roots.real)]
     return roots.real if np.isrealobj(roots) or not roots.imag.any() else roots

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff import graded, numerics
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 
@@ -93,25 +93,6 @@ class FreeMotions:
         same = [self.is_symmetric and numerics.is_symmetric(D) for D in changes]
         symmetric = [self.is_symmetric, *same, self.is_symmetric]
         return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
-
-    def root(
-        self, change: Array, other: Array | None = None, symmetric: bool = False
-    ) -> Array | None:
-        """G (6, 6) with ``G G^T`` the symmetric part of ``J (H + J^T D J)^-1 J^T``, or None.
-
-        See `cartstiff.graded`. With another Hessian (n, n) that one instead of H; with `symmetric`
-        only the symmetric part of what is inverted counts.
-        """
-        if (
-            self._apart is not None
-            and (root := self._apart.root(change, other, symmetric)) is not None
-        ):
-            return root
-        J, H = self.jacobian, self.hessian
-        if other is not None:
-            H = self._in_basis(other)[0]
-        H = H + J.T @ change @ J
-        return graded.root_of_compliance(J, 0.5 * (H + H.T) if symmetric else H)
 
     def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, list[float]]:
         """Inverses of H, H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""

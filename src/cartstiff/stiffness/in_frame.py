@@ -58,7 +58,6 @@ class StiffnessInFrame:
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
     _of_symmetric_tangent: Callable[[], Array | None]
-    _root: Callable[[str, str], Array | None]
 
     @cached_property
     def is_body_frame(self) -> bool:
@@ -97,13 +96,6 @@ class StiffnessInFrame:
         if name == "load":
             return self._inverse_of_symmetric_tangent
         return self.compliances["B" if name in ("A", "+") else name]
-
-    def root(self, name: str, others: str) -> Array | None:
-        """Root of the C of `pair`, see `PostureStiffness.root_of_compliance`."""
-        G = self._root(name, others)
-        if G is None or self.is_body_frame:
-            return G
-        return np.asarray(se3.adjoint(se3.inverse(self.T_M_N)) @ G)
 
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
@@ -150,7 +142,6 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
         NamedArrays(matrices),
         NamedArrays(compliances),
         partial(getattr, result, "inverse_of_symmetric_tangent"),
-        result.root_of_compliance,
     )
 
 

@@ -180,37 +180,6 @@ class PostureStiffness(ShownInLines):
     def _plain_inverses(self) -> inverses.Compliances | None:
         return inverses.plain_inverses(self.reduction, self._every, self._flat.hessian)
 
-    def root_of_compliance(self, name: str, others: str) -> Array | None:
-        """G (6, 6) with ``G G^T`` the C of `StiffnessInFrame.pair`, in M.
-
-        From it come all principal values and indices, as `cartstiff.graded` says. None where
-        stiffness and compliance together hold them, and where the energy is no minimum, so that
-        there is none.
-        """
-        key = name, others
-        if key not in self._roots:
-            self._roots[key] = self._new_root(name, others) if self.needs_root(name) else None
-        return self._roots[key]
-
-    @cached_property
-    def _roots(self) -> dict[tuple[str, str], Array | None]:
-        return {}
-
-    def _new_root(self, name: str, others: str) -> Array | None:
-        change, other = np.zeros((6, 6)), None
-        if name == "F":
-            other = self._flat.hessian
-        elif name != "B":
-            change = self._changes[{"A": 0, "K": 1, "+": 0, "load": 2}[name]]
-        free = self.reduction.free
-        return None if free is None else free.root(change, other, symmetric=others == "held")
-
-    def needs_root(self, name: str) -> bool:
-        """Whether a stiffness and its inverse leave some principal values without digits."""
-        name = "B" if name in ("A", "+", "load") else name
-        K, C = self.matrices.get(name), self.compliances.get(name)
-        return C is not None and (K is None or numerics.pair_condition(K, C) > numerics.PAIRED)
-
     @cached_property
     def is_loaded(self) -> bool:
         """Whether there is a load: one was given, or the springs exert more than rounding."""
