@@ -12,6 +12,14 @@ LOAD_KINDS: Final = {
 }
 Order = Literal["angular-linear", "linear-angular"]
 ORDERS: Final[tuple[Order, ...]] = get_args(Order)
+#: Frames along whose axes components are given: of the robot's own base B, M, or the room F.
+Axes = Literal["base", "body", "world"]
+AXES: Final[tuple[Axes, ...]] = get_args(Axes)
+AXES_WORDS: Final = {
+    "base": "axes of the robot's base",
+    "body": "axes of the body frame",
+    "world": "axes of the room",
+}
 #: Which tensions of cables count: any within their limits, or those of a stated distribution.
 Distribution = Literal["any", "closed-form"]
 TENSIONS: Final[tuple[Distribution, ...]] = get_args(Distribution)

@@ -16,7 +16,6 @@ from cartstiff.errors import InputError, UndefinedError
 from cartstiff.vibration.controllers import (
     double_diagonalisation,
     impedance,
-    layout,
     square_root_damping,
 )
 
@@ -90,39 +89,12 @@ def test_impedance_of_an_arm():
         impedance(modes(load("five-bar")), K)
 
 
-def test_layouts_say_what_they_lose():
-    rng = np.random.default_rng(2)
-    pose = random_pose(rng)
-    plain = np.diag([30.0, 20.0, 10.0, 900.0, 800.0, 700.0])
-    franka = layout(plain, pose, "franka")
-    assert sorted(franka.values[:3]) == [700.0, 800.0, 900.0]
-    assert not any(franka.lost.values())
-    R = pose[:3, :3]
-    # What is diagonal in the base's axes is nothing lost to KUKA, a, b, c about z, y, x.
-    A = np.kron(np.eye(2), R)
-    kuka = layout(A.T @ plain @ A, pose, "kuka")
-    assert kuka.values == pytest.approx((900.0, 800.0, 700.0, 10.0, 20.0, 30.0))
-    assert max(kuka.lost.values()) < 1e-12
-    whole = layout(A.T @ plain @ A, pose, "full")
-    assert np.reshape(whole.values, (6, 6)) == pytest.approx(
-        np.diag([900.0, 800.0, 700.0, 30.0, 20.0, 10.0]), abs=1e-9
-    )
-    coupled = plain.copy()
-    coupled[0, 3] = coupled[3, 0] = 0.5 * np.sqrt(30.0 * 900.0)
-    assert layout(coupled, np.eye(4), "kuka").lost["coupling"] == pytest.approx(0.5)
-    skew = plain.copy()
-    skew[0, 1] += 9.0
-    assert layout(skew, np.eye(4), "full").lost["antisymmetric"] == pytest.approx(4.5 / 900)
-    with pytest.raises(InputError, match="layout"):
-        layout(plain, pose, "abb")
-
-
 def test_from_controller_and_back():
     rng = np.random.default_rng(3)
     K, pose = _random(rng, 2), random_pose(rng)
     K = 0.5 * (K + K.T)
     for order in ("linear-angular", "angular-linear"):
-        for axes in ("body", "base"):
+        for axes in ("body", "base", "world"):
             tensor = StiffnessTensor.from_controller(K, order=order, axes=axes, pose=pose)
             assert tensor.pose == pytest.approx(pose)
             assert tensor.as_controller(order=order, axes=axes) == pytest.approx(K, rel=1e-10)
@@ -135,9 +107,22 @@ def test_from_controller_and_back():
     with pytest.raises(InputError, match="not symmetric"):
         StiffnessTensor.from_controller(K + np.triu(np.ones((6, 6)), 1), axes="body")
     with pytest.raises(InputError, match="unknown axes"):
-        tensor.as_controller(axes="world")
+        tensor.as_controller(axes="tool")
     with pytest.raises(InputError, match="unknown axes"):
-        StiffnessTensor.from_controller(K, axes="world", pose=pose)
+        StiffnessTensor.from_controller(K, axes="tool", pose=pose)
+
+
+def test_base_axes_turn_with_the_base():
+    rng = np.random.default_rng(4)
+    K, pose, base = _random(rng, 2), random_pose(rng), random_pose(rng)
+    K = 0.5 * (K + K.T)
+    tensor = StiffnessTensor.from_controller(K, axes="base", pose=pose, base=base)
+    assert tensor.as_controller(axes="base") == pytest.approx(K, rel=1e-10)
+    # The base's axes in the room: a plain rotation of each block.
+    R = np.kron(np.eye(2), base[:3, :3])
+    assert tensor.as_controller(axes="world") == pytest.approx(R @ K @ R.T, rel=1e-10)
+    again = StiffnessTensor.from_dict(json.loads(tensor.as_json()))
+    assert again.as_controller(axes="base") == pytest.approx(K, rel=1e-10)
 
 
 def test_command(tmp_path):
@@ -146,7 +131,11 @@ def test_command(tmp_path):
     wanted.write_text(json.dumps({"matrix": K, "order": "linear-angular"}))
     arguments = ["6-ups", "--impedance", str(wanted), "--axes", "base", "-o", str(out)]
     data = json.loads(run(*arguments, "--json"))["impedance"]
-    assert data["layouts"]["kuka"]["values"] == pytest.approx([1000.0, 1500, 800, 20, 30, 30])
+    shown = data["for_controller"]
+    assert (shown["order"], shown["axes"]) == ("linear-angular", "base")
+    assert shown["stiffness"] == pytest.approx(np.diag(np.diag(K)), abs=1e-9)
+    # The damping belongs to the same order and axes: D = 2 zeta sqrt(K M) for one oscillator.
+    assert np.linalg.eigvalsh(shown["damping"]).min() > 0.0
     from ruamel.yaml import YAML
 
     written = YAML(typ="safe").load(out.read_text())

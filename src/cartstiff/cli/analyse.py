@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.choices import ORDERS
+from cartstiff.choices import AXES, AXES_WORDS, ORDERS
 from cartstiff.cli.options import (
     LoadRequest,
     MechanismRequest,
@@ -87,8 +87,9 @@ _options = option_group(
     ),
     click.option(
         "--axes",
-        type=click.Choice(("body", "base")),
-        help="Also print the matrices along these axes, about the body frame's origin.",
+        type=click.Choice(AXES),
+        help="Also print the matrices along these axes, about the body frame's origin: of the "
+        "robot's own base, of the body frame, or of the room (world).",
     ),
     sensitivities_option,
     explain_option,
@@ -235,7 +236,8 @@ def _matrices_text(shown: dict[str, Any]) -> list[str]:
 
     from cartstiff.stiffness.tensor import format_matrix
 
-    lines = [f"As a controller has them: order {shown['order']}, {shown['axes']} axes", ""]
+    axes = AXES_WORDS[shown["axes"]]
+    lines = [f"As a controller has them: order {shown['order']}, {axes}, about M's origin", ""]
     for name, K in shown["stiffness"].items():
         if K is not None:
             lines += [*format_matrix(np.array(K), [""] * 6, f"K^{name}").split("\n"), ""]

@@ -50,6 +50,7 @@ class ControllerRequest:
             order=target.order,  # type: ignore[arg-type]
             axes=self.axes,  # type: ignore[arg-type]
             pose=modes.posture.pose,
+            base=modes.elastic.mechanism.base_pose,
             frame=modes.elastic.mechanism.frame,
             units=modes.elastic.units,
         )
@@ -58,6 +59,7 @@ class ControllerRequest:
             "given": {"order": target.order, "axes": self.axes, "ratios": self.ratio or [0.7]},
             "q": dict(zip(modes.elastic.names, modes.q.tolist(), strict=True)),
             "units": modes.elastic.units.as_dict(),
+            "for_controller": answer.for_controller(target.order, self.axes),  # type: ignore[arg-type]
             **answer.as_dict(),
         }
         data["impedance"] = gains
@@ -65,7 +67,8 @@ class ControllerRequest:
             from cartstiff.report.output import write_whole
 
             write_whole(self.output, _text(gains, self.output.suffix).encode())
-        return describe_impedance(answer, modes.elastic.units)
+        shown = gains["for_controller"]
+        return describe_impedance(answer, shown, modes.elastic.units)
 
 
 def _text(gains: dict[str, Any], ending: str) -> str:

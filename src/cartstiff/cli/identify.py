@@ -102,10 +102,8 @@ _about_the_fit = option_group(
     click.option(
         "--offsets",
         type=click.Choice(["rigid", "translation", "none"]),
-        default="rigid",
-        show_default=True,
-        help="What no session knows of its measuring frame: position and rotation "
-        "(rigid), position alone, or nothing.",
+        help="What is unknown of the measuring frame in each session of a table with positions: "
+        "position and rotation (rigid, the default), position alone, or nothing.",
     ),
     click.option(
         "--loaded",
@@ -216,7 +214,7 @@ class _Request:
     tie: tuple[str, ...]
     known: tuple[str, ...]
     prior: tuple[str, ...]
-    offsets: str
+    offsets: str | None
     loaded: bool
     fit: str
     reject: str | None
@@ -256,7 +254,7 @@ class _Request:
         idle = {
             "fit": self.fit != "plain",
             "reject": self.reject is not None,
-            "offsets": self.offsets != "rigid",
+            "offsets": self.offsets is not None,
         }
         if is_plan:
             idle["loaded"] = self.loaded

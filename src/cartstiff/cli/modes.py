@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.choices import ORDERS
+from cartstiff.choices import AXES, ORDERS
 from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
@@ -74,13 +74,13 @@ _options = option_group(
         default="receptance",
         show_default=True,
         help="Displacement, velocity or acceleration per force; or motion of the body per motion "
-        "of the base.",
+        "of the ground.",
     ),
     option("--point", type=POINT, help="Point of the body, in its frame, for --response."),
     option(
         "--direction",
         type=DIRECTION,
-        help="Direction for --response, along the body's axes (of the base's for a "
+        help="Direction for --response, along the body's axes (the room's for a "
         "transmissibility); default x, y and z.",
     ),
     option(
@@ -109,7 +109,7 @@ _options = option_group(
         metavar="FILE",
         help="Stiffness that a controller shall give at the body frame (6x6; .json, .csv or "
         ".npy). The answer has the damping by double diagonalisation with the masses at the "
-        "posture, joint-space gains, and parameters for known controllers with what each loses.",
+        "posture, in the order and along the axes of the file, and joint-space gains.",
     ),
     click.option(
         "--order",
@@ -118,10 +118,11 @@ _options = option_group(
     ),
     click.option(
         "--axes",
-        type=click.Choice(("body", "base")),
+        type=click.Choice(AXES),
         default="body",
         show_default=True,
-        help="Axes of --impedance, about the body frame's origin.",
+        help="Axes of --impedance, about the body frame's origin: of the robot's own base, of the "
+        "body frame, or of the room (world).",
     ),
     option(
         "--ratio",

@@ -34,7 +34,7 @@ def command(request: MechanismRequest, table: Path, controller: str, output: Pat
 
     TABLE.csv is what `path` or `equilibrium --path` wrote, or one posture a line. Commands that
     compensate the deflection (columns command_JOINT) are taken where the table has them. Poses are
-    those of M in the base as the controller computes them, without deflection.
+    those of M in the robot's own base frame, as the controller computes them, without deflection.
     """
     elastic = request.at_posture()
 

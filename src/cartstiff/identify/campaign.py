@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
 from cartstiff.identify.checks import checked, contradictions, inflation_of
+from cartstiff.identify.columns import POSITION, TURN
 from cartstiff.identify.fitting import Fit, fitted
 from cartstiff.identify.intervals import estimates
 from cartstiff.identify.least_squares import Noise
@@ -19,7 +20,6 @@ from cartstiff.identify.linear_model import LinearModel, Model, small_loads
 from cartstiff.identify.loaded_model import LoadedModel, model_of, needs_equilibrium
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.notes import notes_of
-from cartstiff.identify.observations import base_rotation
 from cartstiff.identify.result import Identification, Rejected
 from cartstiff.identify.robust import Robust, robust_fit
 from cartstiff.identify.sessions import OFFSETS, aligned, nuisance_of, other_axes
@@ -41,7 +41,7 @@ def identify(
     ties: Sequence[Sequence[str]] = (),
     known: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
-    offsets: Literal["none", "translation", "rigid"] = "rigid",
+    offsets: Literal["none", "translation", "rigid"] | None = None,
     loaded: bool = False,
     fit: Literal["plain", "robust"] = "plain",
     reject: float | Literal["suspects"] | None = None,
@@ -58,8 +58,10 @@ def identify(
         From `read_measurements`.
     sought, ties, known, priors
         What is to be found, see `cartstiff.identify.unknowns.unknowns_of`.
-    offsets : {"rigid", "translation", "none"}
-        What is unknown of the measuring frame in each session; for positions only.
+    offsets : {"rigid", "translation", "none"}, optional
+        What is unknown of the measuring frame in each session, for measured positions; default
+        "rigid" where the table has sessions. Without sessions, positions are in the robot's own
+        base frame B.
     loaded : bool
         Fit the equilibrium under load itself, not displacements linear in the load.
     fit : {"plain", "robust"}
@@ -84,11 +86,12 @@ def identify(
     ConvergenceError
         If the fit does not settle.
     """
-    _check(offsets, fit, reject, level)
+    _check(offsets, measured, fit, reject, level)
+    offsets = offsets or "rigid"
     unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
     contradictions(measured)
     rows = measured.rows
-    measured = _in_f(unknowns, measured, offsets)
+    measured = _in_base(unknowns, measured, offsets)
     model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
     rejected: tuple[Rejected, ...] = ()
     if reject is not None:
@@ -136,9 +139,21 @@ def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:
     return robust.kept if fit == "robust" else np.ones(count, bool)
 
 
-def _check(offsets: str, fit: str, reject: float | str | None, level: float) -> None:
-    if offsets not in OFFSETS:
+def _check(
+    offsets: str | None,
+    measured: Measurements,
+    fit: str,
+    reject: float | str | None,
+    level: float,
+) -> None:
+    if offsets is not None and offsets not in OFFSETS:
         raise UnknownNameError("kind of offset", offsets, OFFSETS, where="--offsets")
+    has_positions = any(name in measured.values for name in (*POSITION, *TURN))
+    if offsets in ("rigid", "translation") and not (measured.session and has_positions):
+        missing = "column session" if has_positions else "measured positions x, y, z"
+        raise InputError(
+            f"there is no {missing}: nothing has an offset", where="--offsets", got=offsets
+        )
     if fit not in FITS:
         raise UnknownNameError("fit", fit, FITS, where="--fit")
     if not 0.0 < level < 1.0:
@@ -161,14 +176,15 @@ def _check(offsets: str, fit: str, reject: float | str | None, level: float) -> 
         )
 
 
-def _in_f(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measurements:
-    """Positions in F, from the sessions' own frames."""
+def _in_base(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measurements:
+    """Positions in the robot's base frame, from the sessions' own frames."""
     if not measured.session or offsets != "rigid":
         return measured
     elastic = unknowns.elements.elastic
     poses = LinearModel(unknowns, measured).poses
-    base = base_rotation(elastic)
-    points = (poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)) @ base
+    T_F_B = elastic.mechanism.base_pose
+    in_room = poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)
+    points = (in_room - T_F_B[:3, 3]) @ T_F_B[:3, :3]
     return aligned(measured, points)
 
 

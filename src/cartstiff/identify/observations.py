@@ -17,7 +17,6 @@ from cartstiff.arrays import Array
 from cartstiff.geometry import se3
 from cartstiff.identify.columns import DISPLACEMENT, POSITION, ROTATION, TURN
 from cartstiff.identify.measurements import Measurements
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 #: m/s^2, where the mechanism names no gravity: that a hung mass pulls with.
@@ -60,16 +59,6 @@ class Observations:
         return len(self.target)
 
 
-def base_rotation(elastic: ElasticMechanism) -> Array:
-    """Rotation (3, 3) of the mechanism's first link, which is fixed, in F."""
-    mechanism = elastic.mechanism
-    if isinstance(mechanism, Chain) and mechanism.kind == "serial":
-        for name, placement in mechanism.tree.frames.items():
-            if placement.joint == 0 and name not in ("world", "universe"):
-                return np.array(placement.T_j_f[:3, :3])
-    return np.eye(3)
-
-
 def field_of(elastic: ElasticMechanism) -> Array:
     """Acceleration (3,) that hung masses feel, in F, m/s^2."""
     return np.array(EARTH if elastic.gravity is None else elastic.gravity, float)
@@ -92,7 +81,7 @@ def wrenches(
     if measured.axes == "body":
         loads = np.einsum("nij,nkj->nki", R, loads)
     elif measured.axes == "base":
-        loads = loads @ base_rotation(elastic).T
+        loads = loads @ elastic.mechanism.base_pose[:3, :3].T
     weight = np.multiply.outer(measured.mass, field_of(elastic)) / elastic.units.newtons
     weight0 = np.multiply.outer(measured.mass0, field_of(elastic)) / elastic.units.newtons
     nothing = np.zeros_like(weight)
@@ -121,10 +110,11 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
         ``T_F_M`` of the rigid mechanism in each row.
     """
     R, p = poses[:, :3, :3], np.asarray(measured.point)
-    base = base_rotation(elastic)
+    T_F_B = elastic.mechanism.base_pose
+    base = T_F_B[:3, :3]
     points = poses[:, :3, 3] + R @ p
     absolute = (*POSITION, *TURN)
-    rigid = _rigid(points, R, base, measured)
+    rigid = _rigid(points, R, T_F_B, measured)
     parts = []
     for name, values in measured.values.items():
         rows = np.flatnonzero(~np.isnan(values))
@@ -166,10 +156,11 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
     return Observations(row, tuple(column.tolist()), angle, whole, a, target, sd, axis, place)
 
 
-def _rigid(points: Array, R: Array, base: Array, measured: Measurements) -> dict[str, Array]:
-    """Positions and orientations less those of the rigid mechanism, along base axes."""
+def _rigid(points: Array, R: Array, T_F_B: Array, measured: Measurements) -> dict[str, Array]:
+    """Positions and orientations less those of the rigid mechanism, in the robot's base frame."""
     columns: dict[str, Array] = {}
-    at = points @ base
+    base = T_F_B[:3, :3]
+    at = (points - T_F_B[:3, 3]) @ base
     for i, name in enumerate(POSITION):
         if name in measured.values:
             columns[name] = measured.values[name] - at[:, i]

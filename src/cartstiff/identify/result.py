@@ -186,7 +186,7 @@ class Identification:
                 "kind": mechanism.kind,
                 "joints": list(self.elastic.names),
             },
-            "frame": mechanism.frame,
+            **mechanism.frames_as_dict(),
             "units": units.as_dict(),
             "model": "loaded equilibrium" if self.loaded else "linear in the load",
             "fit": self.fit,

@@ -1,8 +1,8 @@
 r"""Frames of the measuring device: unknown in each session, and estimated with the springs.
 
-A position of a session is ``T_s x`` of the one in F. A first T_s comes from the positions of the
-rigid mechanism [Arun]_; what is left of it, a small translation t and turn w, stands in the
-regressor as ``u . (t + w x (p - c))`` for the direction u of a number and its place p.
+A position of a session is ``T_s x`` of the one in the robot's base frame. A first T_s comes from
+the positions of the rigid mechanism [Arun]_; what is left of it, a small translation t and turn w,
+is in the regressor as ``u . (t + w x (p - c))`` for the direction u of a number and its place p.
 
 Whether a table fits along other axes than it is said to be along: the rows are fitted once more
 with loads and displacements along body, base or world, and with the displacements' axes exchanged
@@ -30,7 +30,7 @@ from cartstiff.identify.least_squares import Noise
 from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import needs_equilibrium
 from cartstiff.identify.measurements import Measurements
-from cartstiff.identify.observations import Observations, base_rotation
+from cartstiff.identify.observations import Observations
 from cartstiff.identify.unknowns import Unknowns
 from cartstiff.notes import Note
 
@@ -89,14 +89,14 @@ def nuisance_of(seen: Observations, measured: Measurements, kind: str) -> Offset
 
 
 def aligned(measured: Measurements, points: Array) -> Measurements:
-    """Positions and orientations of each session moved into F, as well as a rigid arm says.
+    """Positions and orientations of each session moved into the base frame of a rigid arm.
 
     Parameters
     ----------
     measured : Measurements
         With whole positions, or they are left as they are.
     points : ndarray (N, 3)
-        The measured point of the rigid mechanism along base axes.
+        The measured point of the rigid mechanism in the robot's base frame.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
 
 def _others(unknowns: Unknowns, measured: Measurements) -> Iterator[tuple[str, Measurements]]:
     """The same rows along other axes, and words for these."""
-    base = base_rotation(unknowns.elements.elastic)
+    base = unknowns.elements.elastic.mechanism.base_pose[:3, :3]
     frames = [f for f in _FRAMES if f != "world" or not np.allclose(base, np.eye(3))]
     R = LinearModel(unknowns, measured).poses[:, :3, :3]
     turns = {"body": base.T @ R, "world": np.broadcast_to(base.T, R.shape)}

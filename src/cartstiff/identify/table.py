@@ -11,6 +11,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError, one_line
+from cartstiff.geometry import se3
 from cartstiff.identify.columns import (
     DISPLACEMENT,
     LOAD,
@@ -25,7 +26,6 @@ from cartstiff.identify.columns import (
     without_paths,
 )
 from cartstiff.identify.measurements import Measurements
-from cartstiff.identify.observations import base_rotation
 from cartstiff.loading.csv_file import Cells, read_cells
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, convert_length
@@ -163,7 +163,9 @@ def _numbers(cells: Cells, i: int, column: Column) -> Array:
 
 def _in_base(elastic: ElasticMechanism, q: Array, wrench: Array) -> Array:
     """Wrenches (N, 6) along the body's axes in those of the base."""
-    R = base_rotation(elastic).T @ np.array([elastic.mechanism.at(row).pose[:3, :3] for row in q])
+    mechanism = elastic.mechanism
+    T_B_F = se3.inverse(mechanism.base_pose)
+    R = np.array([(T_B_F @ mechanism.at(row).pose)[:3, :3] for row in q])
     turned: Array = np.einsum("nij,nkj->nki", R, wrench.reshape(-1, 2, 3)).reshape(-1, 6)
     return turned
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.arrays import fixed
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -95,6 +96,7 @@ def serial_of(
         virtual=[names.index(name) for name in virtual_joints(file.flexible)],
         descriptions=[description.shown()],
     )
+    chain.base_pose = fixed(pose_of(file.base))
     add_payload(tree, chain, file.payload)
     soft = link_springs(file.flexible, tree, where)
     springs, assumed = springs_of(

@@ -64,7 +64,9 @@ class SerialFile(_Robot, _File):
 
     kind: Literal["serial"]
     frame: Text | None = Field(default=None, description="link or site that is the body frame M")
-    base: PoseModel = Field(default=PoseModel(), description="the robot's root in F")
+    base: PoseModel = Field(
+        default=PoseModel(), description="the robot's own base frame B (its root) in F, the room"
+    )
     offset: PoseModel = Field(default=PoseModel(), description="M in that frame")
     locked: dict[str, Number] = Field(default={}, description="joints held fixed")
     q: dict[str, Number] = Field(default={}, description="default posture")

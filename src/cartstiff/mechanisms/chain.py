@@ -266,6 +266,11 @@ class Chain(Mechanism):
         places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
         return Ties(self.closures, places, self.tree) if places else None
 
+    @property
+    def frame_offset(self) -> Array:
+        """``T_L_M``: M in the link's frame that `frame` names."""
+        return se3.inverse(self.tree.placement(self.frame).T_j_f) @ self.body.T_j_f
+
     def placement(self, name: str) -> FixedFrame:
         """The frame "world", "body", or a named one of the tree."""
         if name in ("body", "world"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -248,6 +248,8 @@ class Mechanism(ABC):
     frame: str
     coordinates: tuple[Coordinate, ...]
     units: Units = SI
+    #: ``T_F_B`` (4, 4): the robot's own base frame B, which its controller knows, in the room F.
+    base_pose: Array = fixed(np.eye(4))
     #: Coordinates that do not give: held where they are, whatever acts.
     rigid: frozenset[int] = frozenset()
 
@@ -272,6 +274,19 @@ class Mechanism(ABC):
     def assembled(self, q_start: ArrayLike) -> Array:
         """Coordinates near `q_start` that satisfy the closures."""
         return self.closed(q_start).q
+
+    @property
+    def frame_offset(self) -> Array:
+        """``T_L_M`` (4, 4): M in the link's frame that `frame` names."""
+        return np.eye(4)
+
+    def frames_as_dict(self) -> dict[str, Any]:
+        """Where M sits in its link and the robot's base in F, for JSON."""
+        return {
+            "frame": self.frame,
+            "frame_offset": self.frame_offset.tolist(),
+            "base_pose": self.base_pose.tolist(),
+        }
 
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:

@@ -113,6 +113,7 @@ def _chain(chain: Chain, a: float, units: Units) -> Chain:
     other.tree = _tree(chain.tree, a)
     other.coordinates = other.tree.coordinates
     other.body = FixedFrame(chain.body.joint, _moved(chain.body.T_j_f, a))
+    other.base_pose = _moved(chain.base_pose, a)
     other.legs = tuple(leg.scaled(a) for leg in chain.legs)
     return other
 

@@ -209,6 +209,11 @@ class Platform(Mechanism):
         for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre", "body_inertia"):
             getattr(self, name).flags.writeable = False
 
+    @property
+    def frame_offset(self) -> Array:
+        """``T_P_M``: M in the platform's own frame."""
+        return self.T_P_M
+
     def weight(self, acceleration: Array) -> Array:
         """Weight (3,) of the body in F, in the unit of force, under a field in m/s^2."""
         return self.mass / self.units.newtons * acceleration

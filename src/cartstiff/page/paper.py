@@ -25,6 +25,7 @@ from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
+from cartstiff.report.layout import placed
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
@@ -89,10 +90,12 @@ def report_page(
         lines, notes = _answer(elastic, start, wrench, kind, load_axes, result, analysis, swept)
         picture = _picture(elastic, result, wrench, load_kind, load_at, load_axes, frames)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
+    where = placed(elastic.mechanism.frame_offset, elastic.units.length)
+    sits = f" M is {where} in {elastic.mechanism.frame}." if where else ""
     parts = [
         f"<h1>{_text(title)}</h1>",
         f'<p class="quiet">Lengths in {elastic.units.length}, forces in {elastic.units.force} '
-        "unless said otherwise; M is the tool's frame, F the room.</p>",
+        f"unless said otherwise; M is the tool's frame, F the room.{_text(sits)}</p>",
         f'<div class="answer"><ul>{_items(lines)}</ul></div>',
         f'<section class="screen"><h2>In three dimensions</h2>{picture}</section>',
         f"<section><h2>Posture</h2><figure>{_skeleton(elastic, start)}</figure>"

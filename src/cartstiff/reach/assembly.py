@@ -119,7 +119,7 @@ class AssemblyModes(ShownInLines):
                 "kind": elastic.mechanism.kind,
                 "joints": list(elastic.names),
             },
-            "frame": elastic.mechanism.frame,
+            **elastic.mechanism.frames_as_dict(),
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
             **weights_of(elastic).as_dict(),

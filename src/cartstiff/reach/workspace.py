@@ -172,7 +172,7 @@ class Workspace(ShownInLines):
                 "kind": elastic.mechanism.kind,
                 "joints": list(elastic.names),
             },
-            "frame": elastic.mechanism.frame,
+            **elastic.mechanism.frames_as_dict(),
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "pose": self.pose.tolist(),
             **weights_of(elastic).as_dict(),

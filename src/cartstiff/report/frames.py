@@ -16,7 +16,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.report.layout import vector
+from cartstiff.report.layout import placed, vector
 
 #: Name and version of the form of `frames_of`.
 FRAMES_SCHEMA = "cartstiff-frames/1"
@@ -37,7 +37,7 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
     answer: dict[str, Any] = {
         "schema": FRAMES_SCHEMA,
         "mechanism": {"name": elastic.name, "kind": mechanism.kind},
-        "frame": mechanism.frame,
+        **mechanism.frames_as_dict(),
         "units": elastic.units.as_dict(),
         "frames": ["world"],
         "joints": [],
@@ -200,8 +200,13 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
         lines += [f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}" for c in answer["closures"]]
     pose = np.array(answer["pose"])
     turned = np.degrees(se3.roll_pitch_yaw(pose))
+    offsets = [
+        ("M", placed(np.array(answer["frame_offset"]), units.length), repr(answer["frame"])),
+        ("The robot's base B", placed(np.array(answer["base_pose"]), units.length), "F"),
+    ]
     lines += [
         "",
+        *(f"{what} {where} in {frame}" for what, where, frame in offsets if where),
         f"M at {vector(pose[:3, 3], 6, length)} {units.length} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
         "Gravity: none"

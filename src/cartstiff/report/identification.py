@@ -8,7 +8,7 @@ import numpy as np
 
 from cartstiff.errors import joined
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.report.layout import number, table
+from cartstiff.report.layout import body_frame, number, table
 
 if TYPE_CHECKING:
     from cartstiff.identify.intervals import Estimate
@@ -22,7 +22,7 @@ def describe_identification(result: Identification) -> str:
     used = len(result.measured)
     rows = f"{used} rows" if used == result.rows else f"{used} of {result.rows} rows"
     lines = [
-        f"{result.elastic.name}, frame {result.elastic.mechanism.frame!r}: {rows}, "
+        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {rows}, "
         f"{len(result.model.observations)} numbers; {result.fit} fit of {model}",
         "",
         f"Stiffness, {100 * result.level:g} % intervals",

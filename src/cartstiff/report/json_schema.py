@@ -37,7 +37,9 @@ _ANALYSIS: dict[str, Any] = {
         },
         "what was analysed",
     ),
-    "frame": js.text("name of the body frame M"),
+    "frame": js.text("name of the link's frame that M sits in"),
+    "frame_offset": js.matrix(4, 4, "4x4, M in that frame"),
+    "base_pose": js.matrix(4, 4, "4x4, the robot's own base frame in F"),
     "order": {"const": "angular-linear", "description": "rotation before translation"},
     "units": js.object_with(
         {
@@ -144,12 +146,14 @@ def _or_nothing(description: str) -> dict[str, Any]:
     return {"type": ["array", "null"], "description": description}
 
 
+# Where M and the robot's base sit.
+_PLACED = ("frame", "frame_offset", "base_pose")
 _FRAMES: dict[str, Any] = {
     "schema": js.form(FRAMES_SCHEMA),
     "mechanism": js.object_with(
         {"name": js.text("for people"), "kind": js.text("as in mechanism files")}
     ),
-    "frame": js.text("frame of interest M"),
+    **{key: _ANALYSIS[key] for key in _PLACED},
     "units": _ANALYSIS["units"],
     "frames": js.strings("frames fixed to F"),
     "joints": js.list_of(
@@ -216,7 +220,7 @@ def _rows(description: str) -> dict[str, Any]:
 
 _MODES: dict[str, Any] = {
     "schema": js.form(MODES_SCHEMA),
-    **{key: _ANALYSIS[key] for key in ("mechanism", "frame", "order", "units", "q")},
+    **{key: _ANALYSIS[key] for key in ("mechanism", *_PLACED, "order", "units", "q")},
     "frequencies": js.list_of(
         js.number(null=True), "Hz, with the load; 0 of a free motion, null where a motion grows"
     ),
@@ -271,9 +275,9 @@ _MODES_ON_REQUEST: dict[str, Any] = {
     "sensitivities": _BY_PARAMETERS,
     "accuracy": _ACCURACY,
     "intervals": {"description": "with --tolerance, or of measured springs"},
-    "impedance": {"description": "with --impedance: a controller's gains and layouts"},
+    "impedance": {"description": "with --impedance: a controller's gains"},
     "response": {"description": "with --response: curves as [real, imaginary]"},
-    "lobes": {"description": "with --lobes: limiting depths by speed, by two theories"},
+    "lobes": {"description": "with --lobes: limiting depths by speed"},
 }
 
 
@@ -303,7 +307,10 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         case "design":
             return design_schema(_ANALYSIS)
         case "identify":
-            return identify_schema(_ANALYSIS["notes"], _ANALYSIS["mechanism"], _ANALYSIS["units"])
+            frames = {key: _ANALYSIS[key] for key in _PLACED}
+            return identify_schema(
+                _ANALYSIS["notes"], _ANALYSIS["mechanism"], _ANALYSIS["units"], frames
+            )
         case "analysis":
             draft = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
             return draft | schema_of_analysis()

@@ -5,7 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from cartstiff import numerics
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 
 #: Size that components of unit vectors are shown beside: one below 1e-9 tells nothing.
@@ -75,3 +80,21 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
         ("  " + "  ".join(c.rjust(w) for c, w in zip(r, widths, strict=True))).rstrip()
         for r in cells
     ]
+
+
+def placed(T: Array, unit: str) -> str:
+    """Where a frame sits in another: at a point, turned by angles; "" where it is that frame."""
+    size = float(np.abs(T[:3, 3]).max())
+    turned = np.degrees(se3.roll_pitch_yaw(T))
+    parts = []
+    if size > 0.0:
+        parts.append(f"at {vector(T[:3, 3], 6, size)} {unit}")
+    if np.abs(turned).max() > numerics.BLANK:
+        parts.append(f"turned by roll, pitch, yaw {vector(turned, 6, 1.0)} deg")
+    return ", ".join(parts)
+
+
+def body_frame(mechanism: Mechanism) -> str:
+    """The body frame M in words, and where it sits in its link's frame."""
+    where = placed(mechanism.frame_offset, mechanism.units.length)
+    return f"body frame {f'M {where} in ' if where else ''}{mechanism.frame!r}"

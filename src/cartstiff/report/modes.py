@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import csv_text
+from cartstiff.choices import AXES_WORDS, ORDERS
 from cartstiff.errors import joined, one_line
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.report.layout import COSINES, note_lines, number, percent, table, vector
+from cartstiff.report.layout import COSINES, body_frame, note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.vibration.accuracy import Accuracy, FrequencyInterval
 from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.comparison import Shortcut
-from cartstiff.vibration.controllers import LAYOUTS, Impedance, layout
+from cartstiff.vibration.controllers import Impedance
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 from cartstiff.vibration.sensitivities import Sensitivities
@@ -38,7 +40,7 @@ def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[
     weighed = modes.as_dict()["weighed"]
     masses = ", ".join(f"{part['name']} {part['mass']:.4g}" for part in weighed)
     lines = [
-        f"{elastic.name}: {mechanism.kind}, body frame {mechanism.frame!r}, small undamped motions "
+        f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, small undamped motions "
         f"about rest, {modes.load['words']}",
         _load(modes),
         f"Masses that move [kg]: {masses or 'none'}",
@@ -299,14 +301,24 @@ def describe_lobes(curve: Lobes, units: Units) -> list[str]:
     ]
 
 
-def describe_impedance(answer: Impedance, units: Units) -> list[str]:
-    """Damping of a controller, what the square-root rule makes of it, what layouts lose."""
-    blocks = [f"[{units.moment} s/rad | {units.force} s]"] * 3
-    blocks += [f"[{units.force} s/rad | {units.force} s/{units.length}]"] * 3
+def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units) -> list[str]:
+    """Stiffness and damping as a controller takes them, and what the square-root rule gives."""
+    turning, moving = (
+        f"{units.moment}/rad | {units.force}",
+        f"{units.force}/rad | {units.stiffness['translation']}",
+    )
+    rows = [turning] * 3 + [moving] * 3
+    if shown["order"] == ORDERS[1]:
+        rows = [f"{units.stiffness['translation']} | {units.force}/rad"] * 3
+        rows += [f"{units.force} | {units.moment}/rad"] * 3
     lines = [
         "",
-        "Impedance controller: damping by double diagonalisation, axes of the body, angular first",
-        *format_matrix(answer.damping, blocks).split("\n"),
+        f"Impedance controller: order {shown['order']}, {AXES_WORDS[shown['axes']]}, about the "
+        f"origin of {shown['about']!r}",
+        "  stiffness",
+        *format_matrix(np.array(shown["stiffness"]), [f"[{row}]" for row in rows]).split("\n"),
+        "  damping by double diagonalisation; units of the stiffness times s",
+        *format_matrix(np.array(shown["damping"]), [""] * 6).split("\n"),
         f"  closed loop without damping  {_list(answer.frequencies)} Hz",
         "  by square roots instead the ratios are "
         + " ".join(f"{x:.3g}" for x in answer.ratios)
@@ -314,9 +326,4 @@ def describe_impedance(answer: Impedance, units: Units) -> list[str]:
     ]
     if answer.dropped:
         lines.append(f"  antisymmetric part dropped: {percent(answer.dropped)}")
-    for name, meaning in LAYOUTS.items():
-        parameters = layout(answer.stiffness, answer.pose, name)
-        values = "the matrix" if len(parameters.values) > 6 else vector(parameters.values, 5)
-        lost = ", ".join(f"{what} {percent(x)}" for what, x in parameters.lost.items() if x)
-        lines += [f"  {name}: {meaning}", f"    {values}; lost: {lost or 'nothing'}"]
     return lines

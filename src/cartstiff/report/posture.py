@@ -9,7 +9,7 @@ from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.weighed import weights_of
-from cartstiff.report.layout import wide_row
+from cartstiff.report.layout import body_frame, wide_row
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
 
@@ -27,7 +27,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
     elastic = result.elastic
     mechanism, units = elastic.mechanism, elastic.units
     lines = [
-        f"{elastic.name}: {mechanism.kind}, body frame {mechanism.frame!r}, "
+        f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
         f"lengths in {units.length}, forces in {units.force}",
         "",
         "Posture",

@@ -15,7 +15,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
-from cartstiff.report.layout import note_lines, number, numbers, table
+from cartstiff.report.layout import body_frame, note_lines, number, numbers, table
 from cartstiff.report.posture import load_lines
 
 _STABLE = {True: "yes", False: "NO", None: "-"}
@@ -27,7 +27,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
     held = ", ".join(_held(elastic, name, x) for name, x in modes.given.items())
     count = len(modes)
     lines = [
-        f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
+        f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
         f"Held: {held}",
         *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
         weights_of(elastic).text,

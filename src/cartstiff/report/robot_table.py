@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cartstiff.arrays import checked_array
 from cartstiff.errors import UnknownNameError, printable
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -45,7 +46,7 @@ def orientation_of(R: ArrayLike, controller: str) -> Array:
 
 
 def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str:
-    """CSV of joints (deg, mm) and the poses of M in F, as a controller shows them.
+    """CSV of joints (deg, mm) and the poses of M in the robot's base, as a controller shows them.
 
     Parameters
     ----------
@@ -62,7 +63,8 @@ def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str
         For another controller.
     """
     Q = checked_array(q, [("N", len(elastic.names))], "postures")
-    poses = np.array([elastic.mechanism.at(row).pose for row in Q])
+    T_B_F = se3.inverse(elastic.mechanism.base_pose)
+    poses = np.array([T_B_F @ elastic.mechanism.at(row).pose for row in Q])
     to_mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     lengths = np.array([c.is_length for c in elastic.mechanism.coordinates])
     names = [f"{c.name} [{'mm' if c.is_length else 'deg'}]" for c in elastic.mechanism.coordinates]

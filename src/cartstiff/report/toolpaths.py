@@ -9,7 +9,7 @@ import numpy as np
 from cartstiff.errors import joined
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.weighed import weights_of
-from cartstiff.report.layout import number, table
+from cartstiff.report.layout import body_frame, number, table
 
 if TYPE_CHECKING:
     from cartstiff.toolpaths.optimised import OptimisedPath
@@ -27,7 +27,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         at = ", ".join(number(x) for x in result.load.at)
         under = f"under the path's load, {result.load.kind} at ({at}): {result.load.words}"
     lines = [
-        f"{result.elastic.name}, frame {result.elastic.mechanism.frame!r}: {len(result.q)} points, "
+        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.q)} points, "
         f"{result.candidates} postures compared",
         f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
         f"K^{result.connection} {under}",

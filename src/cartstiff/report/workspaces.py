@@ -12,7 +12,7 @@ from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.reach.workspace import Workspace
-from cartstiff.report.layout import note_lines, number, percent, table, vector
+from cartstiff.report.layout import body_frame, note_lines, number, percent, table, vector
 
 # Limits that are listed; the rest is one line.
 _MOST = 12
@@ -32,7 +32,7 @@ def describe_workspace(reached: Workspace) -> str:
     units = [unit if name in "xyz" else "rad" for name in reached.axes]
     is_place = reached.axes == ("x", "y", "z")
     lines = [
-        f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
+        f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
         f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}"
         if is_place
         else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",

@@ -28,12 +28,16 @@ def named_tensor(
     C = compliances.get(connection if isinstance(connection, str) else connection.name)
     if connection == "+" and compliances["A"] is not None:
         C = compliances["A"].T
-    base = StiffnessTensor(K, BI_INVARIANT, W, pose, frame, units, inverse=compliances["B"])
+    T_F_B = result.elastic.mechanism.base_pose
+    bi_invariant = StiffnessTensor(
+        K, BI_INVARIANT, W, pose, frame, units, inverse=compliances["B"], base=T_F_B
+    )
     if connection == "B":
-        return base
+        return bi_invariant
     if connection == "F":
         flat, F = result.flat_connection(), result.matrices["F"]
         assert F is not None  # else there is no flat connection
-        return StiffnessTensor(F, flat, W, pose, frame, units, inverse=C)
-    moved = base.to_connection(result.load.connection if connection == "load" else connection)
+        return StiffnessTensor(F, flat, W, pose, frame, units, inverse=C, base=T_F_B)
+    other = result.load.connection if connection == "load" else connection
+    moved = bi_invariant.to_connection(other)
     return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)

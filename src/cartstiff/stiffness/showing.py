@@ -90,7 +90,7 @@ def posture_dict(result: PostureStiffness) -> dict[str, Any]:
             "kind": result.elastic.mechanism.kind,
             "joints": list(result.elastic.names),
         },
-        "frame": result.elastic.mechanism.frame,
+        **result.elastic.mechanism.frames_as_dict(),
         "order": se3.ANGULAR_LINEAR,
         "units": result.elastic.units.as_dict(),
         "q": result.q.tolist(),

@@ -11,14 +11,14 @@ import io
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, real_array
-from cartstiff.choices import Order
+from cartstiff.choices import AXES, Axes, Order
 from cartstiff.errors import InputError, UndefinedError, printable
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
@@ -51,6 +51,8 @@ class StiffnessTensor(LabelledMatrix):
         Order of twist components.
     inverse : ndarray, shape (6, 6), or None
         C = K^-1 where it is known better than K tells it; it changes along with K.
+    base : ndarray, shape (4, 4)
+        ``T_F_B`` of the robot's own base frame.
     """
 
     matrix: Array
@@ -61,9 +63,15 @@ class StiffnessTensor(LabelledMatrix):
     units: Units = SI
     order: Order = "angular-linear"
     inverse: Array | None = field(default=None, repr=False)
+    base: Array = field(default_factory=lambda: np.eye(4), repr=False)
 
     def __post_init__(self) -> None:
-        for name, shape in (("matrix", (6, 6)), ("wrench", (6,)), ("pose", (4, 4))):
+        for name, shape in (
+            ("matrix", (6, 6)),
+            ("wrench", (6,)),
+            ("pose", (4, 4)),
+            ("base", (4, 4)),
+        ):
             array = checked_array(getattr(self, name), shape, name, finite=False)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -202,8 +210,9 @@ class StiffnessTensor(LabelledMatrix):
         here = self.to_order("angular-linear")
         by_length = np.array([a, a, a, 1.0, 1.0, 1.0])
         # Wrench rows scale by (force length, force); twist columns by (1, 1/length).
-        pose = here.pose.copy()
+        pose, base = here.pose.copy(), here.base.copy()
         pose[:3, 3] *= a
+        base[:3, 3] *= a
         connection = replace(here.connection, symbols=_scale_symbols(here.connection.symbols, a))
         sizes = f * np.outer(by_length, np.array([1.0] * 3 + [1 / a] * 3))
         moved = replace(
@@ -212,6 +221,7 @@ class StiffnessTensor(LabelledMatrix):
             inverse=None if here.inverse is None else here.inverse / sizes.T,
             wrench=here.wrench * f * by_length,
             pose=pose,
+            base=base,
             units=units,
             connection=connection,
         )
@@ -251,6 +261,7 @@ class StiffnessTensor(LabelledMatrix):
             "connection": self.connection.as_dict(),
             "wrench": self.wrench.tolist(),
             "pose": self.pose.tolist(),
+            "base": self.base.tolist(),
             "frame": self.frame,
             "units": self.units.as_dict(),
             "order": self.order,
@@ -262,8 +273,9 @@ class StiffnessTensor(LabelledMatrix):
         matrix: ArrayLike,
         *,
         order: Order = "linear-angular",
-        axes: Literal["body", "base"] = "base",
+        axes: Axes = "base",
         pose: ArrayLike | None = None,
+        base: ArrayLike | None = None,
         frame: str = "body",
         units: Units = SI,
     ) -> StiffnessTensor:
@@ -275,10 +287,12 @@ class StiffnessTensor(LabelledMatrix):
             Symmetric, about M's origin.
         order : {"linear-angular", "angular-linear"}
             Order of its rows and columns; most controllers have translation first.
-        axes : {"base", "body"}
-            Along which its components are: those of F or those of M.
+        axes : {"base", "body", "world"}
+            Along which its components are: those of the robot's own base B, of M, or of the room F.
         pose : array_like (4, 4), optional
-            ``T_F_M``, which base axes ask for.
+            ``T_F_M``, which base and world axes need.
+        base : array_like (4, 4), optional
+            ``T_F_B``; default the identity.
         frame, units
             As of any tensor.
 
@@ -294,18 +308,16 @@ class StiffnessTensor(LabelledMatrix):
                 expected="its symmetric part: without an error there is no load",
                 got=f"|K - K^T| up to {np.abs(K - K.T).max():.3g}",
             )
-        if axes not in ("body", "base"):
-            raise InputError("unknown axes", expected="body or base", got=repr(axes))
-        if axes == "base" and pose is None:
-            raise InputError("base axes need the pose", expected="pose=T_F_M")
-        T = np.eye(4) if pose is None else checked_pose(pose)
-        place = T if axes == "body" else se3.pose(translation=T[:3, 3])
-        tensor = cls(K, NAMED["B"], np.zeros(6), place, frame, units, order)
-        return tensor if axes == "body" else tensor.to_frame(se3.pose(T[:3, :3]), frame)
+        if axes != "body" and pose is None:
+            raise InputError(f"{axes} axes need the pose", expected="pose=T_F_M")
+        T_F_M = np.eye(4) if pose is None else checked_pose(pose)
+        T_F_B = np.eye(4) if base is None else checked_pose(base, "base")
+        bare = cls(K, NAMED["B"], np.zeros(6), T_F_M, frame, units, order, base=T_F_B)
+        turn = bare._to_axes(axes)  # T_M_N
+        there = replace(bare, pose=T_F_M @ turn)
+        return there.to_frame(se3.inverse(turn), frame)
 
-    def as_controller(
-        self, *, order: Order = "linear-angular", axes: Literal["body", "base"] = "base"
-    ) -> Array:
+    def as_controller(self, *, order: Order = "linear-angular", axes: Axes = "base") -> Array:
         """The matrix (6, 6) in the order and along the axes of a controller; see `from_controller`.
 
         Raises
@@ -313,12 +325,16 @@ class StiffnessTensor(LabelledMatrix):
         InputError
             For another order or other axes.
         """
-        if axes not in ("body", "base"):
-            raise InputError("unknown axes", expected="body or base", got=repr(axes))
-        there = (
-            self if axes == "body" else self.to_frame(se3.pose(self.pose[:3, :3].T), "base axes")
-        )
-        return there.to_order(order).matrix
+        return self.to_frame(self._to_axes(axes), f"{axes} axes").to_order(order).matrix
+
+    def _to_axes(self, axes: Axes) -> Array:
+        """Pose in M of the frame at M's origin along M's own axes, the base's or the room's."""
+        if axes not in AXES:
+            raise InputError("unknown axes", expected=", ".join(AXES), got=repr(axes))
+        if axes == "body":
+            return np.eye(4)
+        R_F_N = self.base[:3, :3] if axes == "base" else np.eye(3)
+        return se3.pose(self.pose[:3, :3].T @ R_F_N)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StiffnessTensor:
@@ -335,6 +351,7 @@ class StiffnessTensor(LabelledMatrix):
                 data["frame"],
                 units,
                 data["order"],
+                base=np.array(data.get("base", np.eye(4))),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError("not the data of a stiffness tensor", got=str(error)) from None

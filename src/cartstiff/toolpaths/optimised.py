@@ -168,6 +168,7 @@ class OptimisedPath:
             "schema": SCHEMA,
             "mechanism": self.elastic.name,
             "joints": list(self.elastic.names),
+            **self.elastic.mechanism.frames_as_dict(),
             "units": self.elastic.units.as_dict(),
             "criterion": {
                 "name": self.criterion.name,

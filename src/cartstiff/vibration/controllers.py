@@ -20,22 +20,13 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_matrix, fixed
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.geometry import se3
+from cartstiff.choices import Axes, Order
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry.connections import NAMED
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.tensor import StiffnessTensor
 from cartstiff.vibration.comparison import mass_at_tip
 from cartstiff.vibration.mode_set import Modes
-
-#: Parameter layouts of controllers, and what each takes. Orders as their interfaces document them:
-#: franka_msgs' SetCartesianStiffness; the wrench of KUKA's FRI, [F, tau_A, tau_B, tau_C] along its
-#: Euler angles A, B, C about z, y, x; axes and point of the LWR as in the package kuka_fri.
-LAYOUTS = {
-    "full": "symmetric 6x6, rows in turn, (x, y, z, rx, ry, rz), base axes: CRISP controllers",
-    "franka": "x, y, z, roll, pitch, yaw along a stiffness frame fixed to the hand",
-    "kuka": "x, y, z, a, b, c (about z, y, x): KUKA FRI, base axes at the flange as on the LWR; a "
-    "Sunrise controller takes them along the axes of its motion centre",
-}
 
 
 def double_diagonalisation(
@@ -158,8 +149,8 @@ class Impedance:
         Hz, of the closed loop without damping.
     joint_stiffness, joint_damping : ndarray (n, n)
         ``J^T K J`` and ``J^T D J``.
-    pose : ndarray (4, 4)
-        ``T_F_M``.
+    modes : Modes
+        The posture and its masses.
     dropped : float
         Largest entry of the antisymmetric part of what was wanted, which no impedance controller
         can give, over the largest of its block.
@@ -174,11 +165,11 @@ class Impedance:
     frequencies: Array
     joint_stiffness: Array
     joint_damping: Array
-    pose: Array
+    modes: Modes
     dropped: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data: the matrices, and every layout with what it loses."""
+        """Plain data, along the axes of M."""
         return {
             "order": "angular-linear",
             "axes": "body",
@@ -197,10 +188,35 @@ class Impedance:
             "ratios_by_square_roots": [float(x) if np.isfinite(x) else None for x in self.ratios],
             "coupling_by_square_roots": self.coupling,
             "antisymmetric_part_dropped": self.dropped,
-            "layouts": {
-                name: layout(self.stiffness, self.pose, name).as_dict() for name in LAYOUTS
-            },
         }
+
+    def for_controller(
+        self, order: Order = "linear-angular", axes: Axes = "base"
+    ) -> dict[str, Any]:
+        """Stiffness and damping (6, 6) about M's origin, in an order and along axes.
+
+        Parameters
+        ----------
+        order : {"linear-angular", "angular-linear"}
+            Order of rows and columns.
+        axes : {"base", "body", "world"}
+            Of the robot's own base B, of M, or of the room F.
+
+        Returns
+        -------
+        dict
+            "order", "axes", "about" (M's origin, by the name of its frame), "stiffness", "damping".
+        """
+        mechanism = self.modes.elastic.mechanism
+        pose, base = self.modes.posture.pose, mechanism.base_pose
+        free, none = NAMED["B"], np.zeros(6)
+        matrices = {
+            name: StiffnessTensor(getattr(self, name), free, none, pose, base=base)
+            .as_controller(order=order, axes=axes)
+            .tolist()
+            for name in ("stiffness", "damping")
+        }
+        return {"order": order, "axes": axes, "about": mechanism.frame, **matrices}
 
 
 def impedance(
@@ -256,97 +272,6 @@ def impedance(
         fixed(np.sqrt(squares) / (2 * np.pi)),
         fixed(J.T @ K @ J),
         fixed(J.T @ D @ J),
-        fixed(modes.posture.pose),
+        modes,
         dropped,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """Parameters as a controller takes them, and what is lost.
-
-    Attributes
-    ----------
-    name : str
-        Of `LAYOUTS`.
-    values : tuple of float
-        In the order that `LAYOUTS` says.
-    frame : ndarray (4, 4) or None
-        Stiffness frame in M, where the layout has one.
-    lost : mapping of str to float
-        Largest entry that is dropped over the largest of its block: "translation" and "rotation"
-        (off-diagonal), "coupling" (over the root of both blocks' largest), "antisymmetric".
-    """
-
-    name: str
-    values: tuple[float, ...]
-    frame: Array | None
-    lost: dict[str, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "meaning": LAYOUTS[self.name],
-            "values": list(self.values),
-            "frame": None if self.frame is None else self.frame.tolist(),
-            "lost": dict(self.lost),
-        }
-
-
-def layout(stiffness: ArrayLike, pose: ArrayLike, name: str) -> Layout:
-    """A stiffness at M in the parameters of a controller, with what is lost.
-
-    Parameters
-    ----------
-    stiffness : array_like (6, 6)
-        In the axes of M, order angular-linear.
-    pose : array_like (4, 4)
-        ``T_F_M``.
-    name : str
-        Of `LAYOUTS`.
-
-    Raises
-    ------
-    UnknownNameError
-        For another name.
-    """
-    if name not in LAYOUTS:
-        raise UnknownNameError("layout", name, LAYOUTS)
-    whole = checked_matrix(stiffness, "stiffness")
-    antisymmetric = float(
-        np.abs(whole - whole.T).max() / 2 / max(np.abs(whole).max(), numerics.TINY)
-    )
-    K, R = _half(whole), np.asarray(pose, float)[:3, :3]
-    frame = None
-    if name == "franka":
-        # Along the principal directions of the translational stiffness nothing is lost there.
-        _, axes = np.linalg.eigh(K[3:, 3:])
-        if np.linalg.det(axes) < 0.0:
-            axes[:, 0] *= -1.0
-        turn = axes
-        frame = se3.pose(axes)
-    else:
-        turn = R.T
-    A = np.kron(np.eye(2), turn)
-    K = A.T @ K @ A
-    rr, tt, rt = K[:3, :3], K[3:, 3:], K[:3, 3:]
-    if name == "full":
-        linear_first = K[se3.SWAP][:, se3.SWAP]
-        return Layout(
-            name, tuple(linear_first.ravel().tolist()), None, {"antisymmetric": antisymmetric}
-        )
-    size = np.sqrt(np.abs(rr).max() * np.abs(tt).max())
-    lost = {
-        "translation": _beside(tt),
-        "rotation": _beside(rr),
-        "coupling": float(np.abs(rt).max() / max(size, numerics.TINY)),
-        "antisymmetric": antisymmetric,
-    }
-    turning = np.diag(rr) if name == "franka" else np.diag(rr)[::-1]
-    return Layout(name, (*np.diag(tt).tolist(), *turning.tolist()), frame, lost)
-
-
-def _beside(block: Array) -> float:
-    size = max(float(np.abs(block).max()), numerics.TINY)
-    share = float(np.abs(block - np.diag(np.diag(block))).max()) / size
-    return 0.0 if share < numerics.ZERO else share

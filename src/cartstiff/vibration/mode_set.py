@@ -218,7 +218,7 @@ class Modes(Result, ShownInLines):
                 "kind": elastic.mechanism.kind,
                 "joints": list(elastic.names),
             },
-            "frame": elastic.mechanism.frame,
+            **elastic.mechanism.frames_as_dict(),
             "order": "angular-linear",
             "units": elastic.units.as_dict(),
             "q": self.q.tolist(),

@@ -27,7 +27,7 @@ _EXCHANGED = 5.0
 _LARGEST = 1 << 20
 # What a .json may say beside its matrix, and what a saved `StiffnessTensor` says besides.
 _SAID = ("order", "units", "frame")
-_SAVED = ("connection", "wrench", "pose")
+_SAVED = ("connection", "wrench", "pose", "base")
 
 
 @dataclass(frozen=True)

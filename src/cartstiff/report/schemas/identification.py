@@ -59,13 +59,16 @@ _CHECKS = js.object_with(
 
 
 def identify_schema(
-    notes: dict[str, Any], mechanism: dict[str, Any], units: dict[str, Any]
+    notes: dict[str, Any],
+    mechanism: dict[str, Any],
+    units: dict[str, Any],
+    frames: dict[str, Any],
 ) -> dict[str, Any]:
     """JSON Schema (draft 2020-12), with the parts that it shares with other commands."""
     properties = {
         "schema": js.form(IDENTIFY_SCHEMA),
         "mechanism": mechanism,
-        "frame": js.text("name of the body frame M"),
+        **frames,
         "units": units,
         "model": js.one_of("linear in the load", "loaded equilibrium"),
         "fit": js.one_of("plain", "robust"),

@@ -56,7 +56,7 @@ def assemble_schema(parts: dict[str, Any]) -> dict[str, Any]:
         {
             "schema": js.form(ASSEMBLE_SCHEMA),
             "mechanism": parts["mechanism"],
-            "frame": parts["frame"],
+            **{key: parts[key] for key in ("frame", "frame_offset", "base_pose")},
             "units": parts["units"],
             "given": {"type": "object", "description": "leg lengths, or actuated joints, by name"},
             "gravity": parts["gravity"],
@@ -77,7 +77,7 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
         {
             "schema": js.form(WORKSPACE_SCHEMA),
             "mechanism": parts["mechanism"],
-            "frame": parts["frame"],
+            **{key: parts[key] for key in ("frame", "frame_offset", "base_pose")},
             "units": parts["units"],
             "pose": {"type": "array", "description": "4x4, M in F: its orientation is kept"},
             "gravity": parts["gravity"],
