@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import brentq
 from tests.support import robot_file
 
 import cartstiff
@@ -22,9 +23,10 @@ from cartstiff.errors import (
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.figures_statics import draw_error_along_path, draw_load_curve
 from cartstiff.report.output import save_figure
@@ -352,3 +354,99 @@ def test_figures_without_matplotlib(monkeypatch):
     with pytest.raises(MissingDependencyError, match=r"cartstiff\[plots\]") as caught:
         draw_load_curve(curve)
     assert isinstance(caught.value, CartstiffError)
+
+
+CRITICAL = (3.0 - np.sqrt(5.0)) / 2.0  # two equal links and springs, P l / k
+
+
+def _on_the_way(state):
+    return {n.code: n.values["factor"] for n in state.notes if "factor" in n.values}
+
+
+def test_an_equilibrium_says_what_its_load_passes_on_the_way():
+    """A limit point of the truss in closed form, a pitchfork at the known load, or nothing."""
+    at_limit = truss_load(np.sqrt((REST * HALF**2) ** (2 / 3) - HALF**2))
+    snapped = equilibrium(truss(), DeadForce([0.0, 0.0, -2.4]))
+    assert _on_the_way(snapped) == {"limit-point": pytest.approx(at_limit / 2.4, rel=1e-9)}
+    for share in (0.1, 0.9, 0.99):
+        held = equilibrium(truss(), DeadForce([0.0, 0.0, -share * at_limit]))
+        assert held.stable
+        assert _on_the_way(held) == {}
+    for times in (1.05, 1.5):
+        buckled = equilibrium(column(2), DeadForce([-times * CRITICAL, 0.0, 0.0]))
+        assert buckled.stable
+        assert np.abs(buckled.q).max() > 0.1
+        assert _on_the_way(buckled) == {"bifurcation": pytest.approx(1 / times, rel=1e-6)}
+    straight = equilibrium(column(2), DeadForce([-0.9 * CRITICAL, 0.0, 0.0]))
+    assert straight.stable
+    assert _on_the_way(straight) == {}
+    mirrored = equilibrium(column(2), DeadForce([-1.5 * CRITICAL, 0.0, 0.0]), q0=-buckled.q)
+    assert mirrored.stable
+    assert mirrored.q == pytest.approx(-buckled.q, abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_negative_determinant_diverges_whatever_the_masses(n):
+    """A column past its first critical load, and a moment without potential; drawn masses."""
+    first = {1: 1.0, 2: CRITICAL, 3: 0.198062}[n]
+    load = DeadWrench([0.0, 0.0, 1e-3, -1.2 * first, 0.0, 0.0])
+    state = equilibrium(column(n), load)
+    K = state.elastic.with_potential(load).evaluate(state.posture).hessian
+    assert np.linalg.det(K) < 0.0
+    rng = np.random.default_rng(n)
+    for _ in range(50):
+        A = rng.normal(size=(n, n))
+        assert np.linalg.eigvals(np.linalg.solve(A @ A.T, K)).real.min() < 0.0
+    assert state.stable is False
+    notes = {note.code: note for note in state.notes}
+    assert "masses-missing" not in notes
+    mode = np.array(notes["divergence"].values["mode"])
+    assert mode @ K @ mode < 0.0
+    held = equilibrium(column(n), DeadWrench([0.0, 0.0, 1e-3, -0.8 * first, 0.0, 0.0]))
+    assert held.stable is None
+    assert "masses-missing" in {note.code for note in held.notes}
+
+
+def test_a_curve_under_a_moment_is_unstable_between_its_limit_points():
+    """One link that has buckled, turned back by a moment: its torque is k x - P sin x."""
+    push, turn = DeadForce([-1.5, 0.0, 0.0]), DeadWrench([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    curve = load_curve(column(1), turn, fixed=[push], to=-1.0, resolution=0.02)
+    slope = 1.0 - 1.5 * np.cos(curve.q[:, 0])
+    assert (slope < 0.0).sum() > 10
+    assert [s is False for s in curve.stable] == (slope < 0.0).tolist()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_six_lines_carry_a_symmetric_body_down_their_axis(seed):
+    """Half of such bodies were refused: the forces across the axis cancel. One equation holds.
+
+    Six alike lines of length L at a distance d across: 6 k (L - L0) h / L is weight and load.
+    """
+    rng = np.random.default_rng(seed)
+    R = 10 ** rng.uniform(1, 3)
+    r, h, k = R * rng.uniform(0.01, 0.1), R * rng.uniform(0.3, 1.5), 10 ** rng.uniform(1, 6)
+    turns = np.arange(6) * np.pi / 3
+    anchors = np.column_stack([R * np.cos(turns), R * np.sin(turns), np.full(6, h)])
+    pairs = np.pi / 6 + np.repeat([0, 2, 4], 2) * np.pi / 3
+    points = np.column_stack([r * np.cos(pairs), r * np.sin(pairs), np.zeros(6)])
+    body = Platform(anchors, points, mass=1e-3 * k * h / 9.81, mass_centre=[0, 0, -0.2 * r])
+    lines = LineSprings(
+        anchors=anchors, points=points, stiffness=np.full(6, k), rest_length=np.full(6, np.nan)
+    )
+    elastic = ElasticMechanism("body", body, np.zeros(6), lines).with_gravity()
+    d = np.linalg.norm((anchors - points)[0, :2])
+    weight = body.mass * 9.81
+    L = np.hypot(d, h)
+    rest = L - weight * L / (6 * k * h)
+    for share in (1e-4, -1e-3, 0.02, -0.1):
+        load = share * weight
+        state = equilibrium(elastic, wrench=[0, 0, 0, 0, 0, load])
+
+        def left(z, load=load):
+            L = np.hypot(d, h - z)
+            return 6 * k * (L - rest) * (h - z) / L - weight + load
+
+        z = brentq(left, -0.1 * h, 0.1 * h, xtol=1e-15 * h)
+        assert state.stable
+        assert state.pose[:2, 3] == pytest.approx([0.0, 0.0], abs=1e-12 * R)
+        assert state.pose[2, 3] == pytest.approx(z, rel=1e-7, abs=1e-14 * h)

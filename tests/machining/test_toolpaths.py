@@ -9,6 +9,7 @@ from tests.support import frame_pose, loaded_arm
 
 import cartstiff
 from cartstiff.analysis.deflection import compliance_deflection
+from cartstiff.cli.requests.path_file import read_path_file
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import example_robots
@@ -372,3 +373,39 @@ def test_paths_that_are_none(arguments, match):
 def test_tool_axes_that_are_none(arguments, match):
     with pytest.raises((InputError, UnknownNameError), match=match):
         ToolPath.from_axes(*arguments)
+
+
+def test_loads_have_one_default_for_their_axes(tmp_path):
+    """The same poses by angles, by the tool's axis, and from a file: one deflection, J K^-1 J^T W.
+
+    The path turns, so that the force turns with it.
+    """
+    turns = np.array([0.0, 0.25])
+    p = np.array([[0.62, -0.1, 0.3], [0.62, 0.0, 0.3]])
+    angles = np.column_stack([0 * turns, 0 * turns, turns])
+    load = np.array([0.0, 0.0, 0.0, -80.0, 30.0, 40.0])
+    arm = cartstiff.load("ur5").with_springs(2e4)
+    along = np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+    for name, heads, columns in (
+        ("angles", "x,y,z,roll,pitch,yaw", angles),
+        ("axes", "x,y,z,ax,ay,az", along),
+    ):
+        table = np.hstack([p, columns])
+        np.savetxt(tmp_path / f"{name}.csv", table, "%.17g", ",", header=heads, comments="")
+    asked = {"free": "x", "wrench": load, "direction": None, "axes": None, "factors": {}}
+    paths = [
+        ToolPath(se3.from_roll_pitch_yaw(p, angles), load),
+        ToolPath.from_axes(p, along, "x", wrenches=load),
+        read_path_file(tmp_path / "angles.csv", units=arm.units, **asked),
+        read_path_file(tmp_path / "axes.csv", units=arm.units, **asked),
+    ]
+    for path in paths:
+        assert path.axes == "path"
+        c, s = np.cos(0.25), np.sin(0.25)
+        assert path.wrench(1)[3:] == pytest.approx([-80 * c - 30 * s, 30 * c - 80 * s, 40.0])
+        result = optimise_path(arm, path, samples=4)
+        for pose, q, value in zip(path.poses, result.q, result.values, strict=True):
+            R = np.kron(np.eye(2), arm.mechanism.at(q).pose[:3, :3])
+            J = R @ arm.mechanism.at(q).motion.jacobian
+            turned = np.kron(np.eye(2), pose[:3, :3]) @ load
+            assert value == pytest.approx(np.linalg.norm((J @ J.T @ turned)[3:] / 2e4), rel=1e-9)

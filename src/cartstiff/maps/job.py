@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.errors import CartstiffError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.chains.following import Assembler, Closed
 from cartstiff.many.kernels import CLOSED_CHUNK, Backend
@@ -29,8 +28,7 @@ from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits, force_notes, forces_beyond
-from cartstiff.stiffness.compute import analyse
+from cartstiff.mechanisms.limits import Limits, forces_beyond
 from cartstiff.vibration.many_modes import ManyModes, moves_as_body, unloaded_compliances
 
 #: State of a place that no posture reaches.
@@ -336,20 +334,12 @@ class MapJob:
         if legs is not None and legs.forces is not None:  # they depend on the load as well
             left = np.flatnonzero(~beyond)
             wrench = None if self.wrench is None else np.array(self.wrench, float)
-            tensions, known = tensions_of_many(
+            tensions = tensions_of_many(
                 self.elastic, q[left], wrench, self.settings.load, self.load_axes
             )
+            # Where no tensions balance the load, what is wrong has a name of its own.
             beyond[left] = forces_beyond(legs.forces, tensions).any(axis=1)
-            for i in left[~known]:
-                beyond[i] = self._is_force_beyond(q[i])
         return beyond
-
-    def _is_force_beyond(self, q: Array) -> bool:
-        try:
-            result = analyse(self.elastic, q, wrench=self.wrench, **self._acting)
-        except CartstiffError:
-            return False  # what is wrong there has a name of its own
-        return bool(force_notes(result.elastic, result.posture))
 
     def _cost(self, q: Array) -> Array:
         """The first quantity, turned so that less is better."""

@@ -244,9 +244,9 @@ class Platform(Mechanism):
         return se3.from_roll_pitch_yaw(q[:3], q[3:]) @ self.T_P_M
 
     def coordinates_of(self, T_F_M: ArrayLike) -> Array:
-        """Coordinates x, y, z, roll, pitch, yaw of P from the pose of M."""
+        """Coordinates x, y, z, roll, pitch, yaw (..., 6) of P from poses (..., 4, 4) of M."""
         T_F_P = real_array(T_F_M) @ se3.inverse(self.T_P_M)
-        return np.concatenate([T_F_P[:3, 3], se3.roll_pitch_yaw(T_F_P)])
+        return np.concatenate([T_F_P[..., :3, 3], se3.roll_pitch_yaw(T_F_P)], axis=-1)
 
     def moved(self, q: Array, step: Array) -> Array:
         """Coordinates after a small body twist `step`."""

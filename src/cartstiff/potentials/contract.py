@@ -92,6 +92,13 @@ class Potential(ABC):
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
 
+    def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
+        """Sum (n,) of the absolute generalised forces of its members, whose sum is the gradient.
+
+        Forces that cancel by symmetry count; by default there is one member.
+        """
+        return np.abs(gradient)
+
     def remarks(self, posture: Posture) -> list[Note]:  # noqa: ARG002
         """What limits the answer at a posture; nothing by default."""
         return []

@@ -299,6 +299,13 @@ class LineSprings(PosePotential):
         _, to_pose = posture.relative(self.frame_a, self.frame_b)
         return pulled_back(*self._stretched(self.geometry(posture)), to_pose)
 
+    def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
+        """Sum (n,) of the absolute generalised forces of the lines."""
+        geometry = self.geometry(posture)
+        _, to_pose = posture.relative(self.frame_a, self.frame_b)
+        t = np.abs(self.tensions(geometry.lengths))
+        return np.asarray(t @ np.abs(geometry.lines @ to_pose.jacobian))
+
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
         """Energy, wrench and K^B in components of frame b."""
         return self._stretched(line_geometry(T_a_b, self.anchors, self.points))

@@ -20,9 +20,9 @@ It leaves the limits somewhat before the last distribution does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +31,17 @@ from cartstiff import numerics
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.leg_forces import tensions_of_many
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 
-#: The load at poses (N, 4, 4): (N, 6) about M's origin in its axes.
-LoadAt = Callable[[Array], Array]
+#: How a load acts, (moment, force) (6,) about its point, and the axes along which these are the
+#: same at all poses.
+CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
 
 
 def limits_forces(elastic: ElasticMechanism) -> bool:
@@ -96,10 +99,9 @@ class Margins:
     ----------
     elastic : ElasticMechanism
         A platform, or a body on cables.
-    load : callable, optional
-        Of poses (N, 4, 4) the load (N, 6) about M's origin in its axes, (moment, force), that the
-        legs carry where their forces are limited; the body's weight is added where there is
-        gravity.
+    load : CarriedLoad, optional
+        What the legs carry where their forces are limited, besides the weights that gravity acts
+        on. Their forces are those of `cartstiff.analyse`.
     sign : float
         Of the determinant of six legs' lines; poses of the other sign count as beyond the limit
         "singularity". 0: it does not count.
@@ -116,7 +118,7 @@ class Margins:
     def __init__(
         self,
         elastic: ElasticMechanism,
-        load: LoadAt | None = None,
+        load: CarriedLoad | None = None,
         sign: float = 0.0,
         tensions: Distribution = "any",
     ) -> None:
@@ -128,21 +130,19 @@ class Margins:
             )
         self.platform, self.springs, self.sign = platform, springs, sign
         self.limits, self.length = Limits(platform), platform.length
-        self.load, self.weight = load, np.zeros(3)
-        if elastic.gravity is not None:
-            self.weight = platform.weight(elastic.gravity)
+        self.load, self.elastic = load, elastic
         m = len(platform.points)
         self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
         self.is_spread = springs.unilateral or m > 6
         if self.forces is None and springs.unilateral:
             self.forces = np.tile([0.0, np.inf], (m, 1))
-        if self.forces is not None and platform.struts is not None and elastic.gravity is not None:
-            raise InputError(
-                "force limits do not include the weight of the legs",
-                expected="no gravity, or no legs.mass",
-            )
         if self.forces is not None:
             ideal_joints_only(springs, "limits of forces")
+        if self.forces is not None and self.is_spread:
+            # Which tensions, of many that balance, is decided by their limits, not by rest lengths.
+            rest = np.full(m, np.nan)
+            free = replace(springs, rest_length=rest, unilateral=False, balanced_at=None)
+            self.elastic = replace(elastic, springs=free)
         if m < 6 and self.forces is not None:
             raise InputError("the forces in fewer than six legs do not follow from a load", got=m)
         finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
@@ -184,20 +184,18 @@ class Margins:
             values[:, self._lower] - self.limits.lower[self._lower],
             self.limits.upper[self._upper] - values[:, self._upper],
         ]
-        lengths, lines = lines_at(self.platform, poses)
+        _, lines = lines_at(self.platform, poses)
         if self.forces is not None:
-            asked = self._asked(poses)
+            t = self._tensions(poses)
             least, most = self.forces.T
             if self.is_spread and self.tensions == "any":
-                margins = wrench_margins(lines, asked, least, most)
+                margins = wrench_margins(lines, _sums(lines, t), least, most)
                 # On the edge itself nothing more can be carried, as by cables without tension.
-                parts.append(np.where(margins > 0.0, margins, np.minimum(margins, -1.0))[:, None])
+                parts.append(np.where(margins > 0.0, margins, np.fmin(margins, -1.0))[:, None])
             else:
-                t = (
-                    self.middle_tensions(lines, asked)
-                    if self.is_spread
-                    else self._tensions(lengths, lines, asked)
-                )
+                if self.is_spread:
+                    t = self.middle_tensions(lines, _sums(lines, t))
+                t = np.where(np.isfinite(t), t, np.inf)
                 parts += [t - least, most - t]
         if self.sign and lines.shape[1] == 6:
             parts.append(self.sign * numerics.determinants(lines)[:, None])
@@ -238,7 +236,7 @@ class Margins:
         answer: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
         if np.isfinite(self.forces).all():
             lines = lines_at(self.platform, pose[None])[1]
-            t = self.middle_tensions(lines, self._asked(pose[None]))
+            t = self.middle_tensions(lines, _sums(lines, self._tensions(pose[None])))
             answer["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
         return answer
 
@@ -261,22 +259,13 @@ class Margins:
         """Which poses (N,) are within all limits."""
         return np.asarray((self.at(poses) >= 0.0).all(axis=1))
 
-    def _asked(self, poses: Array) -> Array:
-        """What the legs carry (N, 6), in M, moments over the body's length."""
-        weight = -self.weight @ poses[:, :3, :3]
-        moment = np.cross(self.platform.mass_centre, weight)
-        asked = np.concatenate([moment, weight], axis=1)
-        if self.load is not None:
-            asked = asked + self.load(poses)
-        return asked / np.repeat([self.platform.length, 1.0], 3)
+    def _tensions(self, poses: Array) -> Array:
+        """Tensions (N, m) that balance weights and load, as of `cartstiff.analyse`; or NaN."""
+        kind, wrench, axes = self.load or (DEAD_AT_ORIGIN, None, "body")
+        q = self.platform.coordinates_of(poses)
+        return tensions_of_many(self.elastic, q, wrench, kind, axes)
 
-    def _tensions(self, lengths: Array, lines: Array, asked: Array) -> Array:
-        """Tensions (N, 6): of given rest lengths, or those that balance what is asked."""
-        if self.springs.is_complete and self.load is None:
-            return self.springs.tensions(lengths)
-        with np.errstate(all="ignore"):
-            matrix = lines.swapaxes(1, 2)
-            regular = np.abs(numerics.determinants(matrix)) > numerics.RANK
-            safe = np.where(regular[:, None, None], matrix, np.eye(6))
-            t = np.linalg.solve(safe, asked[..., None])[..., 0]
-        return np.where(regular[:, None], t, np.inf)
+
+def _sums(lines: Array, tensions: Array) -> Array:
+    """The wrenches (N, 6) that lines (N, m, 6) with tensions (N, m) carry."""
+    return np.asarray((tensions[:, None] @ lines)[:, 0])

@@ -12,12 +12,14 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
-from cartstiff.reach.margins import LoadAt, Margins
-from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.reach.margins import CarriedLoad, Margins
+from cartstiff.stiffness.applied_load import LoadKind
 
 
-def carried(kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array) -> LoadAt:
-    """The load at other poses, of which the components are known at the start."""
+def carried(
+    kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array
+) -> CarriedLoad:
+    """The load along the axes in which it is the same at all poses, from those at the start."""
     if kind.kind == "conservative":
         raise InputError(
             "a moment that turns by half depends on where the body comes from",
@@ -25,15 +27,10 @@ def carried(kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start
             expected="dead or follower",
             got=kind.kind,
         )
-    body = wrench_in_body(wrench, start, kind.at, axes)
+    parts, R = wrench.reshape(2, 3), start[:3, :3]
     if kind.kind == "follower":
-        return lambda poses: np.broadcast_to(body, (len(poses), 6))
-    inertial = wrench
-    if axes == "body":
-        inertial = (wrench.reshape(2, 3) @ start[:3, :3].T).reshape(6)
-    return lambda poses: wrench_in_body(
-        np.broadcast_to(inertial, (len(poses), 6)), poses, kind.at, "world"
-    )
+        return kind, (parts @ R if axes == "world" else parts).reshape(6), "body"
+    return kind, (parts @ R.T if axes == "body" else parts).reshape(6), "world"
 
 
 def singular_note(platform: Platform, pose: Array, margins: Margins) -> Note | None:

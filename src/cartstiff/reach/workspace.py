@@ -33,7 +33,7 @@ from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.reach.leg_margins import LegMargins
-from cartstiff.reach.margins import LoadAt, Margins
+from cartstiff.reach.margins import CarriedLoad, Margins
 from cartstiff.reach.regions import (
     Columns,
     Moved,
@@ -375,7 +375,7 @@ def _places(rays: Rays) -> Array:
 def _margins(
     elastic: ElasticMechanism,
     values: Array,
-    loaded: Callable[[Array], LoadAt] | None,
+    loaded: Callable[[Array], CarriedLoad] | None,
     through: bool,
     tensions: Distribution,
 ) -> tuple[Margins, Array] | Workspace:

@@ -90,6 +90,8 @@ def _softest(state: Equilibrium) -> str:
     """What the verdict on stability rests on, in a line."""
     values = state.eigenvalues
     if not state.is_conservative:
+        if values.size == 0 and state.stable is False:
+            return "  the determinant of the tangent is negative (see the notes)"
         if values.size == 0:
             return "  flutter and divergence are not examined: motions without mass are left"
         turning = np.sqrt(np.abs(values[0])) / (2 * np.pi)

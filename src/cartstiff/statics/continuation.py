@@ -24,7 +24,7 @@ from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.critical import CriticalPoint, crossings
 from cartstiff.statics.curves import LoadCurve, Reason
-from cartstiff.statics.flutter import MASSLESS, UNDAMPED
+from cartstiff.statics.flutter import MASSLESS, UNDAMPED, divergence
 from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.load_path import CurvePoint, LoadPath
 from cartstiff.statics.newton import solve
@@ -276,7 +276,8 @@ def _verdict(state: CurvePoint) -> bool | None:
     """Whether an equilibrium is stable; None where that is not decided."""
     if not state.is_conservative:
         moving = state.vibrations
-        return False if moving is not None and moving.growing else None
+        grows = moving is not None and moving.growing
+        return False if grows or divergence(state.balance) is not None else None
     scaled = state.balance.modes[0]
     if np.abs(scaled).min(initial=np.inf) <= IDLE:
         return None

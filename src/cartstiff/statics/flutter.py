@@ -7,8 +7,10 @@ nothing. With the masses' matrix M, both on the motions that the constraints lea
     K_t x = omega^2 M x
 
 and the equilibrium is left by oscillations that grow (flutter) where a pair of omega^2 is complex,
-or in one sense (divergence) where one is real and negative. Both depend on M: without a mass on
-every motion no statement is made. Damping is not modelled, and may lower the load of flutter.
+or in one sense (divergence) where one is real and negative. Both depend on M, except where
+det K_t < 0: the product of all omega^2 is det K_t / det M, so that one is negative whatever the
+masses are. Otherwise, without a mass on every motion no statement is made. Damping is not modelled,
+and may lower the load of flutter.
 """
 
 from __future__ import annotations
@@ -63,6 +65,22 @@ class Vibrations:
     mode: Array
     growing: Literal["flutter", "divergence"] | None
     frequency: float | None
+
+
+def divergence(balance: Balance) -> Array | None:
+    """The motion (n,), of length 1, by which a tangent of negative determinant is left; or None.
+
+    No masses are needed: see the module. None as well where rounding decides the sign.
+    """
+    scaled = balance.scaled
+    if not scaled.size or not np.linalg.slogdet(scaled)[0] < 0.0:
+        return None
+    if not np.linalg.svd(scaled, compute_uv=False)[-1] > max(IDLE, balance.unsure):
+        return None
+    values, vectors = np.linalg.eig(scaled)
+    real = np.where(values.imag == 0.0, values.real, np.inf)
+    mode = balance.motion(vectors[:, int(np.argmin(real))].real / np.sqrt(balance.hardness))
+    return np.asarray(mode / np.linalg.norm(mode))
 
 
 def vibrations(

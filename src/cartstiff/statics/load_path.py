@@ -104,7 +104,8 @@ class LoadPath:
         pushed = np.zeros(columns.size)
         for load in self.loads:
             e, g, h = load.evaluate(point.posture)
-            point.add(Evaluation(factor * e, factor * g, factor * h))
+            members = abs(factor) * load.member_forces(point.posture, g)
+            point.add(Evaluation(factor * e, factor * g, factor * h), members)
             pushed += g
         return point, pushed * columns * self.span
 

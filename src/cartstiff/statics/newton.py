@@ -37,6 +37,7 @@ _PATIENCE = 40
 # from which on they hold back the soft ones: elsewhere such steps may lead to another equilibrium.
 _FOLLOWED, _STIFF = 3, numerics.STIFF
 _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
+_STILL = numerics.NEARBY
 _SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.TRUSTED
 # Shares of a motion's hardness: the least stiffness of a step, and a saddle's least slope away.
 _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
@@ -44,13 +45,18 @@ _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
 
 @dataclass(slots=True, eq=False)
 class Solution:
-    """Where the iteration ended."""
+    """Where the iteration ended.
+
+    `is_far` says whether a state on the way was a saddle, or the first step predicted less than
+    half of the way: then the loads may lead elsewhere if they grow gradually.
+    """
 
     point: Point
     balance: Balance
     contacts: tuple[Contact, ...]
     iterations: int
     history: list[float]
+    is_far: bool = False
 
 
 def solve(
@@ -101,8 +107,10 @@ class _Iteration:
                 break
             self.contacts = (*self.contacts, *new)
             point = system.at(system.retracted(point.q, self.contacts))
-        self.point = point
+        self.point = self.start = point
         self.balance = self._balanced(point)
+        self.met_saddle = False
+        self.predicted: Array | None = None
 
     def run(self, iterations: int) -> Solution:
         try:
@@ -135,7 +143,14 @@ class _Iteration:
                 if self._let_go() or (self.settle and self._settle()):
                     best_at = iteration
                     continue
-                return Solution(self.point, self.balance, self.contacts, iteration, self.history)
+                return Solution(
+                    self.point,
+                    self.balance,
+                    self.contacts,
+                    iteration,
+                    self.history,
+                    self._is_far(),
+                )
             lost = np.isnan(self.point.evaluation.energy) and iteration - best_at > _PATIENCE
             if lost or not self._step():
                 if self._is_enough(best, kept):
@@ -151,6 +166,13 @@ class _Iteration:
     @staticmethod
     def _is_enough(best: float, kept: tuple[Point, Balance] | None) -> bool:
         return best <= ENOUGH or (kept is not None and kept[1].is_rounding)
+
+    def _is_far(self) -> bool:
+        if self.met_saddle or self.predicted is None:
+            return self.met_saddle
+        way = self.system.displacement(self.start, self.point)
+        sizes = [float(np.linalg.norm(each)) for each in (way, self.predicted)]
+        return float(np.linalg.norm(way - self.predicted)) > max(0.5 * max(sizes), _STILL)
 
     def _suspicion(self) -> str:
         """What may be the reason why there is no equilibrium."""
@@ -191,9 +213,12 @@ class _Iteration:
         if np.isnan(self.point.evaluation.energy):
             return b.motion(-b.solved(b.force, _SOFTEST)), np.nan
         values, modes = b.modes
+        self.met_saddle |= bool((values < -_SADDLE).any())
         stiff = np.maximum(np.abs(values), _SOFTEST)
         y = -modes @ ((modes.T @ b.force) / stiff)
-        return b.motion(y), float(b.force @ y)
+        step = b.motion(y)
+        self.predicted = step if self.predicted is None else self.predicted
+        return step, float(b.force @ y)
 
     def _step(self) -> bool:
         """Take one step; False if none helps.
@@ -385,6 +410,7 @@ class _Iteration:
         values, modes = b.modes
         if values[0] >= -_SADDLE:
             return False
+        self.met_saddle = True
         down = b.motion(modes[:, 0])
         down /= np.abs(down).max()
         for size in (0.1, 0.03, 0.01, 0.001):

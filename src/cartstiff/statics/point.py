@@ -20,7 +20,7 @@ class Point:
     energies : float
         Sum of the terms' absolute energies.
     forces : ndarray (n,)
-        Sum of the terms' absolute generalised forces, in natural units.
+        Sum of the absolute generalised forces of the terms' members, in natural units.
     hardness : ndarray (n, n)
         Sum of the terms' absolute stiffnesses, in natural units.
     """
@@ -39,11 +39,11 @@ class Point:
         stiff = np.diag(self.hardness)
         return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
 
-    def add(self, term: Evaluation) -> None:
-        """One more term that acts here."""
+    def add(self, term: Evaluation, members: Array) -> None:
+        """One more term that acts here, with the absolute forces (n,) of its members."""
         e, g, h = self.evaluation
         self.evaluation = Evaluation(e + term.energy, g + term.gradient, h + term.hessian)
         columns = self.posture.coordinate_lengths
         self.energies += abs(term.energy)
-        self.forces += np.abs(term.gradient * columns)
+        self.forces += members * columns
         self.hardness += np.abs(term.hessian * columns[:, None] * columns)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -109,7 +110,8 @@ class System:
         nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
         point = Point(posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited)
         for term in self.terms:
-            point.add(term.evaluate(posture))
+            evaluation = term.evaluate(posture)
+            point.add(evaluation, term.member_forces(posture, evaluation.gradient))
         return point
 
     def constraints(
@@ -304,11 +306,17 @@ class System:
             return False
         return not self.elastic.potentials or point.stiffness_ratio > _FAR
 
-    @staticmethod
-    def _reach(posture: MechanismPosture) -> float:
+    @cached_property
+    def _farthest_anchor(self) -> float:
+        """Distance from F's origin of the farthest point that a line holds the body to."""
+        lines = [t for t in self.terms if isinstance(t, LineSprings) and t.frame_a == "world"]
+        return max((float(np.abs(t.anchors).max()) for t in lines), default=0.0)
+
+    def _reach(self, posture: MechanismPosture) -> float:
         """Largest coordinate in natural units, at least 1: what rounding of coordinates goes by."""
         if posture.coordinates_are_pose:  # a length is the difference of two points so far away
-            return 1.0 + float(np.abs(posture.pose[:3, 3]).max()) / posture.length
+            farthest = max(float(np.abs(posture.pose[:3, 3]).max()), self._farthest_anchor)
+            return 1.0 + farthest / posture.length
         return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
 
     @cached_property
@@ -350,6 +358,13 @@ class System:
     @cached_property
     def _angles(self) -> list[bool]:
         return [not c.is_length for c in self.elastic.mechanism.coordinates]
+
+    def displacement(self, start: Point, end: Point) -> Array:
+        """What leads from one point to another (n,), in natural units."""
+        lengths = start.posture.coordinate_lengths
+        if start.posture.coordinates_are_pose:
+            return np.asarray(se3.log(se3.inverse(start.posture.pose) @ end.posture.pose) / lengths)
+        return np.asarray((end.q - start.q) / lengths)
 
     def moved(self, point: Point, step: Array) -> Array:
         """Coordinates after a step in natural units, before the constraints are restored."""

@@ -15,7 +15,7 @@ from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance, spectrum
-from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
+from cartstiff.statics.flutter import MASSLESS, UNDAMPED, divergence, vibrations
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.point import Point
 from cartstiff.statics.problem import System
@@ -114,17 +114,20 @@ def _by_vibrations(
     vibration = vibrations(point, balance, system.elastic.units, system.terms)
     words = "a load has no potential: the definiteness of its tangent proves nothing"
     notes = [Note("non-conservative", words)]
+    squares = np.empty(0) if vibration is None else vibration.squares
+    if vibration is not None and vibration.growing == "flutter":
+        facts = {"frequency": vibration.frequency, "mode": vibration.mode.tolist()}
+        words = "vibrations about the equilibrium grow (flutter)"
+        return False, squares, [*notes, Note("flutter", words, facts)]
+    is_growing = vibration is not None and vibration.growing == "divergence"
+    mode = vibration.mode if vibration is not None and is_growing else divergence(balance)
+    if mode is None:
+        return None, squares, [*notes, MASSLESS if vibration is None else UNDAMPED]
+    words = "the mechanism leaves the equilibrium in one sense (divergence)"
     if vibration is None:
-        return None, np.empty(0), [*notes, MASSLESS]
-    if vibration.growing is None:
-        return None, vibration.squares, [*notes, UNDAMPED]
-    facts = {"frequency": vibration.frequency, "mode": vibration.mode.tolist()}
-    if vibration.growing == "flutter":
-        growing = Note("flutter", "vibrations about the equilibrium grow (flutter)", facts)
-    else:
-        words = "the mechanism leaves the equilibrium in one sense (divergence)"
-        growing = Note("divergence", words, facts)
-    return False, vibration.squares, [*notes, growing]
+        words += ", whatever its masses are: the determinant of the tangent is negative"
+    facts = {"frequency": None, "mode": mode.tolist()}
+    return False, squares, [*notes, Note("divergence", words, facts)]
 
 
 def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:

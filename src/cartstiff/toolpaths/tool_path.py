@@ -70,12 +70,12 @@ class ToolPath:
         *,
         wrenches: ArrayLike | None = None,
         directions: ArrayLike | None = None,
-        axes: Axes = "world",
+        axes: Axes = "path",
     ) -> ToolPath:
         """Path from positions (m, 3) and directions of the tool's axis (m, 3) or (3,), both in F.
 
-        The rotation about that axis is chosen so that it follows the path without turning; it
-        does not matter where it is left free.
+        The first pose is turned from F by the smallest angle that aligns the axis, and each next
+        one from the pose before it. `axes` are those of wrenches and directions, as of `ToolPath`.
 
         Raises
         ------

@@ -48,9 +48,7 @@ def read_path_file(
     wrench, direction : list of float, optional
         The same at all points, instead of columns.
     axes : {"path", "world", "body"}, optional
-        Axes of wrenches and directions; default those of the file's poses, of F where the file
-        gives the tool's axis alone.
-
+        Axes of wrenches and directions; default "path".
     units : Units, optional
         What lengths and forces come in; default SI.
     factors : mapping of str to float
@@ -100,15 +98,13 @@ def read_path_file(
             raise InputError(
                 "the tool's axis alone gives no pose", expected="--free-axis x, y or z"
             )
-        if axes == "path":
-            raise InputError("the tool's axis alone gives no axes", expected="--axes world or body")
         return ToolPath.from_axes(
             columns(_POSITION),
             tool_axes,
             free,  # type: ignore[arg-type]
             wrenches=wrenches,
             directions=directions,
-            axes=axes or "world",  # type: ignore[arg-type]
+            axes=axes or "path",  # type: ignore[arg-type]
         )
     except InputError as error:
         raise error.at(where) from None
