@@ -13,7 +13,6 @@ from dataclasses import replace
 from numbers import Integral
 from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
@@ -23,7 +22,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import limits_of
-from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve
@@ -42,8 +40,6 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 _STAGES = 8
 # Points of the curve that is followed where that fails, too.
 _POINTS = 200
-# Distance of its points, in rad and characteristic lengths, where critical loads are looked for.
-_RESOLUTION = 0.05
 
 
 def equilibrium(
@@ -145,50 +141,9 @@ def equilibrium(
                 staged = _along_its_curve(system, q, iterations, settle)
             if staged is None:
                 raise error from None
-            solution, stages = staged, _STAGES
+            solution, stages = replace(staged, is_far=True), _STAGES
     state = state_of_rest(system, solution, start, stages)
-    if loads and state.stable and (stages > 1 or solution.is_far):
-        state = replace(state, notes=(*state.notes, *_notes_on_way(system, q, state)))
     return state if elastic.identified is None else replace(state, _chosen=chosen)
-
-
-def _notes_on_way(system: System, q: Array, state: Equilibrium) -> list[Note]:
-    """What loads that grow gradually meet before they reach an equilibrium that is far away."""
-    try:
-        curve = load_curve(
-            system.elastic,
-            *system.loads,
-            held=system.held,
-            q0=q,
-            resolution=_RESOLUTION,
-            points=_POINTS,
-        )
-    except (ConvergenceError, UndefinedError):
-        return []
-    words = {
-        "limit": "a limit point, where the mechanism snaps through: it comes to rest elsewhere "
-        "than a small load leads to",
-        "bifurcation": "a bifurcation, where the mechanism buckles: another state, in a symmetric "
-        "mechanism the mirror image of this one, is as good",
-    }
-    passed: dict[str, float] = {}
-    for point in curve.critical:
-        if point.kind in words:
-            passed.setdefault(point.kind, float(point.factor))
-    if not passed and curve.reason == "factor-reached":
-        end = system.at(curve.q[-1])
-        away = np.abs(system.displacement(end, state._solution.point)).max(initial=0.0)
-        if away > numerics.NEARBY:
-            message = "the loads, put on gradually, lead to another equilibrium than this one"
-            return [Note("other-equilibrium", message, {"q": end.q.tolist()})]
-    return [
-        Note(
-            "limit-point" if kind == "limit" else kind,
-            f"the way from the unloaded state passes, at {factor:.4g} of the load, {words[kind]}",
-            {"factor": factor},
-        )
-        for kind, factor in passed.items()
-    ]
 
 
 def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equilibrium:

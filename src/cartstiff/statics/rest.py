@@ -11,6 +11,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Result, fixed, read_only
+from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -20,6 +21,8 @@ from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
 from cartstiff.statics.balance import spectrum
+from cartstiff.statics.continuation import load_curve
+from cartstiff.statics.effort import bounded
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import System
@@ -30,6 +33,22 @@ from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.springs_apart import springs_apart
 from cartstiff.stiffness.tensor import StiffnessTensor
+
+# Points of the curve on which critical loads are looked for.
+_POINTS = 200
+# Codes and words of the critical loads on it, by kind.
+_PASSED = {
+    "limit": (
+        "limit-point",
+        "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a small "
+        "load leads to",
+    ),
+    "bifurcation": (
+        "bifurcation",
+        "a bifurcation, where the mechanism buckles: another state, in a symmetric mechanism the "
+        "mirror image of this one, is as good",
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +110,6 @@ class Equilibrium(Result, ShownInLines):
         masses are missing.
     reactions : Reactions
         Forces of held components, limits and closures.
-    notes : tuple of Note
-        What was found and assumed.
     """
 
     elastic: ElasticMechanism
@@ -106,13 +123,50 @@ class Equilibrium(Result, ShownInLines):
     history: tuple[float, ...]
     stable: bool | None
     reactions: Reactions
-    notes: tuple[Note, ...]
+    _own_notes: tuple[Note, ...]
     _system: System
     _solution: Solution
     #: omega^2 of the vibrations where there is no energy.
     _squares: Array | None = None
     #: Forces (E,) of the elements at the start whose rest positions were chosen there; or None.
     _chosen: Chosen | None = None
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What was found and assumed, and what the loads pass on the way from zero.
+
+        The latter is looked for when this is first read, if the loads have a potential and the
+        equilibrium is far from where the first step of the search led.
+        """
+        if not (self.loads and self.stable and self._solution.is_far):
+            return self._own_notes
+        return (*self._own_notes, *self._notes_on_way())
+
+    def _notes_on_way(self) -> list[Note]:
+        """What loads that grow gradually meet."""
+        system = self._system
+        try:
+            with bounded(self.elastic):
+                curve = load_curve(
+                    self.elastic, *self.loads, held=system.held, q0=self.start.q, points=_POINTS
+                )
+        except (ConvergenceError, UndefinedError):
+            return []
+        passed: dict[str, float] = {}
+        for point in curve.critical:
+            if point.kind in _PASSED:
+                passed.setdefault(point.kind, float(point.factor))
+        if not passed and curve.reason == "factor-reached":
+            end = system.at(curve.q[-1])
+            away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
+            if away > numerics.NEARBY:
+                words = "the loads, put on gradually, lead to another equilibrium than this one"
+                return [Note("other-equilibrium", words, {"q": end.q.tolist()})]
+        words = "the way from the unloaded state passes, at {:.4g} of the load, {}"
+        return [
+            Note(_PASSED[kind][0], words.format(factor, _PASSED[kind][1]), {"factor": factor})
+            for kind, factor in passed.items()
+        ]
 
     def _lines(self) -> list[str]:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
