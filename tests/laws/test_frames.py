@@ -149,3 +149,10 @@ def test_every_output_says_where_m_and_the_base_are(robots):
         assert "(0, 0, 0.1) m, turned by roll, pitch, yaw (0, 28.6479, 0) deg in 'tool0'" in text
     platform = json.loads(run("analyse", "stewart-gough", "--tcp", "0,0,5", "--json"))
     assert np.array(platform["frame_offset"])[:3, 3] == pytest.approx([0, 0, 5])
+    # A body on chains: M moves with the tool, and the same tool as key `offset` of the file.
+    plain, moved = (
+        json.loads(run("analyse", "orthoglide", *more, "--json"))
+        for more in ([], ["--tcp", "0,0,0.1,0,0.5,0"])
+    )
+    assert np.array(moved["frame_offset"]) == pytest.approx(T)
+    assert np.array(moved["pose"]) == pytest.approx(np.array(plain["pose"]) @ T, abs=1e-9)

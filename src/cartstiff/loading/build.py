@@ -306,18 +306,8 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     payload = file.payload
     if (T := overrides.get("tcp")) is not None:
         back = se3.inverse(T)
-        if file.kind in _OF_JOINTS:
-            keys["offset"] = _model_of(pose_of(file.offset) @ T)
-        elif file.kind in _OF_LINES:
-            keys["frame"] = _model_of(pose_of(file.frame) @ T)
-        else:  # the body frame itself
-            grips = [_model_of(back @ pose_of(leg.grip)) for leg in file.legs]
-            keys["legs"] = [
-                leg.model_copy(update={"grip": grip})
-                for leg, grip in zip(file.legs, grips, strict=True)
-            ]
-            if file.pose is not None:
-                keys["pose"] = _model_of(pose_of(file.pose) @ T)
+        key = "frame" if file.kind in _OF_LINES else "offset"
+        keys[key] = _model_of(pose_of(getattr(file, key)) @ T)
         if payload is not None:
             centre = (back @ np.append(payload.com, 1.0))[:3]
             payload = payload.model_copy(update={"com": centre.tolist()})

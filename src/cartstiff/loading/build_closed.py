@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cartstiff.arrays import fixed
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -127,8 +128,10 @@ def build_parallel(
         ends.append(prefix + end)
     tree = merged(parts)
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
-    for frame, end, leg in zip(body, ends, legs, strict=True):
-        _with_frame(tree, frame, end, se3.inverse(pose_of(leg.grip)))
+    offset = pose_of(file.offset)
+    grips = [se3.inverse(offset) @ pose_of(leg.grip) for leg in legs]  # in M
+    for frame, end, grip in zip(body, ends, grips, strict=True):
+        _with_frame(tree, frame, end, se3.inverse(grip))
     chain = Chain(
         tree,
         body[0],
@@ -138,8 +141,8 @@ def build_parallel(
         kind="parallel",
         descriptions=descriptions,
     )
-    chain.frame = "body"
-    chain.legs = _placed(legs, [c.name for c in tree.coordinates])
+    chain.frame, chain.frame_offset = "body", fixed(offset)
+    chain.legs = _placed(legs, grips, [c.name for c in tree.coordinates])
     add_payload(tree, chain, file.payload)
     facts = MjcfFacts(file_springs, tuple(file_passive), posture=drawn)
     q = default_posture(tree, posture, where, facts=facts)
@@ -153,8 +156,8 @@ def build_parallel(
             q[own] = leg_at_pose(
                 part,
                 ends[i].removeprefix(prefix),
-                se3.inverse(pose_of(leg.grip)),
-                se3.inverse(T_F_root) @ pose_of(file.pose),
+                se3.inverse(grips[i]),
+                se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
                 q[own],
                 [j for j, c in enumerate(part.coordinates) if prefix + c.name in virtual],
                 where,
@@ -173,7 +176,9 @@ def build_parallel(
     return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted, springs)
 
 
-def _placed(legs: Sequence[LegModel], names: Sequence[str]) -> tuple[PlacedLeg, ...]:
+def _placed(
+    legs: Sequence[LegModel], grips: Sequence[Array], names: Sequence[str]
+) -> tuple[PlacedLeg, ...]:
     """The legs that have been drawn from their names, among a chain's coordinates."""
     placed = []
     for i, leg in enumerate(legs):
@@ -184,7 +189,7 @@ def _placed(legs: Sequence[LegModel], names: Sequence[str]) -> tuple[PlacedLeg, 
                     drawing.shape,
                     tuple(at.values()),
                     at[drawing.driven],
-                    pose_of(leg.grip),
+                    grips[i],
                     drawing.diameter,
                 )
             )

@@ -198,8 +198,10 @@ class ParallelFile(_File):
     legs: _Legs = Field(description="legs by name, or chains one by one, or a list of both")
     pose: PoseModel | None = Field(
         default=None,
-        description="body frame in F, where the legs are put together; legs by name need it",
+        description="the body's own frame in F, where the legs are put together; legs by name need "
+        "it",
     )
+    offset: PoseModel = Field(default=PoseModel(), description="M in the body's own frame")
     actuated: list[Text] = Field(default=[], description="joints as leg1/joint_name")
     lines: list[LineModel] = []
 

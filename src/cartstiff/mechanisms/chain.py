@@ -245,6 +245,7 @@ class Chain(Mechanism):
             raise InputError("frame offset is not a rigid motion", got=np.asarray(offset).tolist())
         T_frame_M = np.eye(4) if offset is None else np.asarray(offset, float)
         self.body = FixedFrame(at.joint, at.T_j_f @ T_frame_M)
+        self.frame_offset = read_only(T_frame_M.copy())
         #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
         self.payload: tuple[float, float] | None = None
         self.legs: tuple[PlacedLeg, ...] = ()  # those that are known in closed form
@@ -265,11 +266,6 @@ class Chain(Mechanism):
         """What of the closures does not depend on the posture; None if there are none."""
         places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
         return Ties(self.closures, places, self.tree) if places else None
-
-    @property
-    def frame_offset(self) -> Array:
-        """``T_L_M``: M in the link's frame that `frame` names."""
-        return se3.inverse(self.tree.placement(self.frame).T_j_f) @ self.body.T_j_f
 
     def placement(self, name: str) -> FixedFrame:
         """The frame "world", "body", or a named one of the tree."""

@@ -250,6 +250,8 @@ class Mechanism(ABC):
     units: Units = SI
     #: ``T_F_B`` (4, 4): the robot's own base frame B, which its controller knows, in the room F.
     base_pose: Array = fixed(np.eye(4))
+    #: ``T_L_M`` (4, 4): M in the link's frame that `frame` names.
+    frame_offset: Array = fixed(np.eye(4))
     #: Coordinates that do not give: held where they are, whatever acts.
     rigid: frozenset[int] = frozenset()
 
@@ -274,11 +276,6 @@ class Mechanism(ABC):
     def assembled(self, q_start: ArrayLike) -> Array:
         """Coordinates near `q_start` that satisfy the closures."""
         return self.closed(q_start).q
-
-    @property
-    def frame_offset(self) -> Array:
-        """``T_L_M`` (4, 4): M in the link's frame that `frame` names."""
-        return np.eye(4)
 
     def frames_as_dict(self) -> dict[str, Any]:
         """Where M sits in its link and the robot's base in F, for JSON."""

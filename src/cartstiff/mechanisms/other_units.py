@@ -114,6 +114,7 @@ def _chain(chain: Chain, a: float, units: Units) -> Chain:
     other.coordinates = other.tree.coordinates
     other.body = FixedFrame(chain.body.joint, _moved(chain.body.T_j_f, a))
     other.base_pose = _moved(chain.base_pose, a)
+    other.frame_offset = _moved(chain.frame_offset, a)
     other.legs = tuple(leg.scaled(a) for leg in chain.legs)
     return other
 
@@ -145,7 +146,7 @@ def _platform(platform: Platform, a: float, units: Units) -> Platform:
     other.units = units
     for name in ("anchors", "points", "points_P", "mass_centre"):
         setattr(other, name, getattr(platform, name) * a)
-    other.T_P_M = _moved(platform.T_P_M, a)
+    other.T_P_M = other.frame_offset = _moved(platform.T_P_M, a)
     other.body_inertia = platform.body_inertia * np.outer(*(np.repeat([a, 1.0], 3),) * 2)
     other.limits = None if platform.limits is None else platform.limits * a
     if platform.leg_limits is not None:

@@ -171,6 +171,7 @@ class Platform(Mechanism):
         self.units = units
         self.anchors = checked_array(base, None, "base points")
         self.T_P_M = np.eye(4) if T_P_M is None else checked_pose(T_P_M, "T_P_M")
+        self.frame_offset = self.T_P_M
         points_P = checked_array(platform, None, "platform points")
         if points_P.shape != self.anchors.shape or points_P.ndim != 2 or points_P.shape[1] != 3:
             raise InputError(
@@ -208,11 +209,6 @@ class Platform(Mechanism):
         """What is kept of a platform elsewhere stays true: its arrays cannot be written to."""
         for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre", "body_inertia"):
             getattr(self, name).flags.writeable = False
-
-    @property
-    def frame_offset(self) -> Array:
-        """``T_P_M``: M in the platform's own frame."""
-        return self.T_P_M
 
     def weight(self, acceleration: Array) -> Array:
         """Weight (3,) of the body in F, in the unit of force, under a field in m/s^2."""
