@@ -67,6 +67,7 @@ SMALL = {
     "notes",
     "numerics",
     "parsing",
+    "ros_packages",
     "version",
 }
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20

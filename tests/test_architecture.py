@@ -20,7 +20,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
     {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
-    {"parsing", "expressions", "arrays", "child_process", "figures", "notebook"},
+    {"parsing", "expressions", "arrays", "child_process", "ros_packages", "figures", "notebook"},
     {"geometry", "notes"},
     {"potentials"},
     {"mechanisms"},

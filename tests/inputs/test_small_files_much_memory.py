@@ -110,8 +110,8 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.loading import (
         csv_file,
         robot_description,
-        ros_worker,
         urdf,
+        xacro_worker,
         yaml_file,
     )
     from cartstiff.loading.mjcf import compiled as mjcf_data
@@ -124,7 +124,7 @@ def test_the_limits_are_those_of_the_reference():
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
     assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2
-    assert mjcf_worker._MEMORY == 2 * 1024**3
+    assert mjcf_worker._MEGABYTES == 2048
     shown = {
         "1 GiB": map_request._LARGEST_FILE / 1024**3,
         "64 MiB": meshes._LARGEST / 1024**2,
@@ -139,7 +139,7 @@ def test_the_limits_are_those_of_the_reference():
         "20 000;": mjcf_data.LARGEST["ngeom"],
         "1000 |": mjcf_data.LARGEST["nkey"],
         "8 s": mjcf_worker._SECONDS,
-        "6 s": ros_worker._SECONDS,
+        "6 s": xacro_worker._SECONDS,
         "150 000": effort._MOST,
         "at least 300 |": effort._FEWEST,
         "2 000 000": meshes._MOST_VERTICES / 3,

@@ -336,11 +336,7 @@ def _model_of(T: Array) -> PoseModel:
 def _with_ros(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     """A file whose robots get more xacro arguments, and more folders for packages."""
     if hasattr(file, "model"):
-        keys = {
-            "xacro": {**file.xacro, **overrides.get("xacro", {})},
-            "package_path": [*overrides.get("package_path", ()), *file.package_path],
-        }
-        return file.model_copy(update=keys)
+        return file.with_ros(overrides.get("xacro", {}), overrides.get("package_path", ()))
     if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
         legs = [
             _with_ros(leg, overrides, where) if leg.drawing is None else leg for leg in file.legs

@@ -45,14 +45,20 @@ def described(
     for folder in file.package_path:
         if not _from(beside, folder).is_dir():
             raise InputError("no such folder", where="package_path", got=one_line(folder))
-    model, ros = file.model, Ros([_from(beside, p) for p in file.package_path], dict(file.xacro))
+    packages = tuple(_from(beside, p) for p in file.package_path)
+    named = tuple(map(Path, file.named_folders))
+    model, ros = file.model, Ros(packages, dict(file.xacro), named)
     if model.lstrip().startswith("<"):
         return described_text(model, floating, ros)
     path = _from(beside, model)
     if path.suffix.lower() not in ROBOT_FILES and not path.is_file():
         if is_description_name(model):
             path, more = described_robot(model)
-            ros = Ros([*ros.packages, *more.packages], {**more.arguments, **ros.arguments})
+            ros = Ros(
+                (*ros.packages, *more.packages),
+                {**more.arguments, **ros.arguments},
+                (*named, *more.packages),
+            )
         else:
             path = example_robot(model)
     return read_robot_description(path, floating, ros)

@@ -25,6 +25,7 @@ from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
 from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.chain import Description
+from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.shapes import Piece
@@ -104,9 +105,9 @@ def read_robot_description(
     ros, where = ros or Ros(), where or one_line(str(path))
     text = read_text(path, _LARGEST)
     root = parse_text(text, where)
-    expanded = None
+    expanded, notes = None, list[Note]()
     if root.tag in ("robot", "mujoco") and is_xacro(path, text):
-        expanded = expanded_xacro(path, ros, where)
+        expanded, notes = expanded_xacro(path, ros, where)
         root = parse_text(expanded, where)
     elif ros.arguments:
         raise InputError(
@@ -120,6 +121,7 @@ def read_robot_description(
         )
     if root.tag == "robot":
         facts = prepare_urdf(root, where)
+        facts.notes.extend(notes)
         text = ET.tostring(root, encoding="unicode")
         with quiet():
             try:
@@ -127,8 +129,7 @@ def read_robot_description(
                 model = pin.buildModelFromXML(text, *root_joint)
             except Exception as error:
                 raise InputError("not a usable URDF", where=where, got=str(error)) from None
-        packages = tuple(ros.packages)
-        return RobotDescription(path, model, facts, text=expanded, packages=packages)
+        return RobotDescription(path, model, facts, text=expanded, packages=ros.packages)
     if root.tag == "mujoco" and expanded is None:
         from cartstiff.loading.mjcf.reading import read_mjcf
 

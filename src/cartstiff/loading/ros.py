@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import importlib.util
-import json
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError, one_line
-from cartstiff.loading import ros_worker
+from cartstiff.notes import Note
+from cartstiff.ros_packages import own_folder, search_path
 
 #: Endings of robot descriptions.
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 _SPACE = re.compile(r"""xmlns:\w+\s*=\s*["'][^"']*xacro/?["']""")
 _ELEMENT = re.compile(r"<xacro:|\$[({]")
+
+
+def _worker(name: str) -> str:
+    """File of the script that does the work in a process of its own."""
+    return str(Path(__file__).with_name(f"{name}_worker.py"))
 
 
 @dataclass(frozen=True)
@@ -25,14 +32,17 @@ class Ros:
 
     Attributes
     ----------
-    packages : sequence of Path
+    packages : tuple of Path
         Folders in or under which packages are looked for first.
     arguments : mapping of str to str
         Values of xacro's arguments.
+    named : tuple of Path
+        Those of `packages` below which every file may be read: the user has named them.
     """
 
-    packages: Sequence[Path] = ()
+    packages: tuple[Path, ...] = ()
     arguments: Mapping[str, str] = field(default_factory=dict)
+    named: tuple[Path, ...] = ()
 
 
 def is_xacro(path: Path, text: str) -> bool:
@@ -40,50 +50,54 @@ def is_xacro(path: Path, text: str) -> bool:
     return path.suffix.lower() == ".xacro" or bool(_SPACE.search(text) and _ELEMENT.search(text))
 
 
-def expanded_xacro(path: Path, ros: Ros, where: str) -> str:
-    """The robot description that a xacro file stands for.
+def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
+    """The robot description that a xacro file means, and notes on it.
 
     Raises
     ------
     MissingDependencyError
         Without the package xacro.
     InputError
-        For what xacro refuses, a package that is not found, an argument that the file lacks.
+        For what xacro or its guard refuses, a package that is not found, an argument that the file
+        lacks.
     """
     if importlib.util.find_spec("xacro") is None:
         raise MissingDependencyError("xacro", f"reading {where}", "xacro")
-    from cartstiff.child_process import answer_of
-
-    arguments = [str(path.resolve()), dict(ros.arguments), [str(p) for p in ros.packages]]
-    answer = answer_of(ros_worker.__file__, ["expanded", json.dumps(arguments)], where, "xacro")
+    path, searched = path.resolve(), search_path(ros.packages)
+    folders = [str(own_folder(path)), *map(str, ros.named)]
+    answer = answer_of(
+        _worker("xacro"), [str(path), dict(ros.arguments), folders, searched], where, "xacro"
+    )
     if "missing" in answer:
         raise MissingDependencyError(str(answer["missing"]), f"reading {where}", "xacro")
-    asked = answer.get("asked", {})
+    asked = answer.get("asked", [])
     for name in answer.get("unread", ()):
         if "error" not in answer or name not in asked:
             raise UnknownNameError("xacro argument", name, asked, where=where)
-    if answer.get("package"):
-        raise InputError(
-            answer["error"],
-            where=where,
-            expected="--package-path FOLDER, ROS_PACKAGE_PATH, AMENT_PREFIX_PATH, or a folder "
-            "above the file that holds it",
-        )
     if "error" in answer:
         words = str(answer["error"])
-        for folder, shown in ((path.resolve().parent, "."), (path.resolve().parent.parent, "..")):
+        for folder, shown in ((path.parent, "."), (path.parent.parent, "..")):
             words = words.replace(f"{folder}/", f"{shown}/")  # the end of a path tells most
-        words = one_line(words, 300)
         file = Path(answer.get("file", path)).name
-        raise InputError(
-            "not a usable xacro file",
-            where=where,
-            expected=f"its arguments as --xacro-arg NAME:=VALUE (it has {', '.join(asked)})"
-            if asked
-            else None,
-            got=words if file == path.name else f"{words} (in {file})",
+        inside = "" if file == path.name else f", in {file}"
+        expected = None
+        if answer.get("package") or answer.get("outside"):
+            expected = (
+                "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder"
+            )
+        elif lacking := answer.get("missing_arguments"):
+            expected = f"--xacro-arg {lacking[0]}:=VALUE"
+        raise InputError(f"xacro: {one_line(words, 300)}{inside}", where=where, expected=expected)
+    twice = [
+        Note(
+            "package-twice",
+            f"several packages are called {name}: {folders[0]} is read, not "
+            + ", ".join(folders[1:]),
+            {"package": name, "folders": folders},
         )
-    return str(answer["xml"])
+        for name, folders in answer.get("twice", {}).items()
+    ]
+    return str(answer["xml"]), twice
 
 
 @cache
@@ -108,10 +122,8 @@ def described_robot(name: str) -> tuple[Path, Ros]:
     """
     if not _has_descriptions():
         raise MissingDependencyError("robot_descriptions", f"the robot {name!r}", "descriptions")
-    from cartstiff.child_process import answer_of
-
-    arguments = ["described", json.dumps([name])]
-    answer = answer_of(ros_worker.__file__, arguments, name, "robot_descriptions")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    answer = answer_of(_worker("descriptions"), [name], name, "robot_descriptions", environment)
     if "unknown" in answer:
         raise UnknownNameError("robot description", name, answer["unknown"])
     if "not_cached" in answer:

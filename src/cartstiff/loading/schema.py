@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     ConfigDict,
@@ -57,6 +58,23 @@ class _Robot(FileModel):
     package_path: list[FileName] = Field(
         default=[], description="folders in which ROS packages are looked for first"
     )
+    _named: tuple[str, ...] = PrivateAttr(default=())
+
+    @property
+    def named_folders(self) -> tuple[str, ...]:
+        """Folders of `package_path` that the user has named, and not the file."""
+        return self._named
+
+    def with_ros(self, arguments: Mapping[str, str], folders: Sequence[str]) -> Self:
+        """The same with arguments of xacro and folders of packages that the user has named."""
+        robot = self.model_copy(
+            update={
+                "xacro": {**self.xacro, **arguments},
+                "package_path": [*folders, *self.package_path],
+            }
+        )
+        robot._named = tuple(folders)
+        return robot
 
 
 class SerialFile(_Robot, _File):

@@ -18,11 +18,11 @@ import pinocchio as pin
 
 from cartstiff.errors import CartstiffError, one_line
 from cartstiff.loading.robot_description import parse_text, parse_xml, quiet
-from cartstiff.loading.ros_worker import package_folder
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import FixedFrame
+from cartstiff.ros_packages import package_folders, search_path
 
 Kind = Literal["visual", "collision"]
 _TYPES: dict[Kind, Any] = {
@@ -229,12 +229,10 @@ def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
     places: list[Path]
     if separator and scheme in ("package", "model"):
         rest = rest.lstrip("/")
-        # A package is a folder above the file, or stands beside one of them.
-        places = [p / rest for p in [*packages, *path.resolve().parents]]
-        if not any(p.is_file() for p in places):
-            package, _, inside = rest.partition("/")
-            folder = package_folder(package, path, [str(p) for p in packages])
-            places = [] if folder is None else [folder / inside]
+        package, _, inside = rest.partition("/")
+        places = [f / inside for f in package_folders(package, path, search_path(packages))]
+        if not any(p.is_file() for p in places):  # a folder of the name may have no package.xml
+            places = [p / rest for p in [*packages, *path.resolve().parents]]
     elif separator and scheme == "file":
         places = [Path(rest)]
     elif separator:

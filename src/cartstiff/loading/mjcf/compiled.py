@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
         raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
     data = answer_of(
         worker.__file__,
-        [str(path.resolve()), json.dumps(LARGEST)],
+        [str(path.resolve()), LARGEST],
         where,
         "MuJoCo",
         # Nothing is drawn; importing a window library takes long.

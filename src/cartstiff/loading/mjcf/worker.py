@@ -1,8 +1,7 @@
-"""Compiles one MJCF file with MuJoCo and prints the compiled model as data.
+"""Compiles one MJCF file with MuJoCo; run as a script in a process of its own (`compiled`).
 
-Run as a script in a process of its own (`compiled` starts it): whatever a stranger's
-file does to the compiler stays in that process, whose time and memory are limited. It prints one
-JSON object: the model, or one line under "error".
+Whatever a stranger's file does to the compiler stays in that process. The answer is the compiled
+model as data, or one line under "error".
 
 Only what statics needs is compiled: pictures of surfaces are left out, and a mesh is read only
 where a mass depends on it. A unit tetrahedron stands for every other mesh. MuJoCo places a mesh by
@@ -11,16 +10,12 @@ its own centre and says where that is, so the pose of the file's mesh follows wi
 
 from __future__ import annotations
 
-import json
-import os
-import resource
-import sys
 from pathlib import Path
 from typing import Any
 
-# What the process may take: bytes of address space, seconds of processor time.
-_MEMORY = 2 * 1024**3
-_SECONDS = 8
+from cartstiff.child_process import serve
+
+_MEGABYTES, _SECONDS = 2048, 8
 _ARENA = 64 * 1024**2
 _TETRAHEDRON = [1.0, 1, 1, 1, -1, -1, -1, 1, -1, -1, -1, 1]
 _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
@@ -182,24 +177,5 @@ def _mesh_file(spec: Any, mesh: Any) -> Path:
     return Path(spec.modelfiledir, folder, name)
 
 
-def main() -> None:
-    """Print the model of the file named by the first argument; counts by the second, as JSON."""
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS + 1))  # a signal, then the end
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # MuJoCo's own messages
-    try:
-        answer = compiled(sys.argv[1], json.loads(sys.argv[2]))
-    except ModuleNotFoundError as error:
-        answer = {"missing": error.name}
-    except MemoryError:
-        answer = {"error": "too much memory is needed"}
-    except Exception as error:
-        answer = {"error": str(error)}
-    with out:
-        json.dump(answer, out)
-
-
 if __name__ == "__main__":
-    main()
+    serve(compiled, _MEGABYTES, _SECONDS)
