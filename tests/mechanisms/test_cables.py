@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 from tests.mechanisms.machines import codes, note, write_file
 from tests.mechanisms.oracle import bundled_lines
 from tests.support import relative_error
 
+import cartstiff
 from cartstiff import analyse, load
 from cartstiff.errors import InputError
 from cartstiff.potentials.loads import DeadForce
@@ -134,3 +136,103 @@ def test_an_equilibrium_names_its_slack_cables(tmp_path):
     across = np.hypot(length, moved)
     sideways = 2 * (k * (across - length) + t) * moved / across
     assert np.isclose(t + k * moved + sideways, 400.0, rtol=TENSIONS)
+
+
+def _eight(folder, low, **more):
+    """A frame between eight corners, its cables crossed in height if `low` is below zero."""
+    corners = np.array([[x, y, z] for z in (0.0, 2.0) for x in (-1, 1) for y in (-1, 1)])
+    inner = np.array([[x, y, low * z] for z in (-1, 1) for x in (-1, 1) for y in (-1, 1)])
+    return load(
+        write_file(
+            folder,
+            kind="springs",
+            unilateral=True,
+            base=corners,
+            platform=inner * [0.3, 0.1, 0.15],
+            pose={"xyz": [0, 0, 1.0]},
+            legs={"stiffness": 2e4},
+            body={"mass": 10.0, "com": [0, 0, 0]},
+            gravity=[0, 0, -9.81],
+            **more,
+        )
+    )
+
+
+@pytest.mark.parametrize("low", [1.0, -1.0])
+def test_every_cable_is_taut_where_that_is_possible(tmp_path, low):
+    """The nearest tensions to none in which each is a tenth of the mean, by another solver."""
+    elastic = _eight(tmp_path, low)
+    rng = np.random.default_rng(3)
+    for W in [None, *(rng.uniform(-1, 1, 6) * [1, 1, 1, 25, 25, 25] for _ in range(6))]:
+        result = analyse(elastic, wrench=W)
+        lines = result.posture.lines
+        found = result.elastic.springs.tensions(lines.lengths)
+        asked = np.array([0, 0, 0, 0, 0, -98.1]) + (0 if W is None else W)
+        shortest = np.linalg.lstsq(lines.lines.T, asked, rcond=None)[0]
+        assert shortest.min() < 0.0  # those from below would push
+        least = 0.1 * np.abs(shortest).mean()
+        heavy = 1e6
+        other = lsq_linear(
+            np.vstack([heavy * lines.lines.T, np.eye(8)]),
+            np.append(heavy * asked, np.zeros(8)),
+            bounds=(least, np.inf),
+            tol=1e-15,
+            method="bvls",
+        )
+        assert found.min() >= least * (1 - 1e-9)
+        assert found == pytest.approx(other.x, rel=1e-5, abs=1e-5 * found.max())
+        chosen = note(result, "tensions-chosen").values["tensions"]
+        assert chosen == pytest.approx(found, rel=1e-12)
+        assert not {"slack", "direction-dependent"} & set(codes(result))
+        # Every cable counts: stiffness by differences of the forces that these springs exert.
+        K, h = np.zeros((3, 3)), 1e-6
+        for j, e in enumerate(np.eye(3)):
+            ends = [elastic.mechanism.points + [0, 0, 1.0] + s * h * e for s in (-1, 1)]
+            pulls = []
+            for end in ends:
+                along = end - elastic.mechanism.anchors
+                L = np.linalg.norm(along, axis=1)
+                t = found + 2e4 * (L - lines.lengths)
+                assert t.min() > 0.0
+                pulls.append((t / L) @ along)
+            K[:, j] = (pulls[1] - pulls[0]) / (2 * h)
+        assert result.matrices["B"][3:, 3:] == pytest.approx(K, rel=1e-5, abs=1.0)
+        many = cartstiff.analyse_many(elastic, elastic.q[None], wrench=W)
+        assert many["stiffness_B"][0] == pytest.approx(result.matrices["B"], rel=1e-9, abs=1e-4)
+
+
+def test_a_cable_at_the_edge_of_slackness_is_named(tmp_path):
+    """A point hung on one cable, another one at its side: it cannot pull, and no choice exists."""
+    elastic = load(
+        write_file(
+            tmp_path,
+            kind="springs",
+            unilateral=True,
+            base=[[0, 0, 1.0], [1.0, 0, 0]],
+            platform=np.zeros((2, 3)),
+            legs={"stiffness": 1e4},
+            body={"mass": 2.0, "com": [0, 0, 0]},
+            gravity=[0, 0, -9.81],
+        )
+    )
+    result = analyse(elastic)
+    assert result.elastic.springs.tensions(result.posture.lines.lengths) == pytest.approx(
+        [19.62, 0]
+    )
+    assert note(result, "direction-dependent").values == {"cables": [2]}
+    assert "tensions-chosen" not in codes(result)
+    assert result.matrices["B"][3, 3] == pytest.approx(1e4 + 19.62)
+    pushed = {
+        side: equilibrium(elastic, DeadForce([side * 5.0, 0, 0])).displacement[3]
+        for side in (1, -1)
+    }
+    assert pushed[-1] == pytest.approx(-5.0 / (1e4 + 19.62), rel=0.01)
+    assert pushed[1] == pytest.approx(
+        np.sin(np.arctan(5.0 / 19.62)), rel=0.01
+    )
+
+
+def test_six_lines_that_hold_are_not_chosen(tmp_path):
+    assert "tensions-chosen" not in codes(analyse(_crane(tmp_path), wrench=[0, 0, 0, 0, 0, -60.0]))
+    assert "tensions-chosen" in codes(analyse(load("cable-robot"), wrench=[0, 0, 0, 5.0, 0, 0]))
+    assert "tensions-chosen" not in codes(analyse(load("cable-robot")))

@@ -207,8 +207,10 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         missing = missing - lines.T @ present
         t = _chosen_tensions(decomposition, inverse_R, missing, present)
         if case.unilateral:
+            # Of more than six cables the engine keeps each taut, if it can.
+            least = largest(t) * numerics.UNFELT if m > 6 else -numerics.TINY
             for tension in t:
-                verdict = larger(verdict, pick(-numerics.TINY, tension, PLAIN, ENGINE))
+                verdict = larger(verdict, pick(least, tension, PLAIN, ENGINE))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
             W = zeros(6)

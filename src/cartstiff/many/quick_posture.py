@@ -28,6 +28,7 @@ from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
 from cartstiff.potentials.contract import Evaluation
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import PostureStiffness
@@ -227,7 +228,10 @@ class QuickPosture(PostureStiffness):
 
     @property
     def _remarks(self) -> list[Note]:
-        """What links that are bent have to say."""
+        """What links that are bent have to say, and lines that are cables or more than six."""
+        springs = self._asked.springs
+        if isinstance(springs, LineSprings) and (springs.unilateral or len(springs.stiffness) > 6):
+            return self.elastic.remarks(self.posture)
         if not self._code.bends:
             return []
         beams = [term for term in self._asked.terms() if isinstance(term, Beam)]

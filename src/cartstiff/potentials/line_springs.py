@@ -48,6 +48,8 @@ def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
 # `_placed` of the basis of all (t, c, w), as a matrix (13, 36).
 _EACH = np.eye(13)
 _PLACED = _placed(_EACH[:, :9].reshape(13, 3, 3), _EACH[:, 9:12], _EACH[:, 12]).reshape(13, 36)
+# Shares of the mean tension that every cable keeps, if it can: the first that is possible.
+_TAUT_SHARES = (0.1, 0.01, 1e-3, 1e-5, 0.0)
 #: Sums of a few dozen products are exact to so many roundings of their terms.
 _ADDED = 64.0
 
@@ -154,11 +156,14 @@ class LineSprings(PosePotential):
 
     def tensions(self, lengths: Array) -> Array:
         """Tension k (l - l0) of each line; zero for a slack cable."""
-        if self.balanced_at is None:
-            t = self.stiffness * (lengths - self.rest_length)
-        else:
-            t = self.balanced_at[1] + self.stiffness * (lengths - self.balanced_at[0])
+        t = self._pull(lengths)
         return np.maximum(t, 0.0) if self.unilateral else t
+
+    def _pull(self, lengths: Array) -> Array:
+        """Tension of each line, below zero where a cable is slack."""
+        if self.balanced_at is None:
+            return np.asarray(self.stiffness * (lengths - self.rest_length))
+        return np.asarray(self.balanced_at[1] + self.stiffness * (lengths - self.balanced_at[0]))
 
     def lengths_at(self, T_a_b: Array) -> Array:
         """Length of each line at a pose."""
@@ -176,11 +181,38 @@ class LineSprings(PosePotential):
         return [int(i) + 1 for i in np.flatnonzero(lengths < self.rest_length)]
 
     def remarks(self, posture: Posture) -> list[Note]:
-        """The cables that carry nothing, by their numbers from 1."""
-        slack = self.slack(posture)
-        numbers = ", ".join(str(i) for i in slack)
-        message = f"cables {numbers} are slack and carry nothing"
-        return [Note("slack", message, {"slack": slack})] if slack else []
+        """Which cables carry nothing (numbers from 1), and tensions that were chosen among many."""
+        notes = []
+        if slack := self.slack(posture):
+            numbers = ", ".join(map(str, slack))
+            message = f"cables {numbers} are slack and carry nothing"
+            notes.append(Note("slack", message, {"slack": slack}))
+        lengths, _, lines = self.geometry(posture)
+        if self.unilateral:
+            pull = self._pull(lengths)
+            edge = np.abs(pull) <= numerics.CLOSE * np.abs(pull).max(initial=0.0)
+            at_edge = [int(i) + 1 for i in np.flatnonzero(edge)]
+            if at_edge:
+                numbers = ", ".join(map(str, at_edge))
+                message = (
+                    f"cables {numbers} are at the edge of slackness: they resist a motion that "
+                    "stretches them and not its opposite, so that the stiffness depends on the "
+                    "direction; here they count as taut"
+                )
+                notes.append(Note("direction-dependent", message, {"cables": at_edge}))
+        if self.balanced_at is None or len(lines) < 2:
+            return notes
+        values = numerics.singular_values(lines / np.repeat([np.abs(lines).max(), 1.0], 3))
+        if len(lines) > numerics.rank(values):
+            tensions = self.balanced_at[1].tolist()
+            message = (
+                "many tensions of the lines balance the load: those nearest to the given ones, or "
+                "to none, were chosen"
+            )
+            if self.unilateral:
+                message += ", every cable taut where that is possible"
+            notes.append(Note("tensions-chosen", message, {"tensions": tensions}))
+        return notes
 
     @property
     def rest(self) -> Array:
@@ -247,8 +279,8 @@ class LineSprings(PosePotential):
                 expected="a load that the lines can carry (not a type-2 singularity)",
                 got=f"unbalanced part {missed.max():.3g}",
             )
-        if self.unilateral and tensions.min(initial=0.0) < 0:
-            tensions = self._pulling(matrix, wanted * scale, present[free])
+        if self.unilateral and not are_taut(tensions):
+            tensions = _pulling(matrix, tensions, float(np.maximum(present[free], 0.0).mean()))
         if self.unilateral and tensions.min(initial=0.0) < 0:
             raise InputError(
                 "the cables cannot balance this load at this pose: one would have to push",
@@ -267,23 +299,6 @@ class LineSprings(PosePotential):
         springs = object.__new__(type(self))
         vars(springs).update(vars(self), rest_length=rest, balanced_at=(lengths, tensions))
         return springs
-
-    @staticmethod
-    def _pulling(matrix: Array, wanted: Array, present: Array) -> Array:
-        """Tensions that balance and are nowhere negative; all -1 if there are none.
-
-        A tenth of the present mean tension is kept in every cable if that is possible, so that
-        none stands on the point of going slack.
-        """
-        from scipy.optimize import nnls
-
-        size = float(np.abs(wanted).max(initial=0.0))
-        for floor in (0.1 * float(np.maximum(present, 0.0).mean()), 0.0):
-            least = np.full(matrix.shape[1], floor)
-            more, missed = nnls(matrix, wanted - matrix @ least)
-            if missed <= numerics.BALANCE * size:
-                return np.asarray(least + more)
-        return -np.ones(matrix.shape[1])
 
     def geometry(self, posture: Posture) -> LineGeometry:
         """The lines at a posture, which knows those of a platform's own legs."""
@@ -333,3 +348,39 @@ class LineSprings(PosePotential):
         if not self.unilateral:
             return self.stiffness
         return np.where(self.is_taut(lengths), self.stiffness, 0.0)
+
+
+def are_taut(tensions: Array) -> bool:
+    """Whether every cable pulls, or none: what is less than rounding beside the largest is none."""
+    least = numerics.UNFELT * float(np.abs(tensions).max(initial=0.0))
+    return bool(tensions.min(initial=np.inf) > least or least == 0.0)
+
+
+def _pulling(matrix: Array, tensions: Array, given: float) -> Array:
+    """Tensions nearest to balanced ones (m,) that balance as well, and in which no cable pushes.
+
+    Every cable pulls at least a tenth of the mean tension that was given, or of those (m,), where
+    that is possible, else the largest of a few shares of it that is; all are -1 if one has to push.
+    The change ``N y`` is the shortest for which ``N y >= least - t``, N the motions of no wrench
+    (`matrix` has rows of wrenches), by non-negative least squares ([LawsonHanson]_, chapter 23).
+    """
+    from scipy.optimize import nnls
+
+    _, values, Vt = np.linalg.svd(matrix)
+    N = Vt[numerics.rank(values) :].T
+    mean = given or float(np.abs(tensions).mean())
+    size = max(mean, float(np.abs(tensions).max()))
+    for share in _TAUT_SHARES:
+        short = (share * mean - tensions) / size
+        if N.shape[1] == 0:
+            if (short <= numerics.BALANCE).all():
+                return np.maximum(tensions, 0.0)
+            continue
+        u, _ = nnls(np.vstack([N.T, short]), np.append(np.zeros(N.shape[1]), 1.0))
+        r = np.append(N.T @ u, short @ u - 1.0)
+        if not -r[-1] > numerics.BALANCE:
+            continue
+        found = tensions + size * (N @ (-r[:-1] / r[-1]))
+        if found.min() >= -numerics.BALANCE * size:
+            return np.asarray(np.maximum(found, 0.0))
+    return -np.ones(matrix.shape[1])
