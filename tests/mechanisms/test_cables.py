@@ -227,9 +227,7 @@ def test_a_cable_at_the_edge_of_slackness_is_named(tmp_path):
         for side in (1, -1)
     }
     assert pushed[-1] == pytest.approx(-5.0 / (1e4 + 19.62), rel=0.01)
-    assert pushed[1] == pytest.approx(
-        np.sin(np.arctan(5.0 / 19.62)), rel=0.01
-    )
+    assert pushed[1] == pytest.approx(np.sin(np.arctan(5.0 / 19.62)), rel=0.01)
 
 
 def test_six_lines_that_hold_are_not_chosen(tmp_path):

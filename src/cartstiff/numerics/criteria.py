@@ -51,6 +51,8 @@ USUAL_RANK: Final = 1e-8
 
 #: A force, or what is unsure of one, below this share of those beside it is not felt.
 UNFELT: Final = 1e-6
+#: Shares of the mean tension that every cable keeps, if it can: the first that is possible.
+TAUT_SHARES: Final = (0.1, 0.01, 1e-3, 1e-5, 0.0)
 #: A printed number below this share of the largest beside it is printed as 0.
 BLANK: Final = 1e-12
 #: Condition numbers of a Jacobian and of an equilibrated stiffness up to which fast arithmetic

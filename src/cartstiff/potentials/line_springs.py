@@ -48,8 +48,6 @@ def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
 # `_placed` of the basis of all (t, c, w), as a matrix (13, 36).
 _EACH = np.eye(13)
 _PLACED = _placed(_EACH[:, :9].reshape(13, 3, 3), _EACH[:, 9:12], _EACH[:, 12]).reshape(13, 36)
-# Shares of the mean tension that every cable keeps, if it can: the first that is possible.
-_TAUT_SHARES = (0.1, 0.01, 1e-3, 1e-5, 0.0)
 #: Sums of a few dozen products are exact to so many roundings of their terms.
 _ADDED = 64.0
 
@@ -370,7 +368,7 @@ def _pulling(matrix: Array, tensions: Array, given: float) -> Array:
     N = Vt[numerics.rank(values) :].T
     mean = given or float(np.abs(tensions).mean())
     size = max(mean, float(np.abs(tensions).max()))
-    for share in _TAUT_SHARES:
+    for share in numerics.TAUT_SHARES:
         short = (share * mean - tensions) / size
         if N.shape[1] == 0:
             if (short <= numerics.BALANCE).all():
