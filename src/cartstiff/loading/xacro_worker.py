@@ -56,6 +56,8 @@ _PYTHON: dict[str, Callable[..., Any]] = {
     },
     "enumerate": lambda *a: list(enumerate(*a)),
     "range": lambda *a: list(_short(range(*a))),
+    # Python would compute ten to the power of so many digits.
+    "round": lambda x, n=None: round(x, n and max(-400, min(400, n))),
     "reversed": lambda a: list(reversed(a)),
     "zip": lambda *a: list(zip(*a, strict=False)),
 }
@@ -202,14 +204,26 @@ _WORDS = {
 
 def _short(value: Any) -> Any:
     """The value, unless it is larger than any robot needs."""
-    large = isinstance(value, int) and value.bit_length() > _MOST_BITS
-    if large or (hasattr(value, "__len__") and len(value) > _LARGEST_VALUE):
+    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
         raise RefusedError("a value is too large")
     if isinstance(value, (complex, bytes)):
-        raise RefusedError(
-            "not a real number" if isinstance(value, complex) else "bytes are not read"
-        )
+        raise RefusedError("not a real number nor a text")
+    _left(value, _LARGEST_VALUE)
     return value
+
+
+def _left(value: Any, most: int) -> int:
+    """What is left of so many characters and entries, counted as often as they are repeated."""
+    most -= len(value) if isinstance(value, (str, range)) else 1
+    if most < 0:
+        raise RefusedError("a value is too large")
+    if isinstance(value, dict):
+        for inner in dict.items(value):
+            most = _left(inner, most)
+    elif isinstance(value, (list, tuple)):
+        for inner in tuple.__iter__(value) if isinstance(value, tuple) else list.__iter__(value):
+            most = _left(inner, most)
+    return most
 
 
 def _combined(op: ast.AST, a: Any, b: Any) -> Any:
@@ -249,20 +263,15 @@ class _Reader:
     ----------
     path : str
         The file.
-    values : mapping of str to str
-        Its arguments.
     folders : list of str
         Folders below which files are read.
     searched : list of str
         Folders in or under which packages are looked for.
     """
 
-    def __init__(
-        self, path: str, values: dict[str, str], folders: list[str], searched: list[str]
-    ) -> None:
-        self.path, self.values, self.searched = Path(path), values, searched
+    def __init__(self, path: str, folders: list[str], searched: list[str]) -> None:
+        self.path, self.searched = Path(path), searched
         self.folders = [Path(folder).resolve() for folder in folders]
-        self.asked: set[str] = set()
         self.missing: list[str] = []
         self.twice: dict[str, list[str]] = {}
 
@@ -349,21 +358,34 @@ class _Reader:
         self.allowed(Path(fixed).parent)
         return glob.glob(pattern)  # noqa: PTH207
 
-    def load_yaml(self, name: str) -> Any:
-        """Xacro's own reader, for data of a moderate number of values."""
-        data = xacro.load_yaml(name)
-        _counted(data, [0])
-        return data
+    def take_over(self) -> None:
+        """Replace what xacro evaluates and reads by itself."""
 
+        def fatal(*words: Any) -> None:
+            raise RefusedError(" ".join(map(str, words)))
 
-def _counted(data: Any, seen: list[int]) -> None:
-    """Refuse data with too many values, each counted as often as aliases repeat it."""
-    seen[0] += 1
-    if seen[0] > _LARGEST_VALUE // 10:
-        raise RefusedError("a YAML file has too many values")
-    inner = dict.values(data) if isinstance(data, dict) else data if isinstance(data, list) else ()
-    for value in inner if isinstance(data, dict) else list.__iter__(data) if inner else ():
-        _counted(value, seen)
+        own: dict[str, Callable[..., Any]] = {
+            "abs_filename": xacro.abs_filename_spec,
+            "arg": self.argument,
+            "dotify": dict,
+            "fatal": fatal,
+            "load_yaml": xacro.load_yaml,
+            "tokenize": lambda text, sep=",; ", skip_empty=True: [
+                part for part in re.split(f"[{re.escape(sep)}]", text) if part or not skip_empty
+            ],
+            **dict.fromkeys(("message", "warning", "error", "print_location"), lambda *_, **__: ""),
+        }
+        direct = {name: own[name] for name in ("abs_filename", "dotify", "load_yaml")}
+        _SPACES[""] = {**_PYTHON, **_MATH, **direct}
+        _SPACES.update(math=_MATH, python=_PYTHON, xacro=own)
+        vars(xacro).update(
+            safe_eval=self.evaluate,
+            eval_extension=self.extension,
+            eval_text=_bounded(xacro.eval_text),
+            open=self.open,
+            glob=SimpleNamespace(glob=self.listed),
+            _global_symbols={},
+        )
 
 
 def _shown(text: str) -> str:
@@ -387,37 +409,9 @@ def expanded(
     path: str, values: dict[str, str], folders: list[str], searched: list[str]
 ) -> dict[str, Any]:
     """The XML that a xacro file means, or what is wrong with it."""
-    reader = _Reader(path, values, folders, searched)
+    reader = _Reader(path, folders, searched)
+    reader.take_over()
     arguments = _Read(values)
-
-    def silent(*_: Any, **__: Any) -> str:
-        return ""
-
-    def fatal(*words: Any) -> None:
-        raise RefusedError(" ".join(map(str, words)))
-
-    own: dict[str, Callable[..., Any]] = {
-        "abs_filename": xacro.abs_filename_spec,
-        "arg": reader.argument,
-        "dotify": dict,
-        "fatal": fatal,
-        "load_yaml": reader.load_yaml,
-        "tokenize": lambda text, sep=",; ", skip_empty=True: [
-            part for part in re.split(f"[{re.escape(sep)}]", text) if part or not skip_empty
-        ],
-        **dict.fromkeys(("message", "warning", "error", "print_location"), silent),
-    }
-    direct = {name: own[name] for name in ("abs_filename", "dotify", "load_yaml")}
-    _SPACES.update({"": {**_PYTHON, **_MATH, **direct}, "math": _MATH, "python": _PYTHON})
-    _SPACES["xacro"] = own
-    vars(xacro).update(
-        safe_eval=reader.evaluate,
-        eval_extension=reader.extension,
-        eval_text=_bounded(xacro.eval_text),
-        open=reader.open,
-        glob=SimpleNamespace(glob=reader.listed),
-        _global_symbols={},
-    )
     try:
         document = xacro.process_file(path, mappings=arguments, verbosity=0)
         text = document.toxml()
