@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 from scipy import stats
 from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop
 
 from cartstiff.identify.campaign import identify
-from cartstiff.identify.fitting import _damped
 from cartstiff.identify.unknowns import unknowns_of
 
 
@@ -35,20 +33,3 @@ def test_the_fit_of_a_loop_with_forty_unknowns_ends(tmp_path):
     ]
     assert len(far) >= 12
     assert max(far) < 4.0
-    # Of what bends within its linear interval none is told without a profile.
-    untold = [e for e in result.estimates if e.method == "profile, too long"]
-    assert all(e.interval is None and e.verdict == "not-identifiable" for e in untold)
-    assert ("profile-too-long" in {note.code for note in result.notes}) == bool(untold)
-
-
-def test_a_narrow_valley_that_bends_is_followed():
-    """Rosenbrock's, least at (1, 1); steps by the tangent alone do not get there in a hundred."""
-
-    def residual(z):
-        return np.array([100.0 * (z[1] - z[0] ** 2), 1.0 - z[0]])
-
-    def jacobian(z):
-        return np.array([[-200.0 * z[0], 100.0], [-1.0, 0.0]])
-
-    found = _damped(residual, jacobian, np.array([-1.2, 1.44]), np.full(2, -np.inf))
-    assert np.abs(found - 1.0).max() < 1e-6

@@ -108,10 +108,6 @@ def identify(
     checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
     inflation = inflation_of(checks)
     springs = estimates(chosen.solved, unknowns, level, inflation)
-    if not model.is_linear:
-        from cartstiff.identify.profile import with_profiles
-
-        springs = with_profiles(springs, model, unknowns, chosen, measured, offsets, level)
     result = Identification(
         elastic,
         unknowns,

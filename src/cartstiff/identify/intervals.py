@@ -32,9 +32,6 @@ class Estimate:
         Estimate and standard deviation.
     interval : tuple of float or None
         Interval of the compliance.
-    method : {"linear", "profile", "linear, not looked at", "profile, too long"}
-        How the interval was found; the last two where equilibria would take too long: of the last
-        it is known that a linear interval would mislead, and none is told.
     """
 
     unknown: Unknown
@@ -42,7 +39,6 @@ class Estimate:
     compliance: float | None
     deviation: float | None
     interval: tuple[float, float] | None
-    method: str = "linear"
 
     @property
     def name(self) -> str:

@@ -111,9 +111,7 @@ def _cables(result: Identification) -> list[Note]:
 
 def _found(result: Identification) -> list[Note]:
     notes = []
-    lost = [
-        e.name for e in result.estimates if e.verdict == "not-identifiable" and e.method == "linear"
-    ]
+    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
     if lost:
         words = f"not identifiable from these rows: {', '.join(lost)}"
         notes.append(Note("not-identifiable", words, {"springs": lost}))
@@ -129,21 +127,6 @@ def _found(result: Identification) -> list[Note]:
             "model or the signs of load and displacement are wrong"
         )
         notes.append(Note("negative-compliance", words, {"springs": wrong}))
-    unseen = [e.name for e in result.estimates if e.method == "linear, not looked at"]
-    if unseen:
-        words = (
-            "intervals are linear and were not compared with the profile likelihood, which would "
-            f"take long: {', '.join(unseen)}"
-        )
-        notes.append(Note("profile-not-taken", words, {"springs": unseen}))
-    long = [e.name for e in result.estimates if e.method == "profile, too long"]
-    if long:
-        words = (
-            "the answer bends within the linear interval, which would mislead, and the profile "
-            f"likelihood would take long: no interval is told of {', '.join(long)} (fewer "
-            "unknowns, --prior, or rows that part them)"
-        )
-        notes.append(Note("profile-too-long", words, {"springs": long}))
     active = result.chosen.solved.active
     if active.any():
         names = [result.unknowns.names[p] for p in np.flatnonzero(active)]

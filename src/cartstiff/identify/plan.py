@@ -5,19 +5,19 @@ their present values. Three criteria:
 
 * worst: the smallest widest interval, ``max_j (M^-1)_jj``;
 * all: the largest determinant of M (D-optimal, [AtkinsonDonev]_), of which the widest interval is
-  no part: it may be hardly narrower than by chance;
+  no part: it may be hardly narrower than that of rows drawn at random;
 * posture: the smallest error of the deflection at the user's own posture under the user's own load,
   ``tr(L M^-1 L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
 The rows are chosen greedily, then each is exchanged for any candidate as long as that helps. The
 widest interval alone is a poor guide, since most exchanges leave it as it is: norms of all
 intervals that weigh the wide ones more and more lead there. At last every row is moved to better
-places beside it. How good that is, two numbers tell: the widest interval of as many candidates
-drawn at random, and a bound that no choice from all rows that were looked at can beat.
+places beside it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -26,9 +26,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.identify.choosing.chance import bound_of, by_chance, most_helpful, spread_of
-from cartstiff.identify.choosing.search import Beside, cost_of, greedy, refined, searched
+from cartstiff.errors import CartstiffError, InputError, UnknownNameError
 from cartstiff.identify.intervals import quantile
 from cartstiff.identify.loaded_model import model_of
 from cartstiff.identify.measurements import Measurements
@@ -44,6 +42,19 @@ _NORMS, _TRIED = (1, 2, 4, 8, 16, 32), 500
 # Rows that move by more than this share of the mechanism, and this many times more than most, stand
 # near a singularity, where no small displacement is left to be measured.
 _FAR, _OFTEN = 0.05, 10.0
+
+#: Costs (k,) of informations (k, P, P).
+Cost = Callable[[Array], Array]
+#: Rows near those given, within a share of the ranges, and which of these each belongs to.
+Beside = Callable[[Measurements, float, np.random.Generator], tuple[Measurements, NDArray[np.intp]]]
+
+_PASSES = 20
+#: Rows that are disturbed in all, a plan at a time, to leave a poor optimum.
+_DISTURBED = 300
+# Shares of the ranges by which rows are moved, one after the other; nearer than the last share but
+# three no two rows of one load come, as the same row again would tell of noise, not of errors.
+_SHARES = tuple(0.1 * 0.6**k for k in range(8))
+_APART = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +79,6 @@ class Plan:
         Springs that no candidate tells anything about by themselves.
     level : float
         Probability of the intervals.
-    by_chance : float
-        Largest relative standard deviation of as many candidates drawn at random: median.
-    bound : float
-        No choice of as many rows, from all that were looked at, has a smaller largest one.
     """
 
     unknowns: Unknowns
@@ -82,8 +89,6 @@ class Plan:
     factors: Array
     lost: tuple[str, ...]
     level: float
-    by_chance: float
-    bound: float
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -115,8 +120,6 @@ class Plan:
             "parameters": rows,
             "by_rows": falls,
             "not_identifiable": list(self.lost),
-            "worst_relative_sd_by_chance": self.by_chance if np.isfinite(self.by_chance) else None,
-            "worst_relative_sd_bound": self.bound,
         }
 
     @property
@@ -236,27 +239,25 @@ def plan(
         effects = _effects(unknowns, *test)[:, known]
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
-    cost = cost_of(criterion, effects)
-    bound, helps = bound_of(G, start + faint, count)
+    cost = _cost_of(criterion, effects)
     tried = np.arange(len(G))
     ways = [cost]
     if criterion == "worst":
-        tried = most_helpful(helps, max(_TRIED, count))
-        ways = [*(cost_of(criterion, None, norm) for norm in _NORMS), cost]
-    order = greedy(G[tried], start + faint, count, cost)
-    chosen = searched(G[tried], start + faint, order, ways)
+        tried = _most_helpful(G, start + faint, count)
+        ways = [*(_cost_of(criterion, None, norm) for norm in _NORMS), cost]
+    order = _greedy(G[tried], start + faint, count, cost)
+    chosen = _searched(G[tried], start + faint, order, ways)
     order = tried[order].tolist()
     rows = offered.taken(tried[chosen].tolist())
     if beside is not None:
-        rows, more = refined(rows, told, beside, start + faint, ways)
-        bound, _ = bound_of(np.concatenate([G, more]), start + faint, count)
+        rows = _refined(rows, told, beside, start + faint, ways)
     final = told(rows).sum(axis=0)
     P = len(unknowns.parameters)
     counts, spreads = [], []
     for n in range(1, count + 1):
         M = start + (final if n == count else G[order[:n]].sum(axis=0))
         spread = np.full(P, np.inf)
-        spread[known] = spread_of(M)
+        spread[known] = _spread_of(M)
         counts.append(n)
         spreads.append(spread)
     others = priors + (0 if have is None else len(have) * len(have.values)) - int(known.sum())
@@ -271,8 +272,6 @@ def plan(
         np.array([quantile(level, d) for d in degrees]),
         names,
         level,
-        by_chance(G, start, count),
-        bound,
     )
 
 
@@ -310,3 +309,161 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
         np.full(1, np.nan),
     )
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
+
+
+def _cost_of(criterion: str, effects: Array | None, norm: float = np.inf) -> Cost:
+    """Cost (k,) of informations (k, P, P); infinite for singular ones."""
+
+    def of(M: Array) -> Array:
+        if criterion == "all":
+            sign, value = np.linalg.slogdet(M)
+            return np.where(sign > 0, -value, np.inf)
+        inverse = np.linalg.inv(M)
+        if effects is not None:
+            return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
+        return np.asarray(np.linalg.norm(inverse.diagonal(0, 1, 2), norm, axis=1))
+
+    return of
+
+
+def _greedy(G: Array, start: Array, count: int, cost: Cost) -> list[int]:
+    """Candidates, each the one that helps most after those before it."""
+    M, chosen = start.copy(), list[int]()
+    for _ in range(count):
+        best = int(np.argmin(cost(M + G) + _taken(chosen, len(G))))
+        chosen.append(best)
+        M = M + G[best]
+    return chosen
+
+
+def _taken(chosen: list[int], offered: int) -> Array:
+    """Infinite (N,) for what is chosen: the same row again would tell of noise, not of errors.
+
+    Where nothing else is left, zero for all of it.
+    """
+    gains = np.zeros(offered)
+    if len(set(chosen)) < offered:
+        gains[chosen] = np.inf
+    return gains
+
+
+def _exchanged(G: Array, start: Array, chosen: list[int], cost: Cost) -> list[int]:
+    """Each row exchanged for the candidate that helps most, until none does."""
+    chosen = list(chosen)
+    M = start + G[chosen].sum(axis=0)
+    now = float(cost(M[None])[0])
+    for _ in range(_PASSES):
+        before = now
+        for i, old in enumerate(chosen):
+            costs = cost(M - G[old] + G) + _taken([*chosen[:i], *chosen[i + 1 :]], len(G))
+            best = int(np.argmin(costs))
+            if costs[best] < now - numerics.TELLING * abs(now):
+                M, chosen[i], now = M - G[old] + G[best], best, float(costs[best])
+        if not now < before:
+            break
+    return chosen
+
+
+def _searched(G: Array, start: Array, chosen: list[int], ways: list[Cost]) -> list[int]:
+    """Exchanged by one cost after the other; then again after a quarter of the rows was drawn."""
+
+    def through(rows: list[int], ways: list[Cost]) -> tuple[float, list[int]]:
+        for way in ways:
+            rows = _exchanged(G, start, rows, way)
+        return float(ways[-1]((start + G[rows].sum(axis=0))[None])[0]), rows
+
+    best, rng = through(chosen, ways), np.random.default_rng(0)
+    for _ in range(_DISTURBED // len(chosen) if len(ways) > 1 else 0):
+        rows = np.array(best[1])
+        others = np.setdiff1d(np.arange(len(G)), rows)
+        some = rng.permutation(len(rows))[: min(-(-len(rows) // 4), len(others))]
+        rows[some] = rng.permutation(others)[: len(some)]
+        best = min(best, through(rows.tolist(), ways[-2:]))
+    return best[1]
+
+
+def _refined(
+    rows: Measurements,
+    information: Callable[[Measurements], Array],
+    beside: Beside,
+    start: Array,
+    ways: list[Cost],
+) -> Measurements:
+    """Rows moved, each to the best of many places near it, ever nearer.
+
+    Parameters
+    ----------
+    rows : Measurements
+        Chosen.
+    information : callable
+        Informations (N, P, P) of rows.
+    beside : callable
+        Rows near those given; the first of each is it itself.
+    start : ndarray (P, P)
+        What is known besides.
+    ways : list of callable
+        Costs; the last one decides.
+
+    Returns
+    -------
+    Measurements
+        No worse than those given.
+    """
+    rng, best = np.random.default_rng(0), rows
+    least = float(ways[-1]((start + information(rows).sum(axis=0))[None])[0])
+    for share in _SHARES:
+        near, owner = beside(rows, share, rng)
+        try:
+            G = information(near)
+        except CartstiffError:  # a place without an answer
+            continue
+        at = np.unique(owner, return_index=True)[1]
+        for way in ways[-2:]:
+            M = start + G[at].sum(axis=0)
+            now = float(way(M[None])[0])
+            for i in range(len(at)):
+                mine = np.flatnonzero(owner == i)
+                mine = mine[_apart(near, mine, np.delete(at, i))]
+                costs = way(M - G[at[i]] + G[mine])
+                if mine.size and costs.min() < now - numerics.TELLING * abs(now):
+                    to = int(mine[np.argmin(costs)])
+                    M, at[i], now = M - G[at[i]] + G[to], to, float(costs.min())
+        rows = near.taken(at.tolist())
+        reached = float(ways[-1]((start + G[at].sum(axis=0))[None])[0])
+        if reached < least:
+            best, least = rows, reached
+    return best
+
+
+def _apart(
+    near: Measurements, mine: NDArray[np.intp], others: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Which rows are not all but one of the others: postures alike, loads along one line."""
+    spans = np.ptp(near.q, axis=0)
+    spans[spans == 0.0] = np.inf
+    far = np.abs(near.q[mine, None] - near.q[others]) / spans
+    loads = near.wrench / np.maximum(np.linalg.norm(near.wrench, axis=1), numerics.TINY)[:, None]
+    crossed = np.abs(loads[mine] @ loads[others].T) < 0.5
+    crossed &= loads[others].any(axis=1)
+    return np.asarray((crossed | (far.max(axis=2) > _APART)).all(axis=1))
+
+
+def _most_helpful(G: Array, start: Array, count: int) -> NDArray[np.intp]:
+    """The `_TRIED` candidates that help the mean of all most, in all and by parameter.
+
+    Where many candidates help alike, the first alone might leave a parameter out.
+    """
+    tried = max(_TRIED, count)
+    inverse = np.linalg.inv(start + count * G.mean(axis=0))
+    helps = np.einsum("jp,ijk,kp->ip", inverse, G, inverse, optimize=True)
+    places = np.argsort(-np.column_stack([helps.sum(axis=1), helps]), axis=0, kind="stable")
+    each = -(-tried // (2 * helps.shape[1]))
+    return np.unique(np.append(places[: tried // 2, 0], places[:each, 1:]))
+
+
+def _spread_of(M: Array) -> Array:
+    """Standard deviations from an information; infinite where it is singular."""
+    inverse = numerics.invert(M)
+    if inverse is None:
+        return np.full(len(M), np.inf)
+    return np.sqrt(np.maximum(inverse.matrix.diagonal(), 0.0))

@@ -174,7 +174,6 @@ class Identification:
                     "compliance_interval": None if e.interval is None else list(e.interval),
                     "identifiable": e.verdict == "determined",
                     "verdict": e.verdict,
-                    "method": e.method,
                     "plain": float(plain[e.name]) if known else None,
                     "robust": float(robust[e.name]) if known else None,
                 }

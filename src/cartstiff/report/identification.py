@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cartstiff.errors import joined
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import body_frame, number, table
@@ -67,9 +65,9 @@ def describe_identification(result: Identification) -> str:
 def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     low, high = e.stiffness_interval
     words = {
-        "determined": "" if e.method == "linear" else e.method,
+        "determined": "",
         "at-least": "at least",
-        "not-identifiable": "not identifiable" if e.method == "linear" else "bends, see notes",
+        "not-identifiable": "not identifiable",
         "negative": "negative",
     }[e.verdict]
     if e.verdict == "not-identifiable":
@@ -99,22 +97,6 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
         number(k),
         words,
     )
-
-
-def _how_good(plan: Plan) -> list[str]:
-    """The widest interval beside chance, and beside what is possible at all."""
-    worst, count = plan.worst, len(plan.rows)
-    if not np.isfinite(worst):
-        return []
-    chance = (
-        "not all springs"
-        if not np.isfinite(plan.by_chance)
-        else (f"{plan.by_chance / worst:.2f} times this widest interval")
-    )
-    return [
-        f"{count} of the candidates drawn at random determine {chance} (median of many draws); no "
-        f"choice of {count} from the rows looked at gives less than {plan.bound / worst:.2f} of it",
-    ]
 
 
 def describe_plan(plan: Plan) -> str:
@@ -153,7 +135,6 @@ def describe_plan(plan: Plan) -> str:
             ]
         )
     lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
-    lines += ["", *_how_good(plan)]
     lines += ["", "Widest interval with the number of rows"]
     for factor, entry in zip(plan.factors, data["by_rows"], strict=True):
         worst = entry["worst_relative_sd"]

@@ -21,7 +21,6 @@ _PARAMETER = js.object_with(
         "compliance_interval": js.numbers("of the compliance, not below zero", null=True),
         "identifiable": js.flag("whether the interval is finite"),
         "verdict": js.one_of("determined", "at-least", "not-identifiable", "negative"),
-        "method": js.one_of("linear", "profile", "linear, not looked at", "profile, too long"),
         "plain": js.number("compliance by least squares on all rows used", null=True),
         "robust": js.number("compliance by the robust fit", null=True),
     }

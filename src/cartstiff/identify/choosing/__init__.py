@@ -1,1 +1,0 @@
-"""Which rows are chosen, and how good a choice can be."""
