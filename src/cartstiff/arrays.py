@@ -26,6 +26,8 @@ Array = NDArray[Any]
 Shape = tuple[int | str, ...]
 
 _DOUBLE = np.dtype(float)
+# Pinocchio has the linear part first.
+_SWAP = (3, 4, 5, 0, 1, 2)
 # On fewer numbers than this the test of Python is several times as fast as NumPy's.
 _FEW = 64
 # Numbers that are tested at once: the mask of everything would be an eighth of a large array.
@@ -127,6 +129,38 @@ class NamedArrays(Mapping[str, Array | None]):
         return "\n".join(["Arrays by name, in brackets:", *lines])
 
 
+def of_pinocchio(value: Any) -> Any:
+    """Numbers of Pinocchio's objects in our order; anything else as it is.
+
+    `Force` and `Motion` become (angular, linear), `SE3` the matrix (4, 4), `Inertia` the matrix
+    (6, 6) in the order (angular, linear); sequences of them become stacks.
+
+    Raises
+    ------
+    InputError
+        For another object of Pinocchio.
+    """
+    if isinstance(value, (list, tuple)):
+        if not any(type(v).__module__.startswith("pinocchio") for v in value):
+            return value
+        return [of_pinocchio(v) for v in value]
+    kind = next((c for c in type(value).__mro__ if c.__module__.startswith("pinocchio")), None)
+    if kind is None:
+        return value
+    if kind.__name__ in ("Force", "Motion"):
+        return np.concatenate([value.angular, value.linear])
+    if kind.__name__ == "SE3":
+        return np.array(value.homogeneous)
+    if kind.__name__ == "Inertia":
+        return np.array(value.matrix())[np.ix_(_SWAP, _SWAP)]
+    if kind.__name__.startswith("StdVec_"):
+        return [of_pinocchio(v) for v in value]
+    raise InputError(
+        f"Pinocchio's {kind.__name__} holds no numbers that can be used here",
+        expected="Force, Motion, SE3, Inertia, or numbers",
+    )
+
+
 def real_array(
     values: ArrayLike,
     what: str = "array",
@@ -139,7 +173,7 @@ def real_array(
     Parameters
     ----------
     values : array_like
-        Real numbers.
+        Real numbers, or Pinocchio's objects (see `of_pinocchio`).
     what, where : str
         For the message: what it is, and where it was given.
     expected : sequence of tuple
@@ -152,6 +186,7 @@ def real_array(
     """
     if type(values) is np.ndarray and values.dtype is _DOUBLE:
         return values
+    values = of_pinocchio(values)
 
     def refused(reason: str, got: object) -> InputError:
         return InputError(f"{what} {reason}", where=where, expected=_words(expected), got=got)
@@ -342,6 +377,7 @@ def checked_pose(
     T: ArrayLike, what: str = "pose", *, where: str | None = None, tolerance: float = numerics.CLOSE
 ) -> Array:
     """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument has three axes."""
+    T = of_pinocchio(T)
     stack = getattr(T, "ndim", 2) == 3
     array = checked_array(T, ("N", 4, 4) if stack else (4, 4), what, where=where)
     if not is_pose(array, tolerance):

@@ -128,6 +128,10 @@ def test_joint_shares_add_up_under_every_connection(n: int, connection: str) -> 
     expected = np.linalg.solve(result.tensor(connection).matrix, about_origin)
     assert d["acts_at"] == p.tolist()
     assert d["wrench"] == added.tolist()
+    assert d["wrench_about_origin"] == pytest.approx(about_origin)
+    assert result.compliances["A"] @ d["wrench_about_origin"] == pytest.approx(
+        np.linalg.solve(result.A.matrix, about_origin)
+    )
     assert np.allclose(d["twist"], expected, rtol=1e-9)
     assert np.allclose(sum(np.array(s["twist"]) for s in d["shares"]), expected, rtol=1e-9)
     moved = expected[3:] + np.cross(expected[:3], p)

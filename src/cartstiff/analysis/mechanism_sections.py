@@ -72,6 +72,7 @@ def deflection_section(
     return {
         **plain(found.whole),
         "wrench": found.added,
+        "wrench_about_origin": found.whole.wrench,
         "acts_at": found.acts_at,
         "connection": name,
         **(found.shares or {"kind": None, "shares": None}),

@@ -320,7 +320,8 @@ class Share(_Section):
 class Deflection(_Section):
     """Linear deflection under a wrench, in the axes of M."""
 
-    wrench: Six = _is("moment about M's origin, and force", "mixed")
+    wrench: Six = _is("moment about the point acts_at, and force", "mixed")
+    wrench_about_origin: Six = _is("the same, its moment about M's origin: C times it", "mixed")
     twist: Six = _is("rotation, and translation of M", "mixed", "number")
     point: Vector = _is("point of the body that is looked at, in M", _LENGTH)
     displacement: Vector = _is("of that point", _LENGTH, "number")

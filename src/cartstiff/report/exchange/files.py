@@ -22,7 +22,7 @@ from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.exchange.geometry import geometry_csv, large_field, legs_of_nastran
-from cartstiff.report.exchange.mjcf import chain_of_mujoco, numbers, quaternion
+from cartstiff.report.exchange.mjcf import chain_of_mujoco, load_of_mujoco, numbers, quaternion
 from cartstiff.stiffness.posture import PostureStiffness
 
 
@@ -156,6 +156,9 @@ def _mujoco(result: PostureStiffness) -> bytes:
         for i in range(len(k))
     ]
     gravity = np.zeros(3) if elastic.gravity is None else elastic.gravity
+    load, room, pushes = load_of_mujoco(
+        result, f'pos="{numbers(np.array(result.load.at) * length)}"'
+    )
     I = about  # noqa: E741
     full = numbers(np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]))
     quat = quaternion(T[:3, :3])
@@ -165,16 +168,19 @@ def _mujoco(result: PostureStiffness) -> bytes:
         '<compiler angle="radian"/>',
         f'<option gravity="{numbers(gravity)}"/>',
         "<worldbody>",
+        *room,
         *sites,
         f'<body name="platform" pos="{numbers(T[:3, 3] * length)}" quat="{numbers(quat)}">',
         "<freejoint/>",
         f'<inertial pos="{numbers(centre)}" mass="{mass!r}" fullinertia="{full}"/>',
         *ends,
+        *load,
         "</body>",
         "</worldbody>",
         "<tendon>",
         *tendons,
         "</tendon>",
+        *pushes,
         "</mujoco>",
     ]
     return ("\n".join(lines) + "\n").encode()

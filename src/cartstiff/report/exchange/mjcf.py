@@ -12,9 +12,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.exchange.geometry import Link, Parts, parts_of_chain
 from cartstiff.stiffness.posture import PostureStiffness
@@ -31,6 +33,46 @@ def numbers(values: Array) -> str:
 def quaternion(R: Array) -> Array:
     """Of a rotation, real part first."""
     return np.roll(np.asarray(Rotation.from_matrix(R).as_quat()), 1)
+
+
+def load_of_mujoco(result: PostureStiffness, parent: str) -> tuple[list[str], list[str], list[str]]:
+    """The wrench that holds the posture: a site at its point, one in the room, and what pushes.
+
+    A `general` actuator without control exerts its bias on the site: along the site's axes, which
+    turn with the body (follower), or along those of the reference site (dead).
+
+    Raises
+    ------
+    InputError
+        For a moment that turns by half, which MuJoCo does not have.
+    """
+    W, load = result.shown_wrench(np.asarray(result.wrench)), result.load
+    if result.wrench is None or not W.any():
+        return [], [], []
+    length, force = convert_length(result.elastic.units, SI)
+    at = np.array(load.at)
+    m, f = (W[:3] - np.cross(at, W[3:])) * force * length, W[3:] * force
+    if load.kind == "conservative" and np.abs(m).max() > numerics.ROUNDING * np.abs(W).max():
+        raise InputError(
+            "MuJoCo has no moment that turns by half",
+            where="--load-kind",
+            expected="dead or follower",
+            got=load.kind,
+        )
+    reference, room = "", []
+    if load.kind != "follower":
+        R = result.pose[:3, :3]
+        m, f = R @ m, R @ f
+        reference, room = ' refsite="room"', ['<site name="room"/>']
+    gear = numbers(np.concatenate([f, m]))
+    pushes = [
+        "<!-- the load that holds this posture: force, then moment -->",
+        "<actuator>",
+        f'<general name="load" site="load"{reference} gear="{gear}" gaintype="fixed" gainprm="0" '
+        'biastype="affine" biasprm="1 0 0"/>',
+        "</actuator>",
+    ]
+    return [f'<site name="load" {parent}/>'], room, pushes
 
 
 def chain_of_mujoco(result: PostureStiffness) -> bytes:
@@ -50,6 +92,9 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
             got=", ".join(refused or [type(springs).__name__]),
         )
     parts = links, closures, keys = parts_of_chain(result, springs)
+    T = se3.pose(translation=np.multiply(result.load.at, convert_length(elastic.units, SI)[0]))
+    own = next(link for link in links if link.name == "M")
+    load, room, pushes = load_of_mujoco(result, _placed(own.T @ T))
     gravity = np.zeros(3) if elastic.gravity is None else np.asarray(elastic.gravity)
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
     ties = [
@@ -69,33 +114,36 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
         f'<compiler angle="radian" boundmass="{_LEAST[0]}" boundinertia="{_LEAST[1]}"/>',
         f'<option gravity="{numbers(gravity)}"/>',
         "<worldbody>",
-        *_within("base", links, parts),
+        *room,
+        *_within("base", links, parts, (own.parent, load)),
         "</worldbody>",
         *(["<equality>", *ties, "</equality>"] if ties else []),
+        *pushes,
         "</mujoco>",
     ]
     return ("\n".join(lines) + "\n").encode()
 
 
-def _within(parent: str, links: list[Link], parts: Parts) -> list[str]:
-    """Bodies and sites on a link, with all that hangs on them."""
+def _placed(T: Array) -> str:
+    """Attributes of a frame in its parent."""
+    return f'pos="{numbers(T[:3, 3])}" quat="{numbers(quaternion(T[:3, :3]))}"'
+
+
+def _within(parent: str, links: list[Link], parts: Parts, load: tuple[str, list[str]]) -> list[str]:
+    """Bodies and sites on a link, with all that hangs on them; the load's site on its link."""
     q, named = parts[2]["q"], parts[2]["springs"]
-    lines: list[str] = []
+    lines = list(load[1]) if load[0] == parent else []
     for link in links:
         if link.parent != parent:
             continue
         if link.axis is None:
-            at = f'pos="{numbers(link.T[:3, 3])}" quat="{numbers(quaternion(link.T[:3, :3]))}"'
-            lines.append(f"<site name={quoteattr(link.name)} {at}/>")
+            lines.append(f"<site name={quoteattr(link.name)} {_placed(link.T)}/>")
             continue
         rates = np.concatenate(
             [np.zeros(3), link.axis] if link.slides else [link.axis, np.zeros(3)]
         )
         T = link.T @ se3.exp(rates * q[link.joint])
-        lines.append(
-            f'<body name={quoteattr(link.name)} pos="{numbers(T[:3, 3])}" '
-            f'quat="{numbers(quaternion(T[:3, :3]))}">'
-        )
+        lines.append(f"<body name={quoteattr(link.name)} {_placed(T)}>")
         mass, centre, inertia = link.body
         if mass > 0.0:
             moments, axes = np.linalg.eigh(inertia)
@@ -105,7 +153,7 @@ def _within(parent: str, links: list[Link], parts: Parts) -> list[str]:
                 f'mass="{mass!r}" diaginertia="{numbers(moments)}"/>'
             )
         lines.append(_joint(link, q[link.joint], named.get(link.joint, {})))
-        lines += [*_within(link.name, links, parts), "</body>"]
+        lines += [*_within(link.name, links, parts, load), "</body>"]
     return lines
 
 
