@@ -1,0 +1,233 @@
+"""One question, asked of every command, has one answer.
+
+Arms are generated with their set-up: base, tool, weight, payload, load at a point, units; loops
+with their motor named in three ways. What every command should say is computed here from matrices:
+poses by products of exponentials, forces by virtual work, their derivatives by differences.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.optimize import fsolve
+from scipy.spatial.transform import Rotation
+from tests.support.generated import EARTH, Arm, FourBar, close, frame, numbers
+from tests.support.oracles import cross_matrix
+
+import cartstiff
+from cartstiff.cli.main import command as cartstiff_command
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
+from cartstiff.page.state import read_message
+
+
+def run(*words: Any) -> str:
+    done = CliRunner().invoke(cartstiff_command, [str(w) for w in words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+SEEDS = pytest.mark.parametrize("seed", range(6))
+
+
+@pytest.fixture
+def arm(seed, tmp_path) -> tuple[Arm, Path]:
+    one = Arm.generated(seed)
+    return one, one.written(tmp_path)
+
+
+@SEEDS
+def test_analyse(arm):
+    one, file = arm
+    found = json.loads(run("analyse", file, *one.load_words, "--json"))
+    T = one.pose(one.q)
+    close(found["pose"], T, 1e-12)
+    close(found["load"]["compliance"], one.compliance(one.q))
+    W = one.W.copy()
+    W[:3] += np.cross(T[:3, :3] @ one.at, W[3:])  # about M's origin
+    close(found["wrench"], np.concatenate([T[:3, :3].T @ W[:3], T[:3, :3].T @ W[3:]]), 1e-12)
+    close(found["gravity"], EARTH, 1e-15)
+
+
+@SEEDS
+def test_analyse_in_millimetres(arm):
+    """Given in mm, the same: JSON comes in the units of the file."""
+    one, file = arm
+    plain = json.loads(run("analyse", file, *one.load_words, "--json"))
+    load = one.W * np.repeat([1e3, 1.0], 3)
+    given = ["--load", numbers(load), "--world", "--load-at", numbers(1e3 * one.at)]
+    found = json.loads(run("analyse", file, *given, "--units", "mm,deg", "--json"))
+    for key in ("pose", "wrench"):
+        close(found[key], plain[key], 1e-12)
+    close(found["load"]["compliance"], plain["load"]["compliance"], 1e-10)
+
+
+@SEEDS
+def test_equilibrium(arm):
+    """From rest positions that balance weight and load at q, it comes to rest at q, and nearby."""
+    one, file = arm
+    words = ["--rest", numbers(one.rest()), "--q", numbers(one.rest())]
+    found = json.loads(run("equilibrium", file, *words, *one.load_words, "--json"))
+    rest = fsolve(lambda q: one.k * (q - one.rest()) - one.outer(q), one.q, xtol=1e-12)
+    close(found["q"], rest, 1e-8)
+    close(found["pose"], one.pose(rest), 1e-8)
+    assert found["stable"] is True
+
+
+@SEEDS
+def test_map(arm, tmp_path):
+    one, file = arm
+    pytest.importorskip("zarr")
+    elastic = cartstiff.load(file)
+    C = one.compliance(one.q)
+    T = one.pose(one.q)
+    R = T[:3, :3]
+    force = R.T @ np.array([0.0, 0.0, -10.0])
+    motion = C @ np.concatenate([np.zeros(3), force])
+    postures = cartstiff.Trajectory(np.stack([one.q, one.q + 0.01]))
+    found = cartstiff.compute_map(
+        elastic,
+        postures,
+        ["deflection"],
+        tmp_path / "map.zarr",
+        deflect=[0, 0, 0, 0, 0, -10.0],
+        world=True,
+        **one.load,
+    )
+    values = np.asarray(found["deflection"])
+    close(values[0], np.linalg.norm(motion[3:]))
+
+
+@SEEDS
+def test_poses_as_a_controller_shows_them(arm, tmp_path):
+    """In the robot's base; how the base is mounted changes nothing."""
+    one, file = arm
+    table = tmp_path / "q.csv"
+    names = ",".join(f"j{i}" for i in range(one.n))
+    table.write_text(f"{names}\n{numbers(one.q)}\n")
+    lines = run("poses", file, table, "--for", "ur").splitlines()
+    row = [float(v) for v in lines[-1].split(",")]
+    T_B_M = np.linalg.inv(frame(*one.base)) @ one.pose(one.q)
+    close(row[-6:-3], 1e3 * T_B_M[:3, 3], 1e-4)
+    close(row[-3:], Rotation.from_matrix(T_B_M[:3, :3]).as_rotvec(), 1e-4)
+
+
+@SEEDS
+@pytest.mark.parametrize("columns", ["displacement", "position"])
+def test_identify(arm, tmp_path, columns):
+    """Springs from made measurements, all along the robot's own base axes."""
+    one, file = arm
+    rng = np.random.default_rng(17)
+    R_F_B = frame(*one.base)[:3, :3]
+    T_B_F = np.linalg.inv(frame(*one.base))
+    what = ["dx", "dy", "dz"] if columns == "displacement" else ["x", "y", "z"]
+    rows = [[*(f"j{i}" for i in range(one.n)), "mx", "my", "mz", "fx", "fy", "fz", *what]]
+    for _ in range(20):
+        q = one.q + rng.uniform(-0.5, 0.5, one.n) * np.where(one.slides, 0.1, 1.0)
+        force = rng.uniform(-100, 100, 3)  # along the base's axes
+        T, J = one.pose(q), one.body_jacobian(q)
+        R = T[:3, :3]
+        W = np.concatenate([np.zeros(3), R.T @ R_F_B @ force])
+        motion = R_F_B.T @ R @ (J @ ((J.T @ W) / one.k))[3:]
+        position = (T_B_F @ T)[:3, 3]
+        value = motion if columns == "displacement" else position + motion
+        rows.append([*q, 0, 0, 0, *force, *value])
+    table = tmp_path / "data.csv"
+    table.write_text("\n".join(",".join(str(v) for v in row) for row in rows) + "\n")
+    found = json.loads(run("identify", file, table, "--offsets", "none", "--json"))
+    for parameter, k in zip(found["parameters"], one.k, strict=True):
+        assert parameter["identifiable"], parameter
+        assert parameter["stiffness"] == pytest.approx(k, rel=1e-5)
+
+
+@SEEDS
+def test_page(arm):
+    """The page's numbers are those of the arm's matrices, too."""
+    one, file = arm
+    T = one.pose(one.q)
+    state = {"load": one.W.tolist(), "load_axes": "inertial", "load_at": one.at.tolist()}
+    session = Session(Source(cartstiff.load(file)))
+    message = read_message(json.dumps({"id": 1, "do": "result", "state": state}))
+    found = json.loads(json.dumps(session.answer(message).data, allow_nan=False))["result"]
+    close(found["pose"], T, 1e-12)
+    close(found["load"]["compliance"], one.compliance(one.q))
+
+
+@SEEDS
+def test_report(arm, tmp_path):
+    """The first sentence: how far the load moves M from where weight and springs balance."""
+    one, file = arm
+    page = tmp_path / "report.html"
+    run("report", file, *one.load_words, "-o", page)
+    text = re.sub(r"<(style|svg|iframe|script).*?</\1>", " ", page.read_text("utf-8"), flags=re.S)
+    said = html.unescape(re.sub(r"<[^>]+>", " ", text))
+    moved = re.search(r"moves ([\d.]+) (um|mm|m)\b", said)
+    assert moved, said[:500]
+    size = float(moved[1]) * {"um": 1e-6, "mm": 1e-3, "m": 1.0}[moved[2]]
+    start = one.pose(one.q)[:3, 3]
+    rest = fsolve(
+        lambda q: one.k * (q - one.q) - one.outer(q) + _weight(one, one.q), one.q, xtol=1e-12
+    )
+    assert size == pytest.approx(np.linalg.norm(one.pose(rest)[:3, 3] - start), rel=5e-3)
+
+
+def _weight(one: Arm, q: np.ndarray) -> np.ndarray:
+    return replace(one, W=np.zeros(6)).outer(q)
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("named", ["in the file", "as actuated", "by the spring"])
+@SEEDS
+def test_a_loop(tmp_path, seed, named, loaded):
+    """The motor stays where it was put; its spring alone resists, whoever named it."""
+    one = FourBar.generated(seed)
+    keys: dict[str, Any] = {} if named == "by the spring" else {"actuated": ["motor"]}
+    words = ["--stiffness", repr(one.k if named == "as actuated" else f"motor={one.k!r}")]
+    if named == "in the file":
+        keys["springs"], words = {"motor": {"stiffness": one.k}}, []
+    file = one.written(tmp_path, **keys)
+    words = [w.strip("'") for w in words]
+    if loaded:
+        words += ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
+    found = json.loads(run("analyse", file, "--q", f"motor={one.turn!r}", *words, "--json"))
+    q = dict(zip(found["mechanism"]["joints"], found["q"], strict=True))
+    assert q["motor"] == one.turn
+    close(found["pose"], one.pose(one.turn), 1e-9)
+    C = found["load"]["compliance"] if loaded else found["compliance"]["K"]
+    close(C, one.compliance(loaded))
+    if named == "by the spring":
+        return
+    rest = float(one.turn - one.twist(one.turn) @ _on_coupler(one, loaded) / one.k)
+    at_rest = ["--rest", f"motor={rest!r}", "--q", f"motor={rest!r}"]
+    lying = json.loads(run("equilibrium", file, *words, *at_rest, "--json"))
+    close(lying["pose"], one.pose(one.turn), 1e-6)
+
+
+def _on_coupler(one: FourBar, loaded: bool) -> np.ndarray:
+    """The load about M's origin, in its axes."""
+    T = one.pose(one.turn)
+    force = T[:3, :3].T @ one.W[3:] * loaded
+    return np.concatenate([np.cross(one.at, force), force])
+
+
+# -- the reference itself ----------------------------------------------------------------------
+
+
+def test_the_reference_differentiates_its_own_poses():
+    """The arm's Jacobian is the derivative of its pose."""
+    one = Arm.generated(3)
+    h = 1e-5
+    T = one.pose(one.q)
+    for i, column in enumerate(one.body_jacobian(one.q).T):
+        e = h * np.eye(one.n)[i]
+        X = np.linalg.solve(T, one.pose(one.q + e) - one.pose(one.q - e)) / (2 * h)
+        close(X[:3, :3], cross_matrix(column[:3]), 1e-8)
+        close(X[:3, 3], column[3:], 1e-8)
