@@ -136,7 +136,10 @@ def test_identify(arm, tmp_path, columns):
         T, J = one.pose(q), one.body_jacobian(q)
         R = T[:3, :3]
         W = np.concatenate([np.zeros(3), R.T @ R_F_B @ force])
-        motion = R_F_B.T @ R @ (J @ ((J.T @ W) / one.k))[3:]
+        torques = J.T @ W
+        if columns == "position":  # where the arm is, its own weight has moved it, too
+            torques += _weight(one, q)
+        motion = R_F_B.T @ R @ (J @ (torques / one.k))[3:]
         position = (T_B_F @ T)[:3, 3]
         value = motion if columns == "displacement" else position + motion
         rows.append([*q, 0, 0, 0, *force, *value])
