@@ -59,7 +59,8 @@ def _assumed(result: Identification) -> list[Note]:
     if absolute and (not measured.session or result.offsets == "none"):
         words = (
             "positions are taken in the base frame B exactly: errors of geometry and of the "
-            "measuring frame go into the springs (column session gives each session an offset of its own)"
+            "measuring frame go into the springs (column session gives each session an offset of "
+            "its own)"
         )
         notes.append(Note("frame-taken-as-known", words))
     if (
