@@ -62,6 +62,16 @@ _COMMANDS = {
 }
 
 
+#: Options that had another name, and their name now.
+RENAMED = {
+    "--command": "--actuate",
+    "--at": "--report-at",
+    "--deflect": "--added-load",
+    "--deflect-at": "--added-load-at",
+    "--explain": "--profile",
+}
+
+
 class _LazyGroup(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(_COMMANDS)
@@ -122,9 +132,16 @@ def main(arguments: list[str] | None = None) -> None:
     except click.exceptions.NoArgsIsHelpError:
         _say("no command was given (see 'cartstiff --help')")
         code = EXIT_INPUT
+    except click.NoSuchOption as error:
+        renamed = RENAMED.get(error.option_name)
+        _say(
+            f"{error.option_name} is called {renamed} now"
+            if renamed
+            else f"{one_line(error.format_message(), 600)}{_see(error)}"
+        )
+        code = EXIT_INPUT
     except click.UsageError as error:
-        hint = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
-        _say(one_line(error.format_message(), 600) + hint)
+        _say(one_line(error.format_message(), 600) + _see(error))
         code = EXIT_INPUT
     except click.ClickException as error:
         _say(one_line(error.format_message(), 600))
@@ -167,6 +184,10 @@ def _open_closed_streams() -> None:
             except OSError:
                 os.dup2(null, number)
             setattr(sys, name, os.fdopen(null, "w"))
+
+
+def _see(error: click.UsageError) -> str:
+    return f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
 
 
 def _say(message: str) -> None:
