@@ -53,7 +53,7 @@ def one_map(count: int, options: list[str], folder: Path) -> str:
     """Processor time, wall time, peak memory of the largest process, and size of one map."""
     target = folder / "map.zarr"
     asked = [x for name in QUANTITIES for x in ("--quantity", name)]
-    command = ["map", "ur5", *options, *asked, "--deflect", ",".join(f"{x:g}" for x in DEFLECT)]
+    command = ["map", "ur5", *options, *asked, "--added-load", ",".join(f"{x:g}" for x in DEFLECT)]
     start, before = time.perf_counter(), os.times()
     process = subprocess.Popen(
         [sys.executable, "-m", "cartstiff", *command, "--world", "-o", str(target)],

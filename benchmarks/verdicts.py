@@ -78,7 +78,7 @@ def compared(name: str, loaded: bool, given: argparse.Namespace) -> dict[str, fl
         seen["engine"] += time.perf_counter() - middle
         states = [np.array(found.codes)[found.state] for found in (fast, engine)]
         seen["differ"] += int((states[0] != states[1]).sum())
-        usual = "deficient" if elastic.q.size < 6 else "regular"
+        usual = "fewer-than-six-freedoms" if elastic.q.size < 6 else "regular"
         seen["irregular"] += int((states[1] != usual).sum())
         seen["by engine"] += fast.by_engine
         with np.errstate(all="ignore"):

@@ -67,7 +67,7 @@ def postures(rng: random.Random) -> str:
             alone = analyse(elastic, q[row], wrench=wrench)
             K = alone.B.matrix
             said = max(
-                (n.values["relative_error"] for n in alone.notes if n.code == "lost-digits"),
+                (n.values["relative_error"] for n in alone.notes if n.code == "ill-conditioned"),
                 default=0.0,
             )
         except CartstiffError:

@@ -105,7 +105,7 @@ def _study(rng: random.Random) -> dict[str, Any]:
 _ASKED = [
     ["analyse", "m.yaml", "--pose", "0,0,0.45,0.05,0,0"],
     ["analyse", "m.yaml", "--load", "0,0,0,0,0,-50"],
-    ["analyse", "m.yaml", "--command", "leg1/slide=0.001"],
+    ["analyse", "m.yaml", "--actuate", "leg1/slide=0.001"],
     ["analyse", "m.yaml", "--set", "r=0.3"],
     ["equilibrium", "m.yaml", "--load", "0,0,0,0,0,-50"],
     ["assemble", "m.yaml", "--starts", "3"],

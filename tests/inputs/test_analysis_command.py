@@ -114,7 +114,7 @@ def test_the_cubic_platform_has_its_closed_forms(
     assert stiff["rotation"]["held"]["eigenvalues"] == pytest.approx(turning, rel=1e-12)
     assert found["synthesis"]["by_line_springs"]
     d = 0.1
-    off = analysis("cubic", "--at", f"0,0,{-d}")
+    off = analysis("cubic", "--report-at", f"0,0,{-d}")
     assert off["centres"]["elasticity"] == pytest.approx([0, 0, d], abs=1e-12)
     K = np.array(off["stiffness"])
     tilt = 1.5 * k * H**2 + 2 * k * d**2
@@ -129,11 +129,11 @@ def test_options_are_those_of_the_function(analysis: Callable[..., dict[str, Any
         LOAD,
         "--connection",
         "K",
-        "--at",
+        "--report-at",
         "1,2,3",
         "--direction",
         "1,1,0",
-        "--deflect",
+        "--added-load",
         "0,0,0,1,2,3",
         "--length",
         "5",
@@ -245,7 +245,7 @@ def test_target_files(
 
 
 def test_a_posture_without_stiffness(run: Callable[..., str]) -> None:
-    out = run("five-bar", "--deflect", "0,0,0,1,0,0")
+    out = run("five-bar", "--added-load", "0,0,0,1,0,0")
     for words in ("Analysis of the compliance", "[m/N]", "Linear deflection", "does not exist"):
         assert words in out
 
@@ -260,10 +260,10 @@ def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path
     [
         (("--analysis", "long"), ("--analysis", "long")),
         (("--connection", "Z"), ("--connection", "Z")),
-        (("--at", "1,2"), ("--at", "3 numbers")),
-        (("--at", "1,2,nan"), ("--at", "not a finite number")),
+        (("--report-at", "1,2"), ("--report-at", "3 numbers")),
+        (("--report-at", "1,2,nan"), ("--report-at", "not a finite number")),
         (("--direction", "0,0,0"), ("--direction", "zero")),
-        (("--deflect", "1,2,3"), ("--deflect", "6 numbers")),
+        (("--added-load", "1,2,3"), ("--added-load", "6 numbers")),
         (("--length", "0"), ("--length", "above zero")),
         (("--length", "1", "--length", "2"), ("--length", "more than once")),
         (("--inertia", "1,1,1"), ("--inertia", "4 numbers")),
@@ -338,7 +338,7 @@ def test_world_means_every_wrench_and_direction(analysis: Callable[..., dict[str
         *posture,
         "--load",
         _listed(load),
-        "--deflect",
+        "--added-load",
         _listed(push),
         "--direction",
         "0,0,1",

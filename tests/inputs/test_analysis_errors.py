@@ -177,7 +177,7 @@ def always_fails(p: dict[str, float]) -> dict[str, float]:
         (lambda: synthesis.realise(-K), "not-passive", "negative eigenvalue"),
         (
             lambda: congruence.cartesian_stiffness(np.eye(6, 5), np.ones(5), np.zeros(6)),
-            "deficient",
+            "fewer-than-six-freedoms",
             "all six directions",
         ),
         (lambda: congruence.joint_stiffness(K, LINE), "singular", "all six directions"),

@@ -296,3 +296,19 @@ def test_joints_that_are_still_assumed_are_named(accepted: Accepted) -> None:
     assert "taken for j1 and" in one["message"]
     assert note("--stiffness", "j2=50,j1=40") is None
     assert note("--stiffness", "50") is None
+
+
+@pytest.mark.parametrize(
+    ("command", "old", "new"),
+    [
+        ("analyse", "--command", "--actuate"),
+        ("analyse", "--at", "--report-at"),
+        ("map", "--deflect", "--added-load"),
+        ("map", "--deflect-at", "--added-load-at"),
+        ("analyse", "--explain", "--profile"),
+    ],
+)
+def test_an_option_that_was_renamed_says_its_name(
+    refused: Refused, command: str, old: str, new: str
+) -> None:
+    refused(command, "ur5", old, "1", words=(f"{old} is called {new} now",))

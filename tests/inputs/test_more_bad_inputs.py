@@ -188,7 +188,7 @@ CASES = [
     ),
     (("analyse", "r.urdf", "--gravity", "0,0,-9810"), "cartstiff: gravity: "),
     (("analyse", "hexapod", "--lengths", "1,1,1,1,1,-1"), "got [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]"),
-    (("analyse", "hexapod", "--command", "leg9=1"), "closest: leg6"),
+    (("analyse", "hexapod", "--actuate", "leg9=1"), "closest: leg6"),
     (("analyse", "asks.xacro"), "argument 'm' has no value"),
     (("analyse", "asks.xacro", "--xacro-arg", "q:=3"), "unknown xacro argument"),
     (("analyse", "finds.xacro"), "package 'nowhere' is not found"),

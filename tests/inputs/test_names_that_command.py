@@ -222,7 +222,7 @@ def test_a_name_ends_no_line_of_a_short_form(arm):
         assert repr(shown).count("\n") < 6
 
 
-@pytest.mark.parametrize("ending", ["nas", "bdf", "inp", "tex"])
+@pytest.mark.parametrize("ending", ["nas", "bdf"])
 def test_a_name_stays_within_the_comment_of_another_programs_file(arm, ending):
     """What follows the end of a comment's line is a command to the program that reads it."""
     shown = {}

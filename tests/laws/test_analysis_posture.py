@@ -280,7 +280,7 @@ def test_leg_stiffnesses_are_found_again() -> None:
 def test_a_closed_chain_has_no_target() -> None:
     found = analyse_posture(cartstiff.analyse(cartstiff.load("6-ups")), target=np.eye(6))
     assert found["synthesis"]["target"] is None
-    assert "no-chart" in {n["code"] for n in found["notes"]}
+    assert "kf-undefined" in {n["code"] for n in found["notes"]}
 
 
 def test_inertia_gives_frequencies() -> None:

@@ -171,7 +171,7 @@ def test_motors_that_had_to_give_way_are_named():
     elastic = cartstiff.load("five-bar")
     motor = elastic.names.index("left_motor")
     result = cartstiff.analyse(elastic, {"left_motor": 3.5})
-    note = next(note for note in result.notes if note.code == "motors-moved")
+    note = next(note for note in result.notes if note.code == "actuators-adjusted")
     assert note.values["left_motor"] == pytest.approx(result.q[motor] - 3.5)
     assert set(note.values) <= {"left_motor", "right_motor"}
     assert "left_motor 3.5 -> " in note.message
@@ -183,4 +183,4 @@ def test_motors_that_stay_are_not(name):
     near = elastic.q.copy()
     near[list(getattr(elastic.mechanism, "actuated", None) or [0])] += 0.01
     for q in (elastic.q, near):
-        assert not any(n.code == "motors-moved" for n in cartstiff.analyse(elastic, q).notes)
+        assert not any(n.code == "actuators-adjusted" for n in cartstiff.analyse(elastic, q).notes)

@@ -52,10 +52,10 @@ def assert_the_engines(elastic, q, path, **load):
 @pytest.mark.parametrize(
     ("name", "joints", "state"),
     [
-        ("ur5", (2,), "deficient"),
-        ("ur5", (0, 4), "deficient"),
+        ("ur5", (2,), "fewer-than-six-freedoms"),
+        ("ur5", (0, 4), "fewer-than-six-freedoms"),
         ("panda", (2,), "regular"),
-        ("xarm7", (1, 5), "deficient"),
+        ("xarm7", (1, 5), "fewer-than-six-freedoms"),
     ],
 )
 @pytest.mark.parametrize("gravity", [False, True])

@@ -92,7 +92,7 @@ def test_more_and_fewer_than_six_joints():
     elastic = arm("RRPRR")
     q = np.zeros((COUNT, 5))
     q[:, 0] = np.linspace(-1.0, 1.0, COUNT)
-    assert check(elastic, q, 0, wrench=WRENCH) == {"deficient": COUNT}
+    assert check(elastic, q, 0, wrench=WRENCH) == {"fewer-than-six-freedoms": COUNT}
 
 
 def test_machine_code_and_few_postures():

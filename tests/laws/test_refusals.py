@@ -520,7 +520,7 @@ def test_rates_that_do_not_exist():
     result = analyse(loaded_arm("RRRRRRR", 1).elastic)
     with pytest.raises(UndefinedError, match="six joint coordinates as a chart") as caught:
         result.flat_connection()
-    assert caught.value.code == "no-chart"
+    assert caught.value.code == "kf-undefined"
 
 
 def test_tensor_data():

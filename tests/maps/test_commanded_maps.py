@@ -27,7 +27,7 @@ QUANTITIES = ["translation_free_min", "deflection", "rotation_held_max"]
 
 
 def test_a_map_over_commands_is_the_analysis_after_each(tmp_path: Path, capsys) -> None:
-    """Each cell is what `analyse --command` says, and the body moves as the legs' columns say."""
+    """Each cell is what `analyse --actuate` says, and the body moves as the legs' columns say."""
     machine = cartstiff.load("flexure-hexapod")
     grid = CommandGrid({"leg1": (-1e-5, 1e-5, 3), "leg4": (0.0, 2e-5, 2)}, machine)
     found = cartstiff.compute_map(
@@ -39,7 +39,7 @@ def test_a_map_over_commands_is_the_analysis_after_each(tmp_path: Path, capsys) 
             words = f"leg1={a},leg4={b},leg2=1e-6"
             load = ",".join(map(str, LOAD))
             assert (
-                run("analyse", "flexure-hexapod", "--command", words, "--load", load, "--json") == 0
+                run("analyse", "flexure-hexapod", "--actuate", words, "--load", load, "--json") == 0
             )
             here = json.loads(capsys.readouterr().out)
             cell = found.isel(command_leg1=i, command_leg4=j)
@@ -106,10 +106,10 @@ def test_what_cannot_be_told_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--command", "leg1/slide=0.001"], "say where the map looks"),
-        (["--command", "leg1/slide=0:1:2", "--random", "3"], "say where the map looks"),
-        (["--command", "leg1/slide=0:1"], "NAME=LOW:HIGH:COUNT or NAME=VALUE"),
-        (["--command", "leg1/s1=0:1:2"], "nothing drives it"),
+        (["--actuate", "leg1/slide=0.001"], "say where the map looks"),
+        (["--actuate", "leg1/slide=0:1:2", "--random", "3"], "say where the map looks"),
+        (["--actuate", "leg1/slide=0:1"], "NAME=LOW:HIGH:COUNT or NAME=VALUE"),
+        (["--actuate", "leg1/s1=0:1:2"], "nothing drives it"),
     ],
 )
 def test_options_that_do_not_fit(words: list[str], said: str, tmp_path: Path, capsys) -> None:
@@ -125,7 +125,7 @@ def test_degrees_and_slices_reach_the_drives(tmp_path: Path, capsys) -> None:
         "6-rus",
         "--units",
         "mm,deg",
-        "--command",
+        "--actuate",
         "leg1/crank=0:1:2",
         "--quantity",
         "translation_free_min",

@@ -1,4 +1,4 @@
-"""What ``--explain`` tells: shares that do not contain each other, and all postures in them."""
+"""What ``--profile`` tells: shares that do not contain each other, and all postures in them."""
 
 from __future__ import annotations
 
@@ -103,13 +103,13 @@ def test_map_explains_itself(tmp_path):
         "-o",
         str(tmp_path / "m.zarr"),
     ]
-    ran = CliRunner().invoke(command, [*words, "--explain", "--json"], catch_exceptions=False)
+    ran = CliRunner().invoke(command, [*words, "--profile", "--json"], catch_exceptions=False)
     told = json.loads(ran.output)["explained"]
     by_name = {share["what"]: share for share in told["shares"]}
     ways = ("machine code", "recorded arithmetic")
     assert sum(s["postures"] for name, s in by_name.items() if name.startswith(ways)) == 3000
     assert "writing the file" in by_name
-    told_twice = [*words, "--explain", "--workers", "2"]
+    told_twice = [*words, "--profile", "--workers", "2"]
     with pytest.raises(cartstiff.InputError, match="other processes"):
         CliRunner().invoke(command, told_twice, catch_exceptions=False)
 
@@ -128,7 +128,7 @@ def test_cartesian_map_tells_what_its_places_took(tmp_path):
         "-o",
         str(tmp_path / "m.zarr"),
     ]
-    ran = CliRunner().invoke(command, [*words, "--explain", "--json"], catch_exceptions=False)
+    ran = CliRunner().invoke(command, [*words, "--profile", "--json"], catch_exceptions=False)
     shares = json.loads(ran.output)["explained"]["shares"]
     counts = {share["what"]: share["postures"] for share in shares}
     assert counts["inverse kinematics of the places"] == 6
@@ -136,7 +136,7 @@ def test_cartesian_map_tells_what_its_places_took(tmp_path):
 
 def test_analyse_explains_itself():
     jsonschema = pytest.importorskip("jsonschema")
-    words = ["analyse", "cubic", "--explain"]
+    words = ["analyse", "cubic", "--profile"]
     ran = CliRunner().invoke(command, [*words, "--json"], catch_exceptions=False)
     answer = json.loads(ran.output)
     jsonschema.validate(answer, json_schema("analyse"))

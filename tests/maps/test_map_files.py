@@ -135,9 +135,9 @@ def test_closed_chain_is_assembled_at_the_map_s_own_coordinates(tmp_path):
         linkage, sampling, ["compliance_translation_free_max"], tmp_path / "f.zarr", chunk=5
     )
     states = summary(data)["states"]
-    assert set(states) == {"deficient", "not-assembled"}
+    assert set(states) == {"fewer-than-six-freedoms", "not-assembled"}
     there = np.isfinite(data["compliance_translation_free_max"].values)
-    assert there.sum() == states["deficient"]
+    assert there.sum() == states["fewer-than-six-freedoms"]
     q = data["q"].values[there]
     left, right = np.meshgrid(data["left_motor"], data["right_motor"], indexing="ij")
     motors = [linkage.names.index(n) for n in axes]

@@ -379,7 +379,7 @@ def test_every_state_has_a_number():
         if getattr(n.func, "id", "") == "Note" and isinstance(n.args[0], ast.Constant)
     }
     assert len(codes) >= 6
-    assert codes | {"deficient", "serial-singularity"} <= set(STATES)
+    assert codes | {"fewer-than-six-freedoms", "serial-singularity"} <= set(STATES)
     assert len(STATES) < 255
 
 

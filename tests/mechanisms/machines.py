@@ -68,7 +68,7 @@ def write_file(folder: Path, name: str = "machine", **content: Any) -> Path:
 
 def codes(result: Any) -> list[str]:
     """Codes of a result's notes, without the chart's."""
-    return [n.code for n in result.notes if n.code != "no-chart"]
+    return [n.code for n in result.notes if n.code != "kf-undefined"]
 
 
 def note(result: Any, code: str) -> Any:

@@ -1,4 +1,4 @@
-"""`--command`: what the drives are told, and the pose that results under load."""
+"""`--actuate`: what the drives are told, and the pose that results under load."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     state = after_command(machine, TOLD, wrench=LOAD)
     for command in ("analyse", "equilibrium"):
         with pytest.raises(SystemExit):
-            main([command, *words, "--command", "leg1/slide=4,leg4/slide=-3"])
+            main([command, *words, "--actuate", "leg1/slide=4,leg4/slide=-3"])
         answer = json.loads(capsys.readouterr().out)
         assert "commanded" in [note["code"] for note in answer["notes"]]
         if command == "analyse":

@@ -304,4 +304,4 @@ def test_assembly_modes_of_struts_are_those_at_rest(tmp_path):
     assert len(found) == 8
     for mode in found.modes[1:]:
         assert mode.stable is None
-        assert mode.notes[0].code == "no-rest"
+        assert mode.notes[0].code == "struts-not-in-equilibrium"

@@ -290,5 +290,5 @@ def test_a_loop_whose_only_motion_leaves_the_end_effector_where_it_is(tmp_path):
     """What the sums for the end-effector leave of zero is no motion of it."""
     (tmp_path / "loop.xml").write_text(IDLE)
     result = analyse(load(tmp_path / "loop.xml"))
-    assert {"deficient", "idle-self-motion"} <= set(codes(result))
-    assert "6 of 6 directions" in note(result, "deficient").message
+    assert {"fewer-than-six-freedoms", "idle-self-motion"} <= set(codes(result))
+    assert "6 of 6 directions" in note(result, "fewer-than-six-freedoms").message

@@ -59,7 +59,7 @@ def test_five_bar_near_it(delta):
 
 
 def test_five_bar_elsewhere_is_not_flagged():
-    assert codes(analyse(load("five-bar"))) == ["deficient"]
+    assert codes(analyse(load("five-bar"))) == ["fewer-than-six-freedoms"]
 
 
 def _hexagons(folder, turn, preload=0.0, small=0.5):
@@ -166,7 +166,7 @@ def test_ur5_stretched_out():
 def test_five_bar_is_deficient():
     """Two freedoms of six: the four wrenches that do no work are given."""
     result = analyse(load("five-bar"))
-    found = note(result, "deficient")
+    found = note(result, "fewer-than-six-freedoms")
     assert found.values["rank"] == 2
     blind = np.array(found.values["structural_wrenches"])
     motions = np.array(found.values["reachable_motions"])

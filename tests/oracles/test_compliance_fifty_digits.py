@@ -156,7 +156,7 @@ def _promised(result, matrix="compliance"):
         (
             n.values["relative_error"]
             for n in result.notes
-            if n.code == "lost-digits" and n.values["matrix"] == matrix
+            if n.code == "ill-conditioned" and n.values["matrix"] == matrix
         ),
         default=0.0,
     )
@@ -298,7 +298,7 @@ def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, de
                 wanted = 1 / expected[freedom, others][::-1]
                 assert back["eigenvalues"] == pytest.approx(wanted, rel=known)
     # What only K is read for says how much K knows.
-    told = [n["values"] for n in answer["notes"] if n["code"] == "lost-digits"]
+    told = [n["values"] for n in answer["notes"] if n["code"] == "ill-conditioned"]
     assert told or values.max() < 1e10 * values.min()
     moving, turning = expected["translation", "held"], expected["rotation", "held"]
     wanted = {
@@ -314,7 +314,7 @@ def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, de
     quantities = choose_quantities(tuple(wanted), settings, elastic)
     outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
     many = analyse_many(elastic, q[None], wrench=W if loaded else None, outputs=outputs)
-    assert many.is_regular.all() or many.counts() == {"lost-digits": 1}
+    assert many.is_regular.all() or many.counts() == {"ill-conditioned": 1}
     for name, (value,) in evaluate(quantities, many.arrays, settings).items():
         if is_plain or np.isfinite(value):
             assert value == pytest.approx(wanted[name], rel=2 * known), name
@@ -368,7 +368,7 @@ def test_what_neither_matrix_knows_is_no_number():
     answer = analyse_posture(result, length=0.3, connection="B")
     assert answer["indices"] is None
     assert answer["definiteness"] is None
-    assert "lost-digits" in {n["code"] for n in answer["notes"]}
+    assert "ill-conditioned" in {n["code"] for n in answer["notes"]}
     assert "indices, angles" not in summary_text(answer, elastic.units.as_dict())
     settings = Settings("B", 0.3)
     quantities = choose_quantities(("minimum", "condition"), settings, elastic)

@@ -75,7 +75,7 @@ def test_deficient_arm(kinds, given):
     # The stiffness on the reachable motions, by its action on joint rates.
     Y = np.linalg.pinv(result.reduction.reachable) @ J
     assert relative_error(Y.T @ result.reduction.reachable_stiffness @ Y, H) <= DIFFERENCES
-    note = next(s for s in result.notes if s.code == "deficient")
+    note = next(s for s in result.notes if s.code == "fewer-than-six-freedoms")
     assert note.values["rank"] == n
     structural = np.array(note.values["structural_wrenches"])
     assert structural.shape == (6 - n, 6)
@@ -205,7 +205,7 @@ def test_planar_five_bar():
     result = analyse(elastic)
     assert np.abs(elastic.mechanism.at(q).residual).max() <= ROUNDING
     # A planar mechanism closed at a point: the third row of the closure says nothing, harmlessly.
-    assert [n.code for n in result.notes] == ["deficient"]
+    assert [n.code for n in result.notes] == ["fewer-than-six-freedoms"]
     assert result.reduction.freedoms == 2
     springs, W = elastic.springs, result.wrench
     energy, _ = spring_energy(springs.stiffness, springs.rest)

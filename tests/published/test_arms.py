@@ -60,4 +60,4 @@ def test_seven_joints_have_no_flat_connection():
     result = analyse(elastic)
     assert result.matrices["F"] is None
     assert result.compliances["F"] is None
-    assert [n.code for n in result.notes] == ["no-chart"]
+    assert [n.code for n in result.notes] == ["kf-undefined"]

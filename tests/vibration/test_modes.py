@@ -235,7 +235,7 @@ def test_zero_repeated_and_massless_motions_are_named():
 
 def test_absurd_masses_are_named():
     codes = {note.code for note in modes(column(masses=(5e3, 5e3), inertia=1.0)).notes}
-    assert codes == {"masses-absurd"}
+    assert codes == {"implausible-mass"}
     codes = {note.code for note in modes(column(inertia=50.0)).notes}
     assert codes == {"inertia-absurd"}
     assert not modes(in_units(load("ur5"), "mm")).notes

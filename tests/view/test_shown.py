@@ -142,7 +142,7 @@ def test_no_flat_matrix_of_a_redundant_arm():
     result = cartstiff.analyse(cartstiff.load("panda"))
     numbers = shown_numbers(result, ViewState(connection="F"))
     assert numbers["verdict"]["title"].startswith("No K^F")
-    assert numbers["verdict"]["code"] == "no-chart"
+    assert numbers["verdict"]["code"] == "kf-undefined"
     assert numbers["principal"] is None
     assert numbers["indices"] is None
 

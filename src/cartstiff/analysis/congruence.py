@@ -45,8 +45,8 @@ def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: Ar
     Raises
     ------
     UndefinedError
-        Code ``"deficient"`` or ``"singular"`` if the Jacobian has not rank six, or if Kq - S_W has
-        no inverse.
+        Code ``"fewer-than-six-freedoms"`` or ``"singular"`` if the Jacobian has not rank six,
+        or if Kq - S_W has no inverse.
     """
     J = checked_array(jacobian, (6, "n"), "Jacobian", copy=False)
     Kq = _joint_matrix(joint_matrix, J.shape[1])
@@ -140,7 +140,7 @@ def joint_stiffness(
     Raises
     ------
     UndefinedError
-        Code ``"deficient"`` (n < 6) or ``"singular"`` (rank below six).
+        Code ``"fewer-than-six-freedoms"`` (n < 6) or ``"singular"`` (rank below six).
     InputError
         If a shape is wrong or the desired matrix is not symmetric.
     """

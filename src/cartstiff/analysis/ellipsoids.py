@@ -206,7 +206,7 @@ def stiffness_ellipsoid(
     Raises
     ------
     UndefinedError
-        As `stiffness_block`; code ``"lost-digits"`` where neither knows a principal value.
+        As `stiffness_block`; code ``"ill-conditioned"`` where neither knows a principal value.
     """
     return _of_pair(stiffness_block, stiffness, compliance_block, inverse, freedom, others, T_m_n)
 

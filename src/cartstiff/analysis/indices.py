@@ -119,7 +119,7 @@ def indices_of(
     Raises
     ------
     UndefinedError
-        Code ``"lost-digits"`` where neither stiffness nor compliance knows an eigenvalue.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
     """
     K = as_symmetric(stiffness)
     C = None if compliance is None else as_symmetric(compliance, "compliance")

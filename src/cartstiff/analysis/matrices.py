@@ -279,7 +279,7 @@ def lost_digits(values: Array, what: str) -> UndefinedError:
     return UndefinedError(
         f"{what} has principal values so far apart that neither it nor its inverse knows those "
         "between",
-        code="lost-digits",
+        code="ill-conditioned",
         values={"known": numerics.LOST, "unknown": int(np.isnan(values).sum())},
     )
 
@@ -329,7 +329,7 @@ def reach(J: Array) -> float:
 
 
 def require_full_rank(J: Array) -> None:
-    """Raise UndefinedError ("deficient" or "singular") unless J has rank six."""
+    """Raise UndefinedError ("fewer-than-six-freedoms" or "singular") unless J has rank six."""
     length = reach(J)
     values = np.linalg.svd(scale_jacobian(J, length), compute_uv=False)
     if J.shape[1] < 6 or not values[5] > numerics.RANK * values[0]:
@@ -337,6 +337,6 @@ def require_full_rank(J: Array) -> None:
         raise UndefinedError(
             "the joints do not move the end-effector in all six directions: no joint stiffness "
             "gives a Cartesian stiffness here",
-            code="deficient" if deficient else "singular",
+            code="fewer-than-six-freedoms" if deficient else "singular",
             values={"singular_values": values.tolist(), "length": length, "joints": J.shape[1]},
         )

@@ -220,7 +220,7 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
         if J is None or len(posture.lines.lengths) != 6:
             raise UndefinedError(
                 "leg stiffnesses follow from a stiffness only for six independent legs",
-                code="no-chart",
+                code="kf-undefined",
             )
         tension = np.linalg.solve(posture.lines.lines.T, W - gradient)
         own = second_derivative(posture.lines, r.elastic.mechanism.points, tension)  # type: ignore[attr-defined]
@@ -235,7 +235,7 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
     else:
         raise UndefinedError(
             "joint stiffnesses for a target are found for serial arms and six-legged platforms",
-            code="no-chart",
+            code="kf-undefined",
         )
     answer: dict[str, Any] = {"joints": names, "are_lengths": lengths, **plain(joint_springs)}
     return answer | {"desired": K, "torque": torque}

@@ -276,7 +276,7 @@ def modes(
     InputError
         If the metric is not positive definite.
     UndefinedError
-        Code ``"lost-digits"`` where neither stiffness nor compliance knows a value.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows a value.
     """
     K, M = as_symmetric(stiffness), as_symmetric(metric, "metric")
     try:

@@ -205,7 +205,7 @@ def _tell_lost_digits(K: Array, C: Array, notes: Notes) -> None:
     )
     values = {"matrix": "stiffness", "relative_error": error, "sections": list(_OF_K_ALONE)}
     what = "centres but that of compliance, normal form, screws, compliant axes, springs"
-    notes.add(UndefinedError(reason, code="lost-digits", values=values), what)
+    notes.add(UndefinedError(reason, code="ill-conditioned", values=values), what)
 
 
 def _moved(

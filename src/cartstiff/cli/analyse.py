@@ -43,9 +43,9 @@ Examples:
   cartstiff analyse panda --q 0,-0.8,0,-2.4,0,1.6,0.8 --frame panda_hand
   cartstiff analyse my_arm.urdf --stiffness 20000 --frame tool
   cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
-  cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
-  cartstiff analyse ur5 --analysis full --at 0,0,0.1 --length 0.2
-  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --deflect 0,0,0,10,0,0
+  cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
+  cartstiff analyse ur5 --analysis full --report-at 0,0,0.1 --length 0.2
+  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --added-load 0,0,0,10,0,0
   cartstiff analyse flexure-hexapod -o stiffness.nas
   cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
   cartstiff analyse cubic --sensitivities --json
@@ -102,7 +102,7 @@ _options = option_group(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
     "axes; rest positions are chosen so that the springs balance it."
 )
-@load_options("--load, --deflect and --direction")
+@load_options("--load, --added-load and --direction")
 @command_option
 @analysis_options
 @_options
@@ -116,7 +116,7 @@ def command(
     order: str | None,
     axes: str | None,
     sensitivities: bool,
-    explain: bool,
+    profile: bool,
     strict: bool,
     analysis: AnalysisRequest,
 ) -> None:
@@ -127,7 +127,7 @@ def command(
     """
     wrench = request.balanced_wrench
     analysis = replace(analysis, world=applied.world)
-    applied.check_world(load=wrench, deflect=analysis.deflect, direction=analysis.direction)
+    applied.check_world(load=wrench, added_load=analysis.added_load, direction=analysis.direction)
     steps = StepTimes()
     elastic, q = request.load()
     steps.end("reading the mechanism")
@@ -161,8 +161,8 @@ def command(
         data["analysis"] = analysis.run(result, shows_springs)
         steps.end("analysis of the matrix")
         text = json_text(data, request.mechanism)
-    how = steps.explain(data) if explain else []
-    if explain:
+    how = steps.explain(data) if profile else []
+    if profile:
         text = json_text(data, request.mechanism)
     if output is not None:
         from cartstiff.report.output import write_result
@@ -195,7 +195,7 @@ def command(
 
 
 class StepTimes:
-    """Processor time of what follows each other, for --explain."""
+    """Processor time of what follows each other, for --profile."""
 
     def __init__(self) -> None:
         self._wall, self._begun = time.perf_counter(), time.process_time()

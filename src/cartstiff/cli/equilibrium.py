@@ -49,7 +49,7 @@ Examples:
   cartstiff equilibrium panda --payload 3,0,0,0.1
   cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --tolerance 0.05,0.01
   cartstiff equilibrium ur5 --hold z=-0.002
-  cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
+  cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
   cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
   cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv --csv commands.csv
 """
@@ -136,7 +136,7 @@ def command(
         ("--hold", hold),
         ("--q", request.q),
         ("--pose", request.pose),
-        ("--command", told),
+        ("--actuate", told),
     ):
         if path is not None and value is not None:
             raise InputError(f"give {name} or --path, not both")

@@ -53,10 +53,10 @@ Examples:
       --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
   cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \\
       --load 0,0,0,0,0,-100 --world --below 2mm -o below.zarr --picture below.png
-  cartstiff map flexure-hexapod --command leg1=-1e-5:1e-5:11 --quantity translation_free_min \\
+  cartstiff map flexure-hexapod --actuate leg1=-1e-5:1e-5:11 --quantity translation_free_min \\
       -o commands.zarr
   cartstiff map panda --trajectory path.csv --quantity deflection \\
-      --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
+      --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
 
 After an interruption, the same command goes on where it stopped.
 """
@@ -83,7 +83,7 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
         context.exit()
     width = max(map(len, QUANTITIES))
     for q in known:
-        more = f"; --{q['asks']}".replace("deflect", "deflect or --load") if q["asks"] else ""
+        more = f"; --{q['asks']}".replace("deflect", "added-load or --load") if q["asks"] else ""
         say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
     say("\nAny other number of the analysis by its path, such as indices.best_length.")
     context.exit()
@@ -127,15 +127,15 @@ _options = option_group(
         help="For stiffness along and about a direction of the body frame.",
     ),
     option(
-        "--deflect",
+        "--added-load",
         type=WRENCH,
         help="Wrench, added to the load, whose deflection is computed; default the load itself.",
     ),
     option(
-        "--deflect-at",
+        "--added-load-at",
         type=POINT,
-        help="Point of the body, in its frame, at which the wrench of --deflect acts; default its "
-        "origin.",
+        help="Point of the body, in its frame, at which the wrench of --added-load acts; "
+        "default its origin.",
     ),
     vibration_options,
     option(
@@ -231,7 +231,7 @@ _options = option_group(
     load_help="Wrench on the body at every posture: moment about and force at the point --load-at, "
     "in the body's axes; rest positions are chosen so that the springs balance it."
 )
-@load_options("--load, --direction and --deflect")
+@load_options("--load, --direction and --added-load")
 @sampling_options
 @_options
 @click.pass_context
@@ -243,8 +243,8 @@ def command(
     quantities: tuple[str, ...],
     connection: str | None,
     direction: list[float] | None,
-    deflect: list[float] | None,
-    deflect_at: list[float] | None,
+    added_load: list[float] | None,
+    added_load_at: list[float] | None,
     vibration: dict[str, Any],
     length: float | None,
     output: Path,
@@ -264,7 +264,7 @@ def command(
     threads: int | None,
     workers: int | None,
     scheduler: str | None,
-    explain: bool,
+    profile: bool,
     **where: Any,
 ) -> None:
     """Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
@@ -273,28 +273,28 @@ def command(
     """
     if workers is not None and scheduler is not None:
         raise InputError("give --workers or --scheduler, not both")
-    if explain and (workers is not None or scheduler is not None):
+    if profile and (workers is not None or scheduler is not None):
         raise InputError(
             "what other processes do is not counted",
-            where="--explain",
+            where="--profile",
             expected="neither --workers nor --scheduler",
         )
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
-    if deflect_at is not None and deflect is None:
-        raise InputError("is for --deflect", where="--deflect-at")
-    applied.check_world(load=request.wrench, deflect=deflect, direction=direction)
+    if added_load_at is not None and added_load is None:
+        raise InputError("is for --added-load", where="--added-load-at")
+    applied.check_world(load=request.wrench, added_load=added_load, direction=direction)
     asked: dict[str, Any] = {
         **applied.keywords(request.wrench),
         **vibration,
         "wrench": request.balanced_wrench,
         "world": applied.world,
         "direction": direction,
-        "deflect": deflect,
+        "deflect": added_load,
         "length": length,
     }
-    if deflect_at is not None:
-        asked["deflect_at"] = deflect_at
+    if added_load_at is not None:
+        asked["deflect_at"] = added_load_at
     elastic, q = request.load()
     sampling, asked["told"] = sampling_from_options(elastic, q, **where)
     # Dimensions have dots where names of coordinates have slashes.
@@ -349,7 +349,7 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
-    told = explained(work, seconds, time.process_time() - spent) if explain else None
+    told = explained(work, seconds, time.process_time() - spent) if profile else None
     if damaged:
         say(
             f"cartstiff: {one_line(str(output))}: {len(damaged)} of its files were damaged and "

@@ -54,7 +54,7 @@ stiffness_option = option(
 
 #: What the drives are told, for `MechanismRequest.command`.
 command_option = option(
-    "--command",
+    "--actuate",
     "told",
     type=JointValues(springs=True),
     help="How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or "
@@ -101,7 +101,7 @@ class LoadRequest:
     def check_world(self, **given: object) -> None:
         """Refuse --world where none of the options is given whose components it is about."""
         if self.world and all(value is None for value in given.values()):
-            names = ", ".join(f"--{name}" for name in given)
+            names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
             raise InputError(f"is for {names}", where="--world")
 
 
@@ -150,7 +150,7 @@ class MechanismRequest:
         return elastic.with_springs(stiffness, rest), q
 
     def command(self, told: Values, elastic: Any) -> dict[str, float]:
-        """What --command tells each drive."""
+        """What --actuate tells each drive."""
         values = told.of(elastic.spring_names)
         if isinstance(values, dict):
             return values

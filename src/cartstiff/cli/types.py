@@ -411,7 +411,7 @@ def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Ca
 
 
 explain_option = click.option(
-    "--explain",
+    "--profile",
     is_flag=True,
     help="Also say what computed the answer, how long each part took, and what limits it on this "
     "machine.",

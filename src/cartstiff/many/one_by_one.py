@@ -42,7 +42,7 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
         return "singular-stiffness"
     for note in notes:
         if (
-            note.code == "lost-digits"
+            note.code == "ill-conditioned"
             and np.asarray(note.values["relative_error"]) > numerics.LOST
             # Beside a compliance a stiffness need not hold its softer directions.
             and (note.values["matrix"] == "compliance" or "compliance" not in kinds)

@@ -267,7 +267,7 @@ def _with_fields(
         case = replace(
             case, fields=tuple(fields), derivatives=beside.is_dense, segments=beside.segments
         )
-    state = "deficient" if freedoms < 6 else "regular"
+    state = "fewer-than-six-freedoms" if freedoms < 6 else "regular"
     return BoundCase(case, shared, state, beside, chain.home)
 
 

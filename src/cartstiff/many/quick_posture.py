@@ -274,7 +274,7 @@ class PostureCode:
         self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
         chart = here.chart()
-        self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
+        self.notes_on_chart = (Note("kf-undefined", chart),) if isinstance(chart, str) else ()
         self.notes_on_weight = tuple(weights_of(elastic).notes)
 
     def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:

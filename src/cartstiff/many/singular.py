@@ -49,7 +49,7 @@ def lost_ranks(
     if type(case) is not ChainCase or case.settled:
         return "", which[:0], which[:0]
     n = case.freedoms
-    state = "deficient" if n < 6 else "serial-singularity"
+    state = "fewer-than-six-freedoms" if n < 6 else "serial-singularity"
     other = replace(taken, case=replace(case, singular=True))
     names = tuple(name for name in arrays if not name.startswith("stiffness"))
     kernel = kernel_for(other.case, (*names, "looked_at"), len(which), compiled)

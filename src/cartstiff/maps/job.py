@@ -40,7 +40,7 @@ NO_REST = "no-equilibrium"
 #: Names of the states that ``state`` counts from 0.
 STATES = (
     REGULAR,
-    "deficient",
+    "fewer-than-six-freedoms",
     "serial-singularity",
     "type-2-singularity",
     "singular-stiffness",
@@ -54,7 +54,7 @@ STATES = (
     UNREACHABLE,
     "other",
     BEYOND,
-    "lost-digits",
+    "ill-conditioned",
     NO_REST,
     "strut-buckled",
     "strut-not-found",

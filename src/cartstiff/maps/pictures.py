@@ -147,7 +147,7 @@ def style_of(name: str) -> tuple[str, str]:
         "unreachable",
         "not-assembled",
         "not-computed",
-        "deficient",
+        "fewer-than-six-freedoms",
         "unbalanced",
         "buckled",
     )

@@ -276,7 +276,7 @@ def notes_on_given(mechanism: Mechanism, given: Array, q: Array) -> tuple[Note, 
     words = ", ".join(f"{name} {a:g} -> {b:g} {unit}" for name, a, b, unit in moved)
     return (
         Note(
-            "motors-moved",
+            "actuators-adjusted",
             f"the chain was not closed with its actuated joints as given, and they moved: {words}",
             {name: b - a for name, a, b, _ in moved},
         ),

@@ -131,7 +131,7 @@ def _words() -> dict[str, Any]:
 def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str, Any]:
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
-    chart = [note for note in result.notes if note.code == "no-chart"]
+    chart = [note for note in result.notes if note.code == "kf-undefined"]
     described = {
         "platform": isinstance(mechanism, Platform),
         "may_be_loaded": elastic.may_be_loaded,

@@ -25,7 +25,11 @@ _NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
     ("strut-not-found", "bad", "The flexures are bent too far: no balance of a strut was found"),
     ("serial-singularity", "bad", "Singular posture: a motion of the end-effector is impossible"),
     ("idle-self-motion", "bad", "A self-motion costs no energy, yet moves the end-effector"),
-    ("deficient", "warning", "Fewer than six free motions: only the compliance exists"),
+    (
+        "fewer-than-six-freedoms",
+        "warning",
+        "Fewer than six free motions: only the compliance exists",
+    ),
 )
 NEAR: tuple[tuple[str, Level, str], ...] = (
     ("type-2-singularity", "bad", "Singular posture: the actuators do not hold the body"),
@@ -84,8 +88,8 @@ def verdict(
         for code, level, title in _NO_MATRIX:
             if code in notes:
                 return {"level": level, "title": title, "code": code}
-        if connection == "F" and (reason := notes.get("no-chart")):
-            return {"level": "warning", "title": f"No K^F: {reason}", "code": "no-chart"}
+        if connection == "F" and (reason := notes.get("kf-undefined")):
+            return {"level": "warning", "title": f"No K^F: {reason}", "code": "kf-undefined"}
         for code, level, title in NEAR:
             if code in notes:
                 return {"level": level, "title": title, "code": code}

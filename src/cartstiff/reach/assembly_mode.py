@@ -79,7 +79,7 @@ class AssemblyMode(ShownInLines):
 
         That is at singular poses, and where neither stiffness nor compliance exists.
         """
-        undecided = {"type-2-singularity", "singular-stiffness", "no-rest"}
+        undecided = {"type-2-singularity", "singular-stiffness", "struts-not-in-equilibrium"}
         if self.multiplicity > 1 or undecided & {note.code for note in self.notes}:
             return None
         if self.eigenvalue is not None:

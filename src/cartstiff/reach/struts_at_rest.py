@@ -40,4 +40,4 @@ def at_rest_with(
         return equilibrium(elastic, q0=q, iterations=_STEPS).stiffness, ()
     except (ConvergenceError, UndefinedError):
         message = "flexures hold the platform in no balance near this pose: it is ideal joints'"
-        return analyse(elastic, q), (Note("no-rest", message, {"q": q.tolist()}),)
+        return analyse(elastic, q), (Note("struts-not-in-equilibrium", message, {"q": q.tolist()}),)

@@ -319,7 +319,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         "as_controller": {"description": "with --order, --axes: the matrices in these"},
         "sensitivities": _BY_PARAMETERS,
         "accuracy": _ACCURACY,
-        "explained": {"description": "with --explain: what computed it, how long, what limits"},
+        "explained": {"description": "with --profile: what computed it, how long, what limits"},
     }
     more = _EQUILIBRIUM if command == "equilibrium" else {}
     return js.document(_ANALYSIS | more, command, optional)

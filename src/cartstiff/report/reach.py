@@ -53,7 +53,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
         states = [
             Note(code, f"modes {_with(modes, code)}: {note.message}", note.values)
             for code, note in own.items()
-            if code not in known and code != "no-chart"
+            if code not in known and code != "kf-undefined"
         ]
         return joined([*lines, *note_lines([*modes.notes, *states])])
     return joined([*lines, *note_lines(modes.notes)])

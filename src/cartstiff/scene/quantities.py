@@ -140,7 +140,7 @@ def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
 
 #: Notes that say why a stiffness does not exist.
 _STATES = {
-    "deficient",
+    "fewer-than-six-freedoms",
     "serial-singularity",
     "type-2-singularity",
     "constraint-singularity",
@@ -149,7 +149,7 @@ _STATES = {
     "buckled",
     "strut-buckled",
     "strut-not-found",
-    "no-chart",
+    "kf-undefined",
 }
 
 

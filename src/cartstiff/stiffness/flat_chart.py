@@ -47,7 +47,7 @@ class FlatChart:
     def missing(self) -> UndefinedError:
         """The error for whoever needs it where it does not exist."""
         if self.note is None:
-            return UndefinedError("K^F does not exist here", code="no-chart")
+            return UndefinedError("K^F does not exist here", code="kf-undefined")
         return UndefinedError(self.note.message, code=self.note.code)
 
 
@@ -75,10 +75,10 @@ def flat_chart(
         return _NONE  # the reason for the others is this one's too
     chart = posture.chart()
     if isinstance(chart, str):
-        return FlatChart(note=Note("no-chart", chart))
+        return FlatChart(note=Note("kf-undefined", chart))
     if rates is None:
         message = f"K^F needs six free motions: there are {reduction.freedoms}"
-        return FlatChart(note=Note("no-chart", message))
+        return FlatChart(note=Note("kf-undefined", message))
     if chart is IDENTITY:  # nonsingular, as `rates` exists
         H = energy.hessian
         return FlatChart(rates.T.dot(H).dot(rates), H, rates)

@@ -32,7 +32,7 @@ def _inverse(matrix: Array, sizes: Array) -> Array:
         raise UndefinedError(
             "the motions of the body and those inside the mechanism cannot be told apart here: the "
             "posture is singular in more than one way",
-            code="lost-digits",
+            code="ill-conditioned",
             values={"motions": matrix.tolist()},
         ) from None
     size = np.abs(inverse)
@@ -158,13 +158,13 @@ def reduce_any(
 
     if rank < len(rows):
         missing = lost * rows[:, None]
-        kind = "deficient" if freedoms < len(rows) else "serial-singularity"
+        kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
         short = len(states)
         states.append(
             Note(
                 kind,
                 f"the {what} cannot move in {len(rows) - rank} of {len(rows)} directions here"
-                + ("" if kind == "deficient" else " (serial singularity)")
+                + ("" if kind == "fewer-than-six-freedoms" else " (serial singularity)")
                 + f": {_COMPLIANCE_ALONE}; the wrench along them is carried by the structure"
                 + (" and is taken as zero in the scaled norm" if force is None else ""),
                 {

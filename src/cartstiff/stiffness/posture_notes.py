@@ -67,7 +67,7 @@ def notes_on_digits(
     if error > numerics.TELLING:
         notes.append(
             Note(
-                "lost-digits",
+                "ill-conditioned",
                 "springs and load nearly cancel along a motion, or legs are nearly dependent: the "
                 f"compliance is known to a relative error of about {error:.1g}",
                 {"matrix": "compliance", "relative_error": error},
@@ -83,7 +83,7 @@ def notes_on_digits(
                 known = f"to a relative error of about {error:.1g} only"
             notes.append(
                 Note(
-                    "lost-digits",
+                    "ill-conditioned",
                     f"{words} the stiffness matrix holds the softer directions {known}; the "
                     "compliance, and what is free, hold them",
                     {"matrix": "stiffness", "relative_error": error},

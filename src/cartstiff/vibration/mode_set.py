@@ -276,7 +276,7 @@ def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[
         "words": f"under its {result.load.kind} load" if loaded else "unloaded",
     }
     notes = list(result.notes_on_posture)
-    notes = [n for n in notes if n.code not in ("deficient", "near-singular")]
+    notes = [n for n in notes if n.code not in ("fewer-than-six-freedoms", "near-singular")]
     if loaded and not result._load_is_given:
         notes.append(
             Note(

@@ -90,7 +90,7 @@ def _absurd(chain: Chain, bodies: dict[str, object], metres: float) -> list[Note
         )
         heavy = max(bodies, key=lambda name: bodies[name].mass)  # type: ignore[attr-defined]
         values = {"mass": total, "length": size, "heaviest": heavy}
-        notes.append(Note("masses-absurd", words, values))
+        notes.append(Note("implausible-mass", words, values))
     for name, body in bodies.items():
         mass = float(body.mass)  # type: ignore[attr-defined]
         if not mass > 0.0:

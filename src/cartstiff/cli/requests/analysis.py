@@ -48,7 +48,9 @@ _options = option_group(
         "it (see --load-kind, --load-at). Without a load all are the same.",
     ),
     option(
-        "--at", type=POINT, help="Point of the body, in its frame, for which the analysis is given."
+        "--report-at",
+        type=POINT,
+        help="Point of the body, in its frame, for which the analysis is given.",
     ),
     option(
         "--direction",
@@ -56,16 +58,16 @@ _options = option_group(
         help="Also print the stiffness along and about this direction, in the body's axes.",
     ),
     option(
-        "--deflect",
+        "--added-load",
         type=WRENCH,
         help="Linear deflection under this wrench, in the body's axes, added to the load; "
         "default the load itself.",
     ),
     option(
-        "--deflect-at",
+        "--added-load-at",
         type=POINT,
-        help="Point of the body, in its frame, at which the wrench of --deflect acts; default the "
-        "point of --at.",
+        help="Point of the body, in its frame, at which the wrench of --added-load acts; "
+        "default the point of --report-at.",
     ),
     option(
         "--length",
@@ -112,10 +114,10 @@ class AnalysisRequest:
 
     level: str
     connection: str | None
-    at: list[float] | None
+    report_at: list[float] | None
     direction: list[float] | None
-    deflect: list[float] | None
-    deflect_at: list[float] | None
+    added_load: list[float] | None
+    added_load_at: list[float] | None
     length: float | None
     inertia: list[float] | None
     tolerance: list[float] | None
@@ -126,8 +128,8 @@ class AnalysisRequest:
 
     def __post_init__(self) -> None:
         """Refuse what does not go together, and zeros."""
-        if self.deflect is None:
-            only_with("deflect", deflect_at=self.deflect_at)
+        if self.added_load is None:
+            only_with("added-load", added_load_at=self.added_load_at)
         if self.tolerance is None:
             only_with("tolerance", samples=self.samples)
         if self.target is None:
@@ -190,10 +192,10 @@ class AnalysisRequest:
                     length=self.length,
                     mass=mass,
                     inertia=inertia,
-                    at=None if self.at is None else pose(translation=self.at),
+                    at=None if self.report_at is None else pose(translation=self.report_at),
                     direction=self._in_body(self.direction, result),
-                    wrench=self._in_body(self.deflect, result),
-                    wrench_at=self.deflect_at,
+                    wrench=self._in_body(self.added_load, result),
+                    wrench_at=self.added_load_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
                     samples=self.samples or 0,

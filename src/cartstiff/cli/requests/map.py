@@ -58,7 +58,7 @@ sampling_options = option_group(
         help="Positions x, y, z of the body frame in F, by inverse kinematics.",
     ),
     repeated_option(
-        "--command",
+        "--actuate",
         "told",
         type=Axes("NAME=LOW:HIGH:COUNT", single=True),
         help="How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
@@ -160,7 +160,7 @@ def sampling_from_options(
         raise InputError(
             "say where the map looks",
             expected="one of --grid, --random, --cartesian, "
-            "--trajectory, --command NAME=LOW:HIGH:COUNT",
+            "--trajectory, --actuate NAME=LOW:HIGH:COUNT",
         )
     if ranges and random is None:
         raise InputError("--range goes with --random")
@@ -177,7 +177,7 @@ def sampling_from_options(
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
     if trajectory is not None:
         return Trajectory.from_table(_table(trajectory, elastic), elastic, base), steps
-    option = "--command" if over else "--grid" if grid else "--range" if random else "--cartesian"
+    option = "--actuate" if over else "--grid" if grid else "--range" if random else "--cartesian"
     try:
         if over:
             return CommandGrid(_axes(over, option), elastic, base), steps

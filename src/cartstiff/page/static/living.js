@@ -312,8 +312,8 @@ export class Living {
     const { definite, near } = this.data.words;
     const codes = notes.map(({ code }) => code);
     if (!kind) {
-      const reason = notes.find(({ code }) => code === "no-chart");
-      return { level: "warning", title: reason ? `No K^F: ${reason.message}` : `No K^${state.connection} here`, code: "no-chart" };
+      const reason = notes.find(({ code }) => code === "kf-undefined");
+      return { level: "warning", title: reason ? `No K^F: ${reason.message}` : `No K^${state.connection} here`, code: "kf-undefined" };
     }
     const [level, title] = definite[kind];
     if (level !== "bad") {

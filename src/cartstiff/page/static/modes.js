@@ -70,7 +70,7 @@ export function modesPanel(store) {
     rows.replaceChildren(...modes.frequencies.map((f, i) => row(modes, f, i, i + 1 === mode)));
     if (focused) rows.querySelector('[aria-checked="true"]')?.focus();
     const load = result.load?.kind && result.wrench?.some((x) => x) ? `under its ${result.load.kind} load` : "unloaded";
-    const notes = modes.notes.filter(({ code }) => ["unstable", "free-motion", "repeated-modes", "massless-struts", "masses-absurd"].includes(code));
+    const notes = modes.notes.filter(({ code }) => ["unstable", "free-motion", "repeated-modes", "massless-struts", "implausible-mass"].includes(code));
     words.textContent = [
       `Small undamped motions, ${load}. A mode has no size of its own: the swing is drawn, not computed.`,
       store.source.live ? "" : "An exported page holds the table; `cartstiff view` plays modes and draws the response.",
