@@ -18,6 +18,7 @@ from cartstiff.cli.types import (
     option_group,
     progress_option,
 )
+from cartstiff.errors import InputError
 
 _EPILOG = """\b
 Example: study.yaml holds
@@ -76,7 +77,7 @@ After an interruption, the same command with the same -o goes on where it stoppe
     show_default=True,
     help="Processes, each with whole designs.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a running Dask scheduler.")
+@click.option("--scheduler", hidden=True)
 @progress_option
 @json_option
 def command(
@@ -96,13 +97,17 @@ def command(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Sweep or optimise the parameters of a mechanism file, as STUDY.yaml says.
+    """Sweep the parameters of a mechanism file, as STUDY.yaml says.
 
     Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff map
     --list-quantities`). A design that is singular at one of them, or cannot be assembled, counts
     as failed; the answer gives the reason. Tool, weight, load and units may be given instead of the
     study's.
     """
+    if scheduler is not None:
+        raise InputError(
+            "designs have no scheduler any more", where="--scheduler", expected="--workers N"
+        )
     applied.check_load(wrench is not None)
     applied.check_world(load=wrench)
     load = None if wrench is None else {"wrench": wrench, **applied.keywords(wrench)}
@@ -118,7 +123,6 @@ def command(
                 given=given,
                 output=output,
                 workers=workers,
-                scheduler=scheduler,
                 progress=bar,
             )
     except KeyboardInterrupt:

@@ -41,7 +41,7 @@ _COMMANDS = {
         "cartstiff.cli.path",
         "The stiffest postures along a path, and where to put the workpiece.",
     ),
-    "design": ("cartstiff.cli.design", "Sweep or optimise the parameters of a mechanism file."),
+    "design": ("cartstiff.cli.design", "Sweep the parameters of a mechanism file."),
     "identify": (
         "cartstiff.cli.identify",
         "Joint stiffness from measured loads and deflections, and what to measure.",

@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cartstiff.designs.reading import check_names
-from cartstiff.designs.study import Case, Measure, Study, StudyUnits
+from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names
 from cartstiff.errors import (
     CartstiffError,
     InputError,
@@ -178,7 +177,7 @@ class StudyEvaluator:
         broken = [
             f"{name} = {measured[name]:.6g}"
             for name, limit in self.study.constraints.items()
-            if limit.violation(measured[name]) > 0.0
+            if not limit.is_kept(measured[name])
         ]
         return Design(
             dict(parameters), measured, "infeasible" if broken else "feasible", ", ".join(broken)

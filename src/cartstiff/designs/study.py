@@ -1,14 +1,26 @@
-"""A study of designs as data classes; every key of its file, its type and its meaning."""
+"""A study of designs: every key of its file with type and meaning, and how the file is read."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
-from cartstiff.expressions import is_name
+from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.keys.words import Number, Pair, Positive, Text, Vector, only_one
+from cartstiff.loading.mechanism_file import first_error, place_of
+from cartstiff.loading.yaml_file import Lines, read_yaml
 
 #: Poses of one design: more belong in a map.
 MOST_POSES = 10**7
@@ -70,13 +82,6 @@ class Variable(StudyModel):
             value = low + share * (high - low)
         # Twelve digits: numbers that people can read, the same on every processor.
         return min(max(float(f"{value:.12g}"), low), high)
-
-    def share(self, value: float) -> float:
-        """The share at which a value between the ends stands."""
-        low, high = self.low or 0.0, self.high or 0.0
-        if self.log:
-            return math.log(value / low) / math.log(high / low)
-        return (value - low) / (high - low)
 
     @property
     def grid(self) -> list[float]:
@@ -243,35 +248,38 @@ class Constraint(Measure):
             raise ValueError("give at_least or at_most")
         return self
 
-    def violation(self, value: float) -> float:
-        """How far beyond its bounds a number is, relative to them; 0 within."""
-        worst = 0.0
-        for bound, beyond in ((self.at_least, -1.0), (self.at_most, 1.0)):
-            if bound is not None:
-                worst = max(worst, beyond * (value - bound) / (abs(bound) or 1.0))
-        return worst
+    def is_kept(self, value: float) -> bool:
+        """Whether a number is within its bounds."""
+        low = -math.inf if self.at_least is None else self.at_least
+        high = math.inf if self.at_most is None else self.at_most
+        return low <= value <= high
 
 
 class Method(StudyModel):
     """How designs are chosen."""
 
-    kind: Literal["grid", "sobol", "latin-hypercube", "local", "evolution"] = "grid"
+    kind: Literal["grid", "sobol", "latin-hypercube"] = "grid"
     designs: _Count | None = Field(
         default=None, description="how many, at most; not for a grid; default 64"
     )
     seed: _Seed | None = Field(default=None, description="of what is drawn; default 0")
-    start: dict[str, Number] | None = Field(
-        default=None, description="of the local search; default the values in the mechanism file"
-    )
+
+    @field_validator("kind", mode="before")
+    @classmethod
+    def _sweeps(cls, kind: object) -> object:
+        if kind in ("local", "evolution"):
+            raise ValueError(
+                f"{kind} is no method: sweep with grid, sobol or latin-hypercube, or give "
+                "cartstiff.designs.run.evaluator(study) to an optimiser such as scipy's"
+            )
+        return kind
 
     @model_validator(mode="after")
     def _fits(self) -> Method:
         if self.kind == "grid" and self.designs is not None:
             raise ValueError("a grid has the counts of its variables: designs is not for it")
-        if self.kind in ("grid", "local") and self.seed is not None:
-            raise ValueError(f"nothing is drawn: seed is not for {self.kind}")
-        if self.kind != "local" and self.start is not None:
-            raise ValueError("start is for local")
+        if self.kind == "grid" and self.seed is not None:
+            raise ValueError("nothing is drawn: seed is not for a grid")
         return self
 
 
@@ -328,17 +336,6 @@ class Study(StudyModel):
         for name in self.cases:
             if name not in {self.case_of(m) for m in self.measures.values()}:
                 raise ValueError(f"case {name!r} is not used")
-        if self.method.kind in ("local", "evolution"):
-            if len(self.objectives) > 1:
-                raise ValueError(
-                    f"{self.method.kind} has one objective; grid, sobol and latin-hypercube show "
-                    "what several cost each other"
-                )
-            if self.method.kind == "local" and any(v.values for v in self.variables.values()):
-                raise ValueError("a local search has no variables with values")
-        for name in self.method.start or {}:
-            if name not in self.variables:
-                raise ValueError(f"start: {name!r} is no variable")
         return self
 
     @property
@@ -360,3 +357,85 @@ class Study(StudyModel):
         if self.method.kind == "grid":
             return math.prod(len(v.grid) for v in self.variables.values())
         return self.method.designs or 64
+
+
+def read_study(
+    source: str | Path | Mapping[str, Any], given: Mapping[str, Any] | None = None
+) -> tuple[Study, Path]:
+    """A study and the folder that its mechanism's path is relative to.
+
+    Parameters
+    ----------
+    source : str, Path or mapping
+        Its file, or what would stand there.
+    given : mapping, optional
+        What is said instead of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case`
+        under "load" replace those of every case.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong, with file, line and key.
+    """
+    lines: Lines = {}
+    if isinstance(source, Mapping):
+        data, path = dict(source), Path("study")
+    elif isinstance(source, (str, Path)):
+        path = Path(source).expanduser()
+        data, lines = read_yaml(path)
+    else:
+        raise InputError(
+            "not a study", expected="a file's path or a mapping", got=type(source).__name__
+        )
+    data = _with(data, given or {})
+    try:
+        study = Study.model_validate(data)
+    except ValidationError as error:
+        raise first_error(error, data, lines, path, ("study",), _keys()) from None
+    for name, measure in study.measures.items():
+        if measure.value is not None:
+            kind = "objectives" if name in study.objectives else "constraints"
+            Expression(measure.value[1:], place_of(path, lines, (kind, name, "value")))
+    if study.size > MOST_POSES:
+        raise InputError(
+            "too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}", got=study.size
+        )
+    return study, path.parent
+
+
+def _with(data: dict[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """A study's data, and what is said beside it."""
+    load = options.get("load")
+    own = {key: value for key, value in options.items() if key != "load" and value is not None}
+    if load:
+        cases = data.get("cases") or {"load": {}}
+        if isinstance(cases, dict) and all(isinstance(case, dict) for case in cases.values()):
+            own["cases"] = {name: {**case, **load} for name, case in cases.items()}
+    return {**data, **own}
+
+
+def _keys() -> set[str]:
+    """Every key that may stand in a study."""
+    models, keys = [StudyModel], set[str]()
+    while models:
+        model = models.pop()
+        keys.update(model.model_fields)
+        models.extend(model.__subclasses__())
+    return keys
+
+
+def check_names(study: Study, parameters: Mapping[str, float]) -> None:
+    """Refuse names that the mechanism does not have.
+
+    Raises
+    ------
+    UnknownNameError
+        For a variable, or a name in arithmetic, that is no parameter of the mechanism.
+    """
+    for name in (*study.variables, *study.set):
+        if name not in parameters:
+            raise UnknownNameError("parameter", name, parameters, where="study")
+    for key, measure in study.measures.items():
+        if measure.value is not None:
+            for name in sorted(Expression(measure.value[1:], key).names - set(parameters)):
+                raise UnknownNameError("parameter", name, parameters, where=key)

@@ -116,10 +116,6 @@ SLIGHT: Final = 1e-4
 AGREEING: Final = 1e-6
 #: A sum of squares that falls by less than this share has reached its minimum.
 FLAT: Final = 1e-7
-#: The best design of a study: its variables, as shares of their ranges, are known to this, and
-DESIGNED: Final = 1e-7
-#: a population of designs that differ by less is one.
-ALIKE: Final = 1e-9
 #: A predictor along a path of solutions may miss it by this (of unit vectors): Newton's method then
 #: comes back to the same path in two steps.
 FOLLOWED: Final = 1e-5
