@@ -10,7 +10,7 @@ import pytest
 
 import cartstiff
 from cartstiff.cli.main import main
-from cartstiff.statics.relax import relaxed
+from cartstiff.statics.equilibrium import relaxed
 
 #: The held pose is kept, and lengths are met, to the rounding of a few steps.
 KEPT = 1e-11

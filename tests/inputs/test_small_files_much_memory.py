@@ -120,7 +120,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.mechanisms import chain, joint_kinds
     from cartstiff.page import export, state
     from cartstiff.scene import meshes
-    from cartstiff.statics import effort
+    from cartstiff.statics import problem as effort
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
     assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2

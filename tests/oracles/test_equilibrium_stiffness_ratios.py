@@ -173,7 +173,7 @@ def test_a_posture_that_rounding_hides_is_named():
 
 def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     """Seconds would depend on the machine; the whole of what is tried shares one bound."""
-    from cartstiff.statics import effort
+    from cartstiff.statics import problem as effort
     from cartstiff.statics.problem import System
 
     elastic = cartstiff.load("3-rrr")

@@ -147,7 +147,7 @@ def command(
             elastic = result.elastic
             load = {key: load[key] for key in ("load_kind", "load_at") if key in load}
         if relax and any(note.code == "unbalanced" for note in result.notes):
-            from cartstiff.statics.relax import relaxed
+            from cartstiff.statics.equilibrium import relaxed
 
             result = analyse(elastic, relaxed(elastic, result.q), **load)
         data = result.as_dict()

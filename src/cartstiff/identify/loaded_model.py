@@ -3,7 +3,7 @@ r"""Large loads and weight: the equilibrium itself, and its derivatives by each 
 In every row the joints' springs are at rest where the row says (what the motors are told). The
 arm's weight, hung masses and the wrench act; the displacement of a difference is that between two
 equilibria, with and without the load. The derivative by a compliance, or by the coefficient of a
-nonlinear spring, is that of `cartstiff.statics.sensitivity`, at each of the two.
+nonlinear spring, is that of `cartstiff.statics.rest`, at each of the two.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.equilibrium import in_stages
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
-from cartstiff.statics.sensitivity import motion_by_compliance
+from cartstiff.statics.rest import motion_by_compliance
 
 # Changes of parameters, in their natural sizes, along which a state of rest is followed linearly.
 _NEAR = 0.5

@@ -8,8 +8,8 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.figures import new_figure
-from cartstiff.statics.compensation import CompensatedPath
-from cartstiff.statics.curves import LoadCurve
+from cartstiff.statics.continuation import LoadCurve
+from cartstiff.statics.toolpath import CompensatedPath
 
 
 def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:

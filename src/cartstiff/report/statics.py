@@ -12,9 +12,9 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.notes import Note
 from cartstiff.report.layout import row, wide_row
 from cartstiff.report.posture import describe
-from cartstiff.statics.compensation import CompensatedPath
-from cartstiff.statics.curves import LoadCurve
+from cartstiff.statics.continuation import LoadCurve
 from cartstiff.statics.rest import Equilibrium
+from cartstiff.statics.toolpath import CompensatedPath
 
 _STABLE = {
     True: "stable",

@@ -1,35 +1,508 @@
 r"""Load-deflection curves through limit points, critical loads, and the branches that start there.
 
-The loads are multiplied by a factor p that the curve is free to lower again; see
-`cartstiff.statics.load_path`. The linear prediction that the curve is compared with is the one of
-the compliance at its start, u = p C W.
+The loads are multiplied by a factor p that the curve is free to lower again. The linear prediction
+that the curve is compared with is the one of the compliance at its start, u = p C W. With g_N and
+H_N as in `cartstiff.statics.problem` and f_N = dg_N/dp, a point and the direction (t, t_p) of its
+curve satisfy
+
+    g_N(q, p) = 0,      H_N t + f_N t_p = 0,    |t|^2 + (t_p / range)^2 = 1
+
+A step goes along the direction and comes back at right angles to it [Keller]_, which passes points
+where the load is stationary. Where H_N is singular the curve has a limit point (f_N is not in its
+range) or meets another one: a critical load.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.arrays import Result, csv_text
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import limit_notes, limits_of
-from cartstiff.mechanisms.weighed import weights_of
+from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
+from cartstiff.mechanisms.other_units import shown
+from cartstiff.mechanisms.weighed import Weighed, weights_of
+from cartstiff.notes import Note
 from cartstiff.numerics import IDLE
-from cartstiff.potentials.contract import Potential
-from cartstiff.statics.critical import CriticalPoint, crossings
-from cartstiff.statics.curves import LoadCurve, Reason
-from cartstiff.statics.flutter import MASSLESS, UNDAMPED, divergence
-from cartstiff.statics.held import Held, displacement_between
-from cartstiff.statics.load_path import CurvePoint, LoadPath
-from cartstiff.statics.newton import solve
-from cartstiff.statics.problem import System
+from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.statics.held import Held, displacement_between, shown_displacements
+from cartstiff.statics.newton import ENOUGH, SHARP, solve
+from cartstiff.statics.problem import Balance, Point, System, spectrum
+from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, Vibrations, divergence, vibrations
 from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.compute import SCHEMA
+
+_CORRECTIONS = 25
+_LARGEST = 0.5
+
+
+@dataclass(slots=True, eq=False)
+class CurvePoint:
+    """A point of the curve.
+
+    Attributes
+    ----------
+    factor : float
+        p.
+    direction : ndarray (n + 1,)
+        (t, t_p / range), a unit vector, in natural units.
+    eigenvalues : ndarray
+        Of H_N; where it is unsymmetric they depend on the choice of coordinates.
+    vibrations : Vibrations or None
+        Where the loads have no potential and every motion has a mass.
+    push : ndarray (f,)
+        f_N times the range.
+    corrections : int
+        Newton steps that led here.
+    """
+
+    point: Point
+    balance: Balance
+    factor: float
+    direction: Array
+    eigenvalues: Array
+    vibrations: Vibrations | None
+    push: Array
+    corrections: int
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether everything that acts has a potential."""
+        return not np.isnan(self.point.evaluation.energy)
+
+
+class LoadPath:
+    """Equilibria of a mechanism whose loads have a common factor.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With all rest positions chosen.
+    loads : sequence of Potential
+        What the factor multiplies.
+    fixed : sequence of Potential
+        What acts besides.
+    held : Held, optional
+        Held displacement, with its reference.
+    span : float
+        Size of the factors of interest: the unit that p is measured in along the curve.
+    """
+
+    def __init__(
+        self,
+        elastic: ElasticMechanism,
+        loads: Sequence[Potential],
+        fixed: Sequence[Potential],
+        held: Held | None,
+        span: float,
+    ) -> None:
+        self.loads = System(elastic, loads).loads
+        self.system = System(elastic, fixed, held)
+        self.span = span
+
+    def _at(self, q: Array, factor: float) -> tuple[Point, Array]:
+        """Everything that acts, and the loads' gradient times the range, in natural units."""
+        point = self.system.at(q)
+        columns = point.posture.coordinate_lengths
+        pushed = np.zeros(columns.size)
+        for load in self.loads:
+            e, g, h = load.evaluate(point.posture)
+            members = abs(factor) * load.member_forces(point.posture, g)
+            point.add(Evaluation(factor * e, factor * g, factor * h), members)
+            pushed += g
+        return point, pushed * columns * self.span
+
+    def state(self, q: Array, factor: float, direction: Array, corrections: int = 0) -> CurvePoint:
+        """The state at given coordinates, its direction along that of a neighbour."""
+        point, push = self._at(q, factor)
+        balance = self.system.balance(point)
+        if balance.free is not None:
+            push = balance.free.T @ push
+        conservative = not np.isnan(point.evaluation.energy)
+        values = spectrum(balance, conservative)
+        right = np.append(np.zeros_like(push), 1.0)
+        solved = self._solved(balance, push, direction, right)
+        along = np.append(balance.motion(solved[:-1]), solved[-1])
+        along /= np.linalg.norm(along)
+        moving = None
+        if not conservative:
+            units = self.system.elastic.units
+            moving = vibrations(point, balance, units, self.system.terms)
+        return CurvePoint(point, balance, factor, along, values, moving, push, corrections)
+
+    @staticmethod
+    def _solved(balance: Balance, push: Array, direction: Array, right: Array) -> Array:
+        """Motions and load factor from the stiffness, bordered by the push and the direction.
+
+        Each motion is counted in units of its own stiffness, and the border in units of 1, so that
+        a stiff spring hides no soft motion when the rank is judged.
+        """
+        t = direction[:-1] if balance.free is None else balance.free.T @ direction[:-1]
+        per = 1.0 / np.sqrt(balance.hardness)
+        pushed, along = per * push, np.append(per * t, direction[-1])
+        column = float(np.abs(pushed).max(initial=0.0)) or 1.0
+        along[-1] /= column
+        row = float(np.abs(along).max()) or 1.0
+        matrix = np.block([[balance.scaled, (pushed / column)[:, None]], [along / row]])
+        scaled = np.append(per * right[:-1], right[-1] / row)
+        solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.LAST_DIGITS)[0]
+        return np.append(per * solved[:-1], solved[-1] / column)
+
+    def step(self, start: CurvePoint, size: float, direction: Array | None = None) -> CurvePoint:
+        """The point at a distance `size` along a direction (default: the curve's own).
+
+        Raises
+        ------
+        ConvergenceError
+            If the way back to the curve is not found.
+        """
+        direction = start.direction if direction is None else direction
+        q = self.system.moved(start.point, size * direction[:-1])
+        factor = start.factor + size * direction[-1] * self.span
+        return self.corrected(q, factor, direction)
+
+    def corrected(self, q: Array, factor: float, direction: Array) -> CurvePoint:
+        """Newton's method at right angles to a direction; (0, 1) holds the load."""
+        system = self.system
+        q = system.retracted(q)
+        best, kept, stalled = np.inf, (q, factor), 0
+        for iteration in range(_CORRECTIONS):
+            point, push = self._at(q, factor)
+            balance = system.balance(point)
+            if not np.isfinite(balance.residual):
+                break
+            if balance.residual < best:
+                stalled = 0 if balance.residual < 0.5 * best else stalled + 1
+                best, kept = balance.residual, (q, factor)
+            else:
+                stalled += 1
+            if best <= SHARP or (best <= ENOUGH and stalled):
+                return self.state(*kept, direction, iteration)
+            if balance.free is not None:
+                push = balance.free.T @ push
+            right = -np.append(balance.force, 0.0)
+            solved = self._solved(balance, push, direction, right)
+            motion = balance.motion(solved[:-1])
+            largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
+            share = min(1.0, _LARGEST / max(largest, numerics.TINY))
+            q = system.retracted(system.moved(point, share * motion))
+            factor = factor + share * float(solved[-1]) * self.span
+        raise ConvergenceError(
+            "the curve of equilibria is lost", iterations=_CORRECTIONS, residual=best
+        )
+
+
+# Share of f_N along the mode below which the load does not excite it: then curves cross.
+_UNFELT = numerics.UNFELT
+_BISECTIONS = 100
+
+Kind = Literal["limit", "bifurcation", "flutter"]
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalPoint:
+    """A point where a motion loses its stiffness.
+
+    Attributes
+    ----------
+    factor : float
+        Load factor.
+    q : ndarray (n,)
+        Coordinates.
+    kind : {"limit", "bifurcation", "flutter"}
+        "limit": the load is stationary along the curve, the mechanism snaps through.
+        "bifurcation": another curve of equilibria starts here, as where a load that has no
+        potential leads to divergence.
+        "flutter": two frequencies meet, and vibrations grow beyond.
+    mode : ndarray (n,)
+        The motion, in natural units, of length 1.
+    eigenvalue : float
+        What is left of the stiffness along it, as a share of the largest one just before; NaN for
+        flutter.
+    frequency : float or None
+        In Hz, of the motion that flutters.
+    """
+
+    factor: float
+    q: Array
+    kind: Kind
+    mode: Array
+    eigenvalue: float
+    frequency: float | None
+    _state: CurvePoint
+
+    def __repr__(self) -> str:
+        swing = "" if self.frequency is None else f", {self.frequency:.4g} Hz"
+        return f"<{self.kind} at factor {self.factor:.6g}{swing}>"
+
+
+def _negative(state: CurvePoint) -> int:
+    """Number of negative eigenvalues; without an energy the parity of the determinant."""
+    if state.is_conservative:
+        return int(np.sum(state.eigenvalues < 0.0))
+    return int(np.linalg.slogdet(state.balance.stiffness)[0] < 0.0)
+
+
+def _measure(index: int) -> Callable[[CurvePoint], float]:
+    """What changes its sign at the critical point."""
+
+    def value(state: CurvePoint) -> float:
+        if state.is_conservative:
+            return float(state.eigenvalues[index])
+        size = max(float(np.abs(state.eigenvalues).max(initial=0.0)), numerics.TINY)
+        return float(np.linalg.det(state.balance.stiffness / size))
+
+    return value
+
+
+def crossings(
+    path: LoadPath, start: CurvePoint, end: CurvePoint, size: float
+) -> list[CriticalPoint]:
+    """Critical points between two neighbours on a curve, `size` apart along its direction."""
+    before, after = _negative(start), _negative(end)
+    points = []
+    for index in range(min(before, after), max(before, after)):
+        state = _located(path, start, end, size, _measure(index))
+        points.append(_named(state, float(np.abs(start.eigenvalues).max())))
+    if not _grows(start) and _grows(end):
+        # A range of flutter may lie between them, and divergence at the end of it.
+        onset = _onset(path, start, end, size, _grows)
+        if _flutters(onset):
+            points.append(_fluttering(onset))
+        elif not points:
+            points.append(_named(onset, float(np.abs(start.eigenvalues).max())))
+    elif not _flutters(start) and _flutters(end):
+        points.append(_fluttering(_onset(path, start, end, size, _flutters)))
+    return sorted(points, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
+
+
+def _flutters(state: CurvePoint) -> bool:
+    return state.vibrations is not None and state.vibrations.growing == "flutter"
+
+
+def _grows(state: CurvePoint) -> bool:
+    return state.vibrations is not None and state.vibrations.growing is not None
+
+
+def _onset(
+    path: LoadPath,
+    start: CurvePoint,
+    end: CurvePoint,
+    size: float,
+    is_beyond: Callable[[CurvePoint], bool],
+) -> CurvePoint:
+    """The first state in which vibrations grow, by halving."""
+    a, b = 0.0, size
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (a + b)
+        if b - a <= numerics.FINEST * size or middle in (a, b):
+            break
+        try:
+            state = path.step(start, middle)
+        except ConvergenceError:
+            break
+        if is_beyond(state):
+            b, end = middle, state
+        else:
+            a = middle
+    return end
+
+
+def _fluttering(state: CurvePoint) -> CriticalPoint:
+    vibrations = state.vibrations
+    mode = np.zeros(state.point.q.size) if vibrations is None else vibrations.mode
+    frequency = None if vibrations is None else vibrations.frequency
+    return CriticalPoint(state.factor, state.point.q, "flutter", mode, np.nan, frequency, state)
+
+
+def _located(
+    path: LoadPath,
+    start: CurvePoint,
+    end: CurvePoint,
+    size: float,
+    measure: Callable[[CurvePoint], float],
+) -> CurvePoint:
+    """Root by secants kept in their bracket (every third step halves it)."""
+    a, b = 0.0, size
+    value_a, value_b = measure(start), measure(end)
+    # Of this motion's own stiffness, not of the stiffest one's: rounding is no excuse to end early.
+    small = numerics.LAST_DIGITS * max(abs(value_a), abs(value_b))
+    best = start if abs(value_a) < abs(value_b) else end
+    for iteration in range(_BISECTIONS):
+        if b - a <= numerics.FINEST * size or value_a == value_b:
+            break
+        middle = 0.5 * (a + b)
+        if iteration % 3 != 2:
+            secant = b - value_b * (b - a) / (value_b - value_a)
+            margin = 1e-3 * (b - a) if iteration % 3 == 1 else 0.0
+            middle = min(max(secant, a + margin), b - margin)
+        try:
+            state = path.step(start, middle)
+        except ConvergenceError:
+            break  # at a crossing of curves the way back is ambiguous; `best` is next to it
+        value = measure(state)
+        if abs(value) < abs(measure(best)):
+            best = state
+        if abs(value) <= small or middle in (a, b):
+            break
+        if (value < 0.0) == (value_a < 0.0):
+            a, value_a = middle, value
+        else:
+            b, value_b = middle, value
+    return best
+
+
+def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:
+    H = state.balance.stiffness
+    U, values, Vt = np.linalg.svd(H)
+    left, mode = U[:, -1], Vt[-1]
+    felt = abs(float(left @ state.push))
+    scale = max(float(np.linalg.norm(state.push)), stiffest, numerics.TINY)
+    kind: Kind = "limit" if felt > _UNFELT * scale else "bifurcation"
+    motion = state.balance.motion(mode)
+    return CriticalPoint(
+        state.factor,
+        state.point.q,
+        kind,
+        motion,
+        float(values[-1] / max(stiffest, numerics.TINY)),
+        None,
+        state,
+    )
+
+
+#: Why a curve ends.
+Reason = Literal["factor-reached", "factor-left", "points-reached", "limit-contact", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCurve(Result):
+    """Equilibria along a growing (and perhaps falling) load.
+
+    Attributes
+    ----------
+    factors : ndarray (m,)
+        Load factors p.
+    q : ndarray (m, n)
+        Coordinates.
+    displacement : ndarray (m, 6)
+        From the unloaded pose: rotation vector and translation, axes of F.
+    linear : ndarray (m, 6)
+        What the compliance at the start predicts; NaN if there is none.
+    eigenvalue : ndarray (m,)
+        Smallest eigenvalue of H_N; NaN without an energy, where it depends on the coordinates.
+    stable : tuple of bool or None
+        Whether H_N is positive definite; None at a zero eigenvalue. Without an energy False where
+        vibrations grow, else None.
+    critical : tuple of CriticalPoint
+        In the order in which the curve meets them.
+    reason : str
+        "factor-reached"; "factor-left": the load fell below what was asked for; "points-reached";
+        "limit-contact": a joint limit was met; "lost": no next point was found.
+    notes : tuple of Note
+        What was assumed.
+    """
+
+    elastic: ElasticMechanism
+    factors: Array
+    q: Array
+    displacement: Array
+    linear: Array
+    eigenvalue: Array
+    stable: tuple[bool | None, ...]
+    critical: tuple[CriticalPoint, ...]
+    reason: Reason
+    notes: tuple[Note, ...]
+    _path: LoadPath
+    _limits: Limits
+    _origin: Array
+    _rate: Array
+    _goal: float
+    _back: float
+    _resolution: float
+
+    @property
+    def weighed(self) -> Weighed:
+        """What gravity acts on, and payloads among the loads (at factor 1)."""
+        return weights_of(self.elastic, (*self._path.system.loads, *self._path.loads))
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Distance of the linear prediction from the curve over the displacement, (m, 2).
+
+        The first column is that of the rotation vectors, the second that of the translations: they
+        are never added. 0 where nothing moves.
+        """
+        length = self.elastic.mechanism.at(self.q[0]).length
+        columns = []
+        for part, smallest in (
+            (slice(0, 3), numerics.BLANK),
+            (slice(3, 6), numerics.BLANK * length),
+        ):
+            off = np.linalg.norm((self.linear - self.displacement)[:, part], axis=1)
+            size = np.linalg.norm(self.displacement[:, part], axis=1)
+            columns.append(np.divide(off, size, out=np.zeros(len(off)), where=size > smallest))
+        return np.column_stack(columns)
+
+    def linear_up_to(
+        self, tolerance: float = 0.05, part: Literal["rotation", "translation"] = "translation"
+    ) -> float:
+        """Factor up to which the linear prediction of a part stays within a relative deviation."""
+        off = self.deviation[:, 0 if part == "rotation" else 1]
+        factors = np.abs(self.factors)
+        bad = np.flatnonzero(~(off <= tolerance))
+        if bad.size == 0:
+            return float(factors.max())
+        i = int(bad[0])
+        if i == 0 or np.isnan(off[i]):
+            return 0.0
+        share = (tolerance - off[i - 1]) / (off[i] - off[i - 1])
+        return float(factors[i - 1] + share * (factors[i] - factors[i - 1]))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "schema": SCHEMA,
+            "units": self.elastic.units.as_dict(),
+            "joints": list(self.elastic.names),
+            **self.weighed.as_dict(),
+            "factor": self.factors.tolist(),
+            "q": self.q.tolist(),
+            "displacement": self.displacement.tolist(),
+            "linear": [None if np.isnan(row).any() else row.tolist() for row in self.linear],
+            "eigenvalue": [None if np.isnan(x) else x for x in self.eigenvalue.tolist()],
+            "stable": list(self.stable),
+            "critical": [
+                {
+                    "factor": c.factor,
+                    "kind": c.kind,
+                    "q": c.q.tolist(),
+                    "mode": c.mode.tolist(),
+                    "frequency": c.frequency,
+                }
+                for c in self.critical
+            ],
+            "reason": self.reason,
+            "notes": [note.as_dict() for note in self.notes],
+        }
+
+    def as_csv(self) -> str:
+        """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
+        heads, moved = shown_displacements(self.elastic.units, self.displacement, "")
+        linear_heads, linear = shown_displacements(self.elastic.units, self.linear, "linear_")
+        names = ["factor", *self.elastic.names_with_units, *heads, *linear_heads, "eigenvalue"]
+        q = shown(self.elastic, self.q)
+        return csv_text(np.column_stack([self.factors, q, moved, linear, self.eigenvalue]), names)
+
 
 _SMALLEST = numerics.SETTLED
 _START = "at the start: "

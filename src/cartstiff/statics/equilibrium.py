@@ -25,16 +25,38 @@ from cartstiff.mechanisms.limits import limits_of
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.effort import ExhaustedError, bounded
-from cartstiff.statics.held import Held as Held
-from cartstiff.statics.limits import Contact
+from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
-from cartstiff.statics.problem import System
+from cartstiff.statics.problem import Contact, ExhaustedError, System, bounded
 from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
-from cartstiff.statics.sensitivity import chosen_forces
-from cartstiff.statics.verdict import state_of_rest
+from cartstiff.statics.rest import chosen_forces, state_of_rest
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
+
+
+def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
+    """Coordinates to which the self-motion settles while the end-effector stays at its pose.
+
+    Under arbitrary joint torques a redundant arm is not in equilibrium with any wrench at its
+    end-effector: it moves along its self-motion until the energy has a minimum over it. There
+    ``Z^T grad Phi = 0`` with Z the null space of the Jacobian, and a wrench exists.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With the rest positions that make the torques.
+    q : array_like (n,), optional
+        Where it is let go; default the file's posture.
+
+    Raises
+    ------
+    ConvergenceError
+        If no minimum is found.
+    """
+    start = elastic.mechanism.closed(elastic.q if q is None else q)
+    held = Held.from_pose(start.pose)
+    return equilibrium(elastic, q0=start.q, held=held, limits=False).q
+
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
 _STAGES = 8

@@ -18,11 +18,16 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.statics.balance import Balance
-from cartstiff.statics.effort import ExhaustedError, bounded
-from cartstiff.statics.limits import Contact, bound, sizes
-from cartstiff.statics.point import Point
-from cartstiff.statics.problem import System
+from cartstiff.statics.problem import (
+    Balance,
+    Contact,
+    ExhaustedError,
+    Point,
+    System,
+    bound,
+    bounded,
+    sizes,
+)
 from cartstiff.stiffness.posture_notes import near_type_2
 
 #: Residual that ends the iteration at once, and the one that is accepted once it falls no more.

@@ -9,12 +9,19 @@ that keep them, N = null A,
 H_N is the exact second derivative of the energy along motions that are pulled back onto the
 constraints at right angles to N. Coordinates are measured in their natural units, angles in
 radians and distances in the characteristic length, so that g_N and H_N are energies.
+
+A search may look at so many postures, not take so many seconds, so that it ends alike on every
+machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,17 +34,266 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
-from cartstiff.numerics import EPSILON, IDLE, RANK
+from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Map, Potential
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.flexure_struts import FlexureStruts
+from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.statics.balance import Balance
-from cartstiff.statics.effort import count
 from cartstiff.statics.held import Held
-from cartstiff.statics.limits import Contact, constraint, sizes
-from cartstiff.statics.point import Point
 from cartstiff.stiffness.closures import decompose
 from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
+
+# What a search may cost, and what a posture costs at least, in postures of one coordinate; and what
+# each beam or strut adds, which comes to rest in every posture anew.
+_MOST, _LEAST, _BEAM, _STRUT = 150_000, 20, 16, 64
+# Postures that every search may take. Those that succeed take some hundred at most.
+_FEWEST = 300
+
+
+class ExhaustedError(Exception):
+    """A search has looked at as many postures as it may; no one on the way may take it for less."""
+
+
+@dataclass
+class _Effort:
+    most: int
+    seen: int = 0
+
+
+_effort: ContextVar[_Effort | None] = ContextVar("effort", default=None)
+
+
+def cost(elastic: ElasticMechanism) -> int:
+    """What a posture costs, in postures of one coordinate."""
+    springs = elastic.springs
+    beams = sum(isinstance(potential, Beam) for potential in elastic.potentials)
+    struts = len(springs.stiffness) if isinstance(springs, FlexureStruts) else 0
+    return _LEAST + len(elastic.names) + _BEAM * beams + _STRUT * struts
+
+
+@contextmanager
+def bounded(elastic: ElasticMechanism) -> Iterator[None]:
+    """Bound what is searched within; all searches within share the bound of the outermost.
+
+    Raises
+    ------
+    ConvergenceError
+        If the bound is met where no search says how far it has come.
+    """
+    if _effort.get() is not None:
+        yield
+        return
+    token = _effort.set(_Effort(max(_MOST // cost(elastic), _FEWEST)))
+    try:
+        yield
+    except ExhaustedError as error:
+        raise ConvergenceError(
+            f"no equilibrium found, {error}", iterations=0, residual=inf
+        ) from None
+    finally:
+        _effort.reset(token)
+
+
+def count() -> None:
+    """One more posture; `ExhaustedError`, with how many there were, if that is one too many."""
+    effort = _effort.get()
+    if effort is None:
+        return
+    if effort.seen >= effort.most:
+        raise ExhaustedError(f"the search was given up after {effort.seen} postures")
+    effort.seen += 1
+
+
+@dataclass(slots=True, eq=False)
+class Point:
+    """The mechanism at coordinates q, with all forces that act there.
+
+    Attributes
+    ----------
+    energies : float
+        Sum of the terms' absolute energies.
+    forces : ndarray (n,)
+        Sum of the absolute generalised forces of the terms' members, in natural units.
+    hardness : ndarray (n, n)
+        Sum of the terms' absolute stiffnesses, in natural units.
+    """
+
+    q: Array
+    posture: MechanismPosture
+    evaluation: Evaluation
+    energies: float
+    forces: Array
+    hardness: Array
+    limited: Array
+
+    @property
+    def stiffness_ratio(self) -> float:
+        """Largest over smallest stiffness of the coordinates that feel one."""
+        stiff = np.diag(self.hardness)
+        return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
+
+    def add(self, term: Evaluation, members: Array) -> None:
+        """One more term that acts here, with the absolute forces (n,) of its members."""
+        e, g, h = self.evaluation
+        self.evaluation = Evaluation(e + term.energy, g + term.gradient, h + term.hessian)
+        columns = self.posture.coordinate_lengths
+        self.energies += abs(term.energy)
+        self.forces += members * columns
+        self.hardness += np.abs(term.hessian * columns[:, None] * columns)
+
+
+@dataclass(eq=False)
+class Balance:
+    """Forces and stiffness on the motions that the constraints leave, in natural units.
+
+    Attributes
+    ----------
+    free : ndarray (n, f) or None
+        N; None stands for the identity.
+    multipliers : ndarray (m,)
+        Constraint forces lam, per unit of each constraint.
+    force : ndarray (f,)
+        g_N.
+    stiffness : ndarray (f, f)
+        H_N, symmetric where the loads have a potential.
+    acting : ndarray (f,)
+        Forces that act on each motion: the sum of their absolute values.
+    rounding : ndarray (f,)
+        What the rounding of coordinates and forces along each motion does to g_N.
+    doubt : ndarray (f,)
+        What the rounding of every spring's own deflection does to g_N.
+    hardness : ndarray (f,)
+        The size that H_N is judged against, motion by motion: stiffnesses that act there, at least
+        what the rounding of the stiffest leaves.
+    is_skewed : bool
+        Whether the columns of `free` are not at right angles to each other, of length 1.
+    """
+
+    free: Array | None
+    multipliers: Array
+    force: Array
+    stiffness: Array
+    acting: Array
+    rounding: Array
+    doubt: Array
+    hardness: Array
+    is_skewed: bool = False
+
+    @cached_property
+    def unbalanced(self) -> Array:
+        """g_N (f,) where it is more than rounding, else 0."""
+        return np.where(np.abs(self.force) > self.rounding, self.force, 0.0)
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest unbalanced force over the forces that act on the same motion."""
+        missed = np.abs(self.unbalanced)
+        shares = np.divide(missed, self.acting, out=np.zeros_like(missed), where=missed > 0.0)
+        return float(shares.max(initial=0.0))
+
+    @cached_property
+    def is_rounding(self) -> bool:
+        """Whether all that is unbalanced may be rounding."""
+        return bool((np.abs(self.force) <= self.doubt).all())
+
+    @cached_property
+    def miss(self) -> float:
+        """Size of all unbalanced forces, each measured by the stiffness of its motion."""
+        return float(np.linalg.norm(self.unbalanced / np.sqrt(self.hardness)))
+
+    @cached_property
+    def unsure(self) -> float:
+        """How far `scaled` may be off: forces that are left move the posture, and with it H_N.
+
+        By as much as the stiffest stiffness turns over such a motion.
+        """
+        left = float(np.max(np.abs(self.unbalanced) / self.hardness, initial=0.0))
+        hardness = self.hardness.tolist()
+        return left * max(hardness) / min(hardness) if hardness else 0.0
+
+    @cached_property
+    def scaled(self) -> Array:
+        """H_N over the geometric mean of its motions' hardness: springs of any ratio alike."""
+        per = 1 / np.sqrt(self.hardness)
+        return self.stiffness * per[:, None] * per
+
+    @cached_property
+    def modes(self) -> tuple[Array, Array]:
+        """Eigenvalues (f,) of `scaled` and motions (f, f): H_N between them is diagonal."""
+        values, vectors = np.linalg.eigh(0.5 * (self.scaled + self.scaled.T))
+        return values, vectors / np.sqrt(self.hardness)[:, None]
+
+    def solved(self, right: Array, softest: float) -> Array:
+        """Least-squares solution (f,) of H_N y = right, judged on `scaled`."""
+        per = 1 / np.sqrt(self.hardness)
+        return np.asarray(per * np.linalg.lstsq(self.scaled, per * right, rcond=softest)[0])
+
+    def motion(self, y: Array) -> Array:
+        """Natural coordinates (n,) of a free motion (f,)."""
+        return y if self.free is None else np.asarray(self.free @ y)
+
+
+def spectrum(balance: Balance, conservative: bool) -> Array:
+    """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
+    stiffness = balance.stiffness
+    if balance.is_skewed and balance.free is not None:
+        back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
+        stiffness = back.T @ stiffness @ back
+        if conservative:
+            return eigenvalues(stiffness)
+    if conservative:
+        inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
+        if inverse is None:
+            return eigenvalues(stiffness)
+        return eigenvalues(stiffness, inverse.matrix, doubtful=True)
+    roots = np.linalg.eigvals(stiffness)
+    roots = roots[np.argsort(roots.real)]
+    return roots.real if np.isrealobj(roots) or not roots.imag.any() else roots
+
+
+class Contact(NamedTuple):
+    """A limit that is touched: which quantity, and on which side (-1 lower, +1 upper)."""
+
+    quantity: int
+    side: int
+
+
+def sizes(limits: Limits, posture: MechanismPosture) -> Array:
+    """Natural sizes (m,) of the limited quantities."""
+    if limits.legs is not None:
+        return np.full(len(limits), posture.length)
+    return posture.coordinate_lengths[limits.columns]
+
+
+def bound(limits: Limits, contact: Contact) -> float:
+    """The bound that is touched."""
+    return float((limits.lower if contact.side < 0 else limits.upper)[contact.quantity])
+
+
+def constraint(
+    limits: Limits, posture: MechanismPosture, contacts: Sequence[Contact]
+) -> tuple[Array, Map]:
+    """Distances (k,) from the touched bounds, and their map of the coordinates."""
+    where = [c.quantity for c in contacts]
+    values = limits.values(posture.q, posture.pose)[where]
+    residual = values - np.array([bound(limits, c) for c in contacts])
+    columns = limits.columns[where]
+    if isinstance(posture, PlatformPosture) and limits.legs is not None:
+        lines, points = posture.lines, limits.legs.points
+
+        def curvature(multipliers: Array) -> Array:
+            weights = np.zeros(len(points))
+            np.add.at(weights, columns, multipliers)
+            return second_derivative(lines, points, weights)
+
+        return residual, Map(lines.lines[columns], curvature)
+    n = posture.motion.jacobian.shape[1]
+    rows = np.zeros((len(where), n))
+    rows[np.arange(len(where)), columns] = 1.0
+    return residual, Map(rows, lambda _: np.zeros((n, n)))
+
 
 #: Lines g (m, 6) that hold a body, their stiffnesses (m,), the rest of the Hessian.
 Lines = tuple[Array, Array, Array]

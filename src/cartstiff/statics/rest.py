@@ -1,11 +1,22 @@
-"""The state a mechanism comes to rest in: coordinates, stability, reactions, stiffness."""
+r"""The state a mechanism comes to rest in: coordinates, stability, reactions, stiffness.
+
+How it moves when its springs are softer: at rest ``g(q, theta) + A^T lam = 0``. A compliance
+parameter with pattern S changes the elements' forces t at fixed q by ``-K S t``, K = Gamma^-1, so
+
+    dq / d theta = N H_N^-1 N^T B^T K S (t - t_0)
+
+with H_N the tangent of everything that acts. t_0 are the forces of elements whose rest positions
+are chosen so that they carry what acts at the start: these follow the compliance. A polynomial
+spring ``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more per c_m, with the
+deflection x_0 at the start where its rest position was chosen, else zero.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,24 +26,296 @@ from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.elements import CompliancePattern, Elements, law_of
+from cartstiff.mechanisms.limits import force_notes, limit_notes, limits_of
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
+from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
-from cartstiff.statics.balance import spectrum
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.effort import bounded
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import System
-from cartstiff.statics.sensitivity import Chosen, motion_by_compliance
+from cartstiff.statics.problem import Balance, Point, System, bounded, spectrum
+from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, divergence, vibrations
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.springs_apart import springs_apart
 from cartstiff.stiffness.tensor import StiffnessTensor
+
+
+class Chosen(NamedTuple):
+    """What springs with chosen rest positions carried at the start; zero for the others.
+
+    Attributes
+    ----------
+    forces : ndarray (E,)
+        Of elements.
+    deflections : ndarray (n,)
+        Of joints.
+    """
+
+    forces: Array
+    deflections: Array
+
+
+def motion_under_forces(posture: MechanismPosture, balance: Balance, forces: Array) -> Array:
+    """Motion (n, k) of the coordinates at rest under small generalised forces (n, k)."""
+    columns = posture.coordinate_lengths[:, None]
+    right = forces * columns
+    if balance.free is not None:
+        right = balance.free.T @ right
+    per = 1.0 / np.sqrt(balance.hardness)[:, None]
+    y = per * np.linalg.lstsq(balance.scaled, per * right, rcond=numerics.ZERO)[0]
+    return np.asarray(columns * balance.motion(y))
+
+
+def motion_by_compliance(
+    posture: MechanismPosture,
+    balance: Balance,
+    elements: Elements,
+    parameters: Sequence[CompliancePattern],
+    chosen: Chosen | None = None,
+) -> Array:
+    """Derivative (n, P) of the coordinates at rest by each parameter.
+
+    Parameters
+    ----------
+    posture : MechanismPosture
+        At rest.
+    balance : Balance
+        What acts there.
+    elements : Elements
+        Elements of the mechanism with all rest positions chosen.
+    parameters : sequence of CompliancePattern
+        The parameters (P,).
+    chosen : Chosen, optional
+        From `chosen_forces`; default zero.
+    """
+    t = elements.forces(posture)
+    if chosen is not None:
+        t = t - chosen.forces
+    softer = elements.stiffness @ (elements.patterns(parameters) @ t).T
+    forces = elements.rows(posture).T @ softer
+    for p, parameter in enumerate(parameters):
+        if parameter.law is not None:
+            name, power = parameter.law
+            j, law = elements.elastic.names.index(name), law_of(elements.elastic, name)
+            springs = elements.elastic.springs
+            x = float(posture.q[j] - getattr(springs, "rest")[j])  # noqa: B009 - it has a law
+            x0 = 0.0 if chosen is None else float(chosen.deflections[j])
+            lost = x**power - x0**power * law.at(x)[2] / law.at(x0)[2]
+            forces[j, p] -= lost * (-(law.coefficients[0] ** 2) if power == 1 else 1.0)
+    return motion_under_forces(posture, balance, forces)
+
+
+def chosen_forces(
+    original: ElasticMechanism, balanced: ElasticMechanism, start: MechanismPosture
+) -> Chosen:
+    """What the springs carry at the start whose rest positions were open."""
+    elements = Elements(balanced)
+    springs = original.springs
+    open_ = np.zeros(len(elements.names), bool)
+    if springs is not None:
+        rest = springs.is_open() if isinstance(springs, JointSprings) else np.isnan(springs.rest)
+        loose = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
+        open_ = np.array([name in loose for name in elements.names], bool)
+    deflections, own = np.zeros(len(start.q)), balanced.springs
+    if isinstance(springs, JointSprings) and isinstance(own, JointSprings):
+        deflections = np.where(springs.is_open(), start.q - own.rest, 0.0)
+    return Chosen(np.where(open_, elements.forces(start), 0.0), deflections)
+
+
+# A force that is unsure by more than this share of the largest one is named.
+_COUNTS = numerics.UNFELT
+_NEUTRAL = (
+    "a motion costs no energy to second order, or too little to be seen beside the stiffest "
+    "spring: definiteness does not decide stability here"
+)
+
+
+def state_of_rest(
+    system: System, solution: Solution, start: MechanismPosture, stages: int
+) -> Equilibrium:
+    """The result of a solution: verdict on its stability, reactions, notes."""
+    point, balance = solution.point, solution.balance
+    notes = list(system.elastic.notes)
+    conservative = not np.isnan(point.evaluation.energy)
+    unresolved = _unresolved(point, balance, start)
+    known = [n.values.get("largest") for n in unresolved]
+    is_anywhere = any(isinstance(x, float) and x >= 1.0 for x in known)
+    stable, squares, remarks = (
+        _by_energy(balance, is_anywhere) if conservative else _by_vibrations(system, point, balance)
+    )
+    notes += remarks
+    if stages > 1:
+        notes.append(
+            Note(
+                "load-stages",
+                f"the load was put on in {stages} stages: at once, no equilibrium was found",
+                {"stages": stages},
+            )
+        )
+    beyond = limit_notes(system.elastic.mechanism, start, "at the start: ")
+    if beyond and len(system.limits):
+        words = ". The limits act from there on: the displacement begins with the way back to them"
+        beyond = [Note(n.code, n.message + words, n.values) for n in beyond]
+    notes += beyond
+    beside = limits_of(system.elastic.mechanism)
+    if not len(system.limits) or len(beside) > len(system.limits):
+        notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
+    notes += force_notes(system.elastic, point.posture)
+    notes += system.elastic.remarks(point.posture)
+    if system.elastic.gravity is not None:
+        notes += weights_of(system.elastic).notes
+    notes += _drowned(system.elastic, point)
+    if stable is not False:  # at an unstable one nothing stays
+        notes += unresolved
+    reactions = _reactions(system, solution)
+    for name, force in reactions.limits.items():
+        side = "lower" if force > 0 else "upper"
+        notes.append(Note("limit-contact", f"{name} rests on its {side} limit", {name: force}))
+    return Equilibrium(
+        system.elastic,
+        system.loads,
+        read_only(point.q),
+        point.posture,
+        start,
+        point.evaluation.energy,
+        0.0 if balance.is_rounding else balance.residual,
+        solution.iterations,
+        tuple(solution.history),
+        stable,
+        reactions,
+        tuple(notes),
+        system,
+        solution,
+        squares,
+    )
+
+
+def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, list[Note]]:
+    """Verdict by the energy's second derivative, no vibrations, and notes.
+
+    There is none of a posture that may be anywhere.
+    """
+    scaled, modes = balance.modes
+    zero = max(IDLE, balance.unsure)
+    if not is_anywhere and (scaled > zero).all():
+        return True, None, []
+    facts: dict[str, object] = {"eigenvalues": spectrum(balance, conservative=True).tolist()}
+    if is_anywhere or (scaled >= -zero).all():
+        return None, None, [Note("neutral", _NEUTRAL, facts)]
+    direction = balance.motion(modes[:, 0])
+    facts["direction"] = (direction / np.linalg.norm(direction)).tolist()
+    words = "the equilibrium is unstable: the mechanism leaves it by itself"
+    return False, None, [Note("unstable", words, facts)]
+
+
+def _by_vibrations(
+    system: System, point: Point, balance: Balance
+) -> tuple[bool | None, Array, list[Note]]:
+    """Verdict by small vibrations, where a load has no potential."""
+    vibration = vibrations(point, balance, system.elastic.units, system.terms)
+    words = "a load has no potential: the definiteness of its tangent proves nothing"
+    notes = [Note("non-conservative", words)]
+    squares = np.empty(0) if vibration is None else vibration.squares
+    if vibration is not None and vibration.growing == "flutter":
+        facts = {"frequency": vibration.frequency, "mode": vibration.mode.tolist()}
+        words = "vibrations about the equilibrium grow (flutter)"
+        return False, squares, [*notes, Note("flutter", words, facts)]
+    is_growing = vibration is not None and vibration.growing == "divergence"
+    mode = vibration.mode if vibration is not None and is_growing else divergence(balance)
+    if mode is None:
+        return None, squares, [*notes, MASSLESS if vibration is None else UNDAMPED]
+    words = "the mechanism leaves the equilibrium in one sense (divergence)"
+    if vibration is None:
+        words += ", whatever its masses are: the determinant of the tangent is negative"
+    facts = {"frequency": None, "mode": mode.tolist()}
+    return False, squares, [*notes, Note("divergence", words, facts)]
+
+
+def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
+    """Springs so stiff that the rounding of their joint's coordinate is a force that counts."""
+    springs = elastic.springs
+    if not isinstance(springs, JointSprings):
+        return []
+    lengths = point.posture.coordinate_lengths
+    size = np.maximum(np.abs(point.q), lengths) * lengths
+    unsure = EPSILON * springs.stiffness * size
+    acting = float(point.forces.max(initial=0.0))
+    blurred = {
+        elastic.names[j]: float(unsure[j] / lengths[j])
+        for j in np.flatnonzero(unsure > _COUNTS * acting)
+        if point.forces[j] > 0.0
+    }
+    if not blurred:
+        return []
+    return [
+        Note(
+            "force-unresolved",
+            f"the springs of {', '.join(blurred)} are so stiff that double precision does not "
+            "resolve their deflection: their forces, and the wrench that follows from them, are "
+            "known to the values given here; the posture does not suffer. A rigid joint has "
+            "no such limit (stiffness: rigid)",
+            {"uncertainty": blurred},
+        )
+    ]
+
+
+def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:
+    """A posture that stiff springs leave open: their rounding moves soft motions."""
+    per = 1 / np.sqrt(balance.hardness)
+    if np.isnan(point.evaluation.energy) and numerics.invert(balance.scaled, per / per) is None:
+        return [Note("neutral", _NEUTRAL)]  # with a potential it is said elsewhere
+    inverse = np.abs(numerics.inverted(balance.scaled))
+    give = per * (inverse @ (per * (balance.rounding + np.abs(balance.unbalanced))))
+    if not len(per) or not np.isfinite(give).all():
+        return []  # neutral, which is said
+    unsure = give if balance.free is None else np.abs(balance.free) @ give
+    most = float(unsure.max())
+    away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
+    if most <= max(numerics.ROUNDING, numerics.LOST * float(away.max())):
+        return []
+    known = "are not known at all"
+    if most < 1.0:
+        known = f"are known to {most:.1g} (rad, or shares of the characteristic length)"
+    words = f"the rounding of stiff springs' forces moves soft motions: coordinates {known}"
+    each = unsure * point.posture.coordinate_lengths
+    return [Note("posture-unresolved", words, {"largest": most, "uncertainty": each.tolist()})]
+
+
+def _reactions(system: System, solution: Solution) -> Reactions:
+    posture, lam = solution.point.posture, solution.balance.multipliers
+    touched = len(solution.contacts)
+    rows = 0 if system.held is None else len(system.held.rows)
+    stiff = sorted(system.elastic.mechanism.rigid)
+    loops = len(lam) - rows - touched
+    closures = read_only(lam[: loops - len(stiff)])
+    names = system.elastic.names
+    torques = (-lam[loops - len(stiff) : loops]).tolist()
+    rigid = {names[j]: torque for j, torque in zip(stiff, torques, strict=True)}
+    stops = -lam[len(lam) - touched :]
+    limits = {
+        system.limits.names[c.quantity]: float(force)
+        for c, force in zip(solution.contacts, stops, strict=True)
+    }
+    if system.held is None:
+        return Reactions({}, None, limits, closures, rigid)
+    forces = -lam[loops : loops + rows]
+    _, _, to_components = system.held.constraint(posture)
+    return Reactions(
+        dict(zip(system.held.names, forces.tolist(), strict=True)),
+        read_only(to_components.T @ forces),
+        limits,
+        closures,
+        rigid,
+    )
+
 
 # Points of the curve on which critical loads are looked for.
 _POINTS = 200
@@ -103,7 +386,8 @@ class Equilibrium(Result, ShownInLines):
         Residual before each of them.
     stable : bool or None
         Whether H_N is positive definite. None where that decides nothing: at a zero eigenvalue
-        ("neutral"), and without an energy unless vibrations grow; see `cartstiff.statics.flutter`.
+        ("neutral"), and without an energy unless vibrations grow; see
+        `cartstiff.statics.small_motions`.
     eigenvalues : ndarray
         Of H_N in natural units (angles in rad, distances in the characteristic length): energies.
         Without an energy omega^2 of the vibrations (rad^2/s^2), which may be complex; none where
