@@ -70,6 +70,21 @@ def test_damping_that_was_asked_for():
         double_diagonalisation(M, K, [0.1, 0.2])
 
 
+def test_equal_frequencies_do_not_hang_on_rounding():
+    """Two stiffnesses that are equal but for rounding: any basis of their plane serves."""
+    K = np.diag([10.0, 30.0, 20.0, 2000.0, 2000.0, 500.0])
+    noise = np.zeros((6, 6))
+    noise[3, 4] = noise[4, 3] = 4e-13
+    plain, noisy = (double_diagonalisation(np.eye(6), A, 0.7)[0] for A in (K, K + noise))
+    assert noisy == pytest.approx(plain, abs=1e-9)
+    assert plain == pytest.approx(np.diag(1.4 * np.sqrt(np.diag(K))))
+    same = [0.1, 0.2, 0.3, 0.4, 0.5, 0.5]
+    plain, noisy = (double_diagonalisation(np.eye(6), A, same)[0] for A in (K, K + noise))
+    assert noisy == pytest.approx(plain, abs=1e-9)
+    with pytest.raises(InputError, match="oscillators 5 and 6 have the same frequency"):
+        double_diagonalisation(np.eye(6), K + noise, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+
+
 def test_impedance_of_an_arm():
     found = modes(load("panda"))
     K = np.diag([30.0, 30, 20, 1000, 1500, 800])

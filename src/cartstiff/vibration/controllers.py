@@ -73,6 +73,15 @@ def double_diagonalisation(
             got=f"omega^2 of {squares[0]:.3g}",
         )
     squares = np.maximum(squares, 0.0)
+    same = np.diff(squares) <= numerics.REPEATED * squares[1:]
+    if (unlike := same & (np.diff(zeta) != 0.0)).any():
+        first = int(np.flatnonzero(unlike)[0])
+        raise InputError(
+            f"oscillators {first + 1} and {first + 2} have the same frequency, so that their "
+            "directions are not determined",
+            expected="the same damping ratio for both",
+            got=zeta[first : first + 2].tolist(),
+        )
     Q = L @ y
     D = (Q * (2 * zeta * np.sqrt(squares))) @ Q.T
     return _half(D), np.linalg.solve(L.T, y), squares
