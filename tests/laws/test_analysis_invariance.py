@@ -41,6 +41,7 @@ from cartstiff.analysis.normal_forms import (
 )
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.screws import SWAP_FORM, eigenscrews
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import BI_INVARIANT, CARTAN_MINUS, CARTAN_PLUS, KINEMATIC
 from cartstiff.mechanisms.other_units import in_units
@@ -486,3 +487,26 @@ def test_no_answer_on_closed_chains_hangs_on_the_unit_of_length(name: str) -> No
     for ours, theirs in zip(values, other[0], strict=True):
         assert theirs == pytest.approx(ours, rel=1e-9, abs=1e-9 * np.abs(ours).max())
     assert other[2] == pytest.approx(closures, rel=1e-9, abs=1e-12 * closures.max())
+
+
+def test_a_motion_that_no_spring_holds_leaves_no_noise():
+    """K_tt has a null vector but K has an inverse: zero, no centre of elasticity, no far point."""
+    rng = np.random.default_rng(3)
+    u = rng.normal(size=3) / np.linalg.norm(rng.normal(size=3))
+    across = np.eye(3) - np.outer(u, u) / (u @ u)
+    coupling = rng.normal(size=(3, 3))
+    K = np.block(
+        [
+            [np.diag([50.0, 60.0, 70.0]), 100.0 * coupling],
+            [100.0 * coupling.T, across @ np.diag([4e4, 3e3, 5e3]) @ across],
+        ]
+    )
+    K = 0.5 * (K + K.T)
+    C = np.linalg.inv(K)
+    for known in (C, None):
+        assert wrench_compliant_axes(K, known)[0].stiffness == 0.0
+        found = centres_of(K, known)
+        assert found.elasticity is None
+        assert found.reasons["elasticity"].code == "no-centre-of-elasticity"
+        with pytest.raises(UndefinedError, match="translational stiffness is singular"):
+            twist_compliant_axes(K, known)

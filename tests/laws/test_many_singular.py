@@ -173,3 +173,43 @@ def test_quantities_of_maps_where_there_is_no_stiffness():
                 for end, value in (("min", low), ("max", high)):
                     got = values[f"compliance_{freedom}_{others}_{end}"][i]
                     assert got == pytest.approx(value, rel=1e-9, abs=size)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-17, 1e-14, 1e-12, 1e-11])
+def test_a_body_that_translates_does_not_turn(tmp_path, tilt):
+    """Parallelograms by mimic joints: C is that of two motions, J = diag; nothing else is printed.
+
+    With the body's rotation held it moves as with it free; axes parallel to ten digits are.
+    """
+    path = tmp_path / "parallelograms.urdf"
+    limit = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
+    path.write_text(f"""<robot name="par"><link name="base"/><link name="a"/><link name="b"/>
+    <link name="c"/><link name="tool0"/>
+    <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+      {limit}</joint>
+    <joint name="l1" type="continuous"><parent link="a"/><child link="b"/>
+      <origin xyz="0 0 1.0"/><axis xyz="{tilt} 1 0"/><mimic joint="j1" multiplier="-1"/></joint>
+    <joint name="j2" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/>
+      {limit}</joint>
+    <joint name="l2" type="continuous"><parent link="c"/><child link="tool0"/>
+      <origin xyz="0.8 0 0"/><axis xyz="0 1 {tilt}"/><mimic joint="j2" multiplier="-1"/></joint>
+    </robot>""")
+    elastic = cartstiff.load(path, stiffness=1e4)
+    answer = analyse_posture(cartstiff.analyse(elastic, [0.0, 0.0]))
+    principal = answer["ellipsoids"]["compliance"]
+    moving = [0.0, 0.8**2 / 1e4, 1.0 / 1e4]
+    for others in ("held", "free"):
+        found = principal["translation"][others]["eigenvalues"]
+        assert found == pytest.approx(moving, rel=1e-12)
+        assert principal["rotation"][others]["eigenvalues"] == [0.0, 0.0, 0.0]
+    along = [d["along"]["free"] for d in answer["directions"]]
+    assert along == [pytest.approx(1e4), None, pytest.approx(1e4 / 0.8**2)]
+    assert [d["about"]["free"] for d in answer["directions"]] == [None] * 3
+    settings = Settings("load")
+    names = ("compliance_translation_held_max", "compliance_rotation_free_max")
+    quantities = choose_quantities(names, settings, elastic)
+    outputs = needed_outputs(quantities, settings)
+    many = analyse_many(elastic, np.zeros((3, 2)), outputs=outputs)
+    values = evaluate(quantities, many.arrays, settings)
+    assert values[names[0]] == pytest.approx([1e-4] * 3, rel=1e-12)
+    assert np.array_equal(values[names[1]], [0.0] * 3)

@@ -420,3 +420,90 @@ def test_stiff_motor_of_a_closed_chain(stiffness):
     assert not [n for n in result.notes if n.code == "idle-self-motion"]
     C_B = result.compliances["B"] * size
     assert np.abs(C_B @ (K / size) - np.eye(6)).max() <= 1e-8
+
+
+def _centre(values, axes, moved):
+    """Where B - [p]x D is symmetric, D = sum v e e^T and B = sum v (G e) e^T, in mpmath."""
+    D, B = mp.zeros(3, 3), mp.zeros(3, 3)
+    for v, e, m in zip(values, axes, moved, strict=True):
+        D, B = D + v * e * e.T, B + v * m * e.T
+    skew = mp.matrix([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
+    trace = D[0, 0] + D[1, 1] + D[2, 2]
+    return mp.lu_solve(trace * mp.eye(3) - D, skew)
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6, 1e-7])
+@pytest.mark.parametrize("loaded", [False, True])
+def test_screws_axes_centres_and_springs_near_a_singularity(distance, loaded):
+    """Every section is that of sixty digits, or null: none reads K alone by a rank of its own."""
+    arm = _Arm(3, 6)
+    q = arm.q.copy()
+    q[-2] = distance
+    k = np.array([3e4, 2e4, 2e4, 5e3, 5e3, 4e3])
+    W = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0]) * loaded
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    answer = analyse_posture(
+        cartstiff.analyse(elastic, q, wrench=W if loaded else None), connection="B", length=0.3
+    )
+    with mp.workdps(60):
+        J, H = arm.jacobian(q), mp.diag([mp.mpf(float(x)) for x in k])
+        for a in range(6):
+            for b in range(a + 1, 6):
+                s = (_mp(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
+                H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+        C = J * mp.inverse(H) * J.T
+        K = mp.inverse(C)
+        swapped = mp.zeros(6, 6)
+        swapped[:3, :], swapped[3:, :] = K[3:, :], K[:3, :]
+        roots = sorted(float(mp.re(x)) for x in mp.eig(swapped, left=False, right=False))
+        held, e = mp.eigsy(K[3:, 3:])
+        free, g = mp.eigsy(C[:3, :3])
+        G = -mp.inverse(C[:3, :3]) * C[:3, 3:]
+        e, g = [e[:, i] for i in range(3)], [g[:, i] for i in range(3)]
+        centres = {
+            "stiffness": _centre(held, e, [G * x for x in e]),
+            "compliance": _centre(free, g, [-G.T * x for x in g]),
+            "elasticity": mp.matrix(
+                [(G[2, 1] - G[1, 2]) / 2, (G[0, 2] - G[2, 0]) / 2, (G[1, 0] - G[0, 1]) / 2]
+            ),
+            "least_coupling": _centre([x * x for x in held], e, [G * x for x in e]),
+        }
+        spread = float(held[2] / held[0])
+    # J itself is known to sixteen digits, and with it what is stiff to these over the distance.
+    known = 1e-14 / distance + 1e-10
+    found = answer["eigenscrews"]
+    assert found["complete"]
+    assert [s["eigenvalue"] for s in found["screws"]] == pytest.approx(roots, rel=10 * known)
+    axes = answer["wrench_compliant_axes"]
+    principal = answer["ellipsoids"]["stiffness"]
+    assert [a["stiffness"] for a in axes] == pytest.approx([float(x) for x in held], rel=known)
+    assert [a["stiffness"] for a in axes] == principal["translation"]["held"]["eigenvalues"]
+    for axis, true in zip(axes, e, strict=True):
+        pitch = float((true.T * (G * true))[0])
+        assert axis["pitch"] == pytest.approx(pitch, rel=100 * known, abs=known)
+    turns = [a["stiffness"] for a in answer["twist_compliant_axes"]]
+    assert turns == pytest.approx(sorted(float(1 / x) for x in free), rel=1e-9)
+    for name, true in centres.items():
+        wanted = [float(x) for x in true]
+        assert answer["centres"][name] == pytest.approx(wanted, rel=100 * known, abs=known), name
+    assert answer["synthesis"]["rank"] == 6
+    springs = answer["synthesis"]["springs"]
+    if springs is None:
+        assert spread > 1e11
+        return
+    total = mp.zeros(6, 6)
+    for spring in springs:
+        u, p = np.array(spring["direction"]), np.array(spring["point"])
+        w = np.array([*(np.cross(p, u) + (spring["pitch"] or 0.0) * u), *u])
+        total += mp.mpf(spring["stiffness"]) * _mp(w) * _mp(w).T
+    sums = [float(x) for x in mp.eigsy(total[3:, 3:], eigvals_only=True)]
+    assert sums == pytest.approx([float(x) for x in held], rel=1e-3)
+
+
+def test_eigenscrews_of_the_arm_that_is_nearly_singular():
+    """UR5, wrist_2 = 1e-6: sixty digits give -13632.0 and 13797.3 beside -1.1e11 and 3.0e10."""
+    elastic = cartstiff.load("ur5")
+    answer = analyse_posture(cartstiff.analyse(elastic, {"wrist_2_joint": 1e-6}))
+    values = [s["eigenvalue"] for s in answer["eigenscrews"]["screws"]]
+    assert values[2:4] == pytest.approx([-13632.0, 13797.3], rel=1e-5)
+    assert [values[0], values[5]] == pytest.approx([-1.1e11, 3.0e10], rel=0.04)

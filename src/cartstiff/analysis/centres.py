@@ -9,12 +9,20 @@ Keys: [Loncaric]_, [LipkinPatterson]_, [CiblakLipkin]_.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.compliant_axes import coupling_matrix
+from cartstiff.analysis.ellipsoids import (
+    Ellipsoid,
+    compliance_ellipsoid,
+    stiffness_ellipsoid,
+)
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -27,21 +35,49 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
 
-def _symmetrising_point(coupling: Array, diagonal: Array, name: str, block: str) -> Array:
-    """Point p with ``coupling - [p]x diagonal`` symmetric: (tr D 1 - D) p = 2 unskew(B)."""
-    values = np.linalg.eigvalsh(diagonal)
-    sums = np.array([values[1] + values[2], values[0] + values[2], values[0] + values[1]])
-    if not np.abs(sums).min() > numerics.ZERO * np.abs(values).max():
+def _symmetrising_point(
+    shape: Ellipsoid, coupling: Array, name: str, block: str, power: int = 1
+) -> Array:
+    """Point p with ``B - [p]x D`` symmetric, D the power of a block with principal axes e_i.
+
+    ``(tr D 1 - D) p = 2 unskew(B)`` and ``B = sum B e_i e_i^T``: along e_a it is what the other two
+    axes say, ``p . e_a = sum e_a . (e_i x B e_i) / sum d_i``, so that a stiff axis does not round
+    the others off.
+
+    Parameters
+    ----------
+    shape : Ellipsoid
+        Principal values d_i and axes of the block.
+    coupling : ndarray, shape (3, 3)
+        ``B e_i`` of the block itself, in columns.
+    """
+    values = shape.eigenvalues**power
+    turned = np.cross(shape.axes, coupling * shape.eigenvalues ** (power - 1), axis=0)
+    others = 1.0 - np.eye(3)
+    sums = others @ values
+    if not np.all(np.abs(sums) > numerics.ZERO * (others @ np.abs(values))):
         raise UndefinedError(
             f"the {name} is not a single point: two principal values of the {block} add to zero",
             code="no-" + name.replace(" ", "-"),
             values={"principal_values": values.tolist(), "sums_of_pairs": sums.tolist()},
         )
-    M = np.trace(diagonal) * np.eye(3) - diagonal
-    return np.linalg.solve(M, 2.0 * se3.unskew(coupling))
+    along = (shape.axes.T @ turned * others).sum(axis=1) / sums
+    return np.asarray(shape.axes @ along)
 
 
-def centre_of_stiffness(stiffness: ArrayLike) -> Array:
+def _translation(K: Array, C: Array | None) -> tuple[Ellipsoid, Array]:
+    """Principal axes e_i of K_tt, and ``K_rt e_i`` in columns."""
+    shape, G = stiffness_ellipsoid(K, "translation", "held", None, C), coupling_matrix(K, C)
+    if G is None:
+        return shape, K[ROTATION, TRANSLATION] @ shape.axes
+    return shape, G @ (shape.axes * shape.eigenvalues)
+
+
+def _given(matrix: ArrayLike | None, what: str) -> Array | None:
+    return None if matrix is None else as_symmetric(matrix, what)
+
+
+def centre_of_stiffness(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
     r"""Point (3,) at which the coupling block K_rt is symmetric, [Loncaric]_.
 
     ``p = 2 (tr(K_tt) 1 - K_tt)^-1 unskew(K_rt)``, unskew taking a 3x3 matrix to the vector of its
@@ -51,39 +87,37 @@ def centre_of_stiffness(stiffness: ArrayLike) -> Array:
     ----------
     stiffness : array_like, shape (6, 6)
         Symmetric; the point is in the same frame.
+    compliance : array_like, shape (6, 6), optional
+        Its inverse, which gives what the stiffness has no digits for.
 
     Raises
     ------
     UndefinedError
         Code ``"no-centre-of-stiffness"`` where two principal values of K_tt add to zero (rank one,
-        or indefinite).
+        or indefinite); code ``"ill-conditioned"`` where the matrices do not know it.
     """
-    K = as_symmetric(stiffness)
-    return _symmetrising_point(
-        K[ROTATION, TRANSLATION],
-        K[TRANSLATION, TRANSLATION],
-        "centre of stiffness",
-        "translational stiffness",
-    )
+    known = _translation(as_symmetric(stiffness), _given(compliance, "compliance"))
+    return _symmetrising_point(*known, "centre of stiffness", "translational stiffness")
 
 
-def centre_of_compliance(compliance: ArrayLike) -> Array:
+def centre_of_compliance(compliance: ArrayLike, stiffness: ArrayLike | None = None) -> Array:
     r"""Point (3,) at which the coupling block of the compliance is symmetric, [Loncaric]_.
 
-    ``p = 2 (tr(C_rr) 1 - C_rr)^-1 unskew(C_tr)``.
+    ``p = 2 (tr(C_rr) 1 - C_rr)^-1 unskew(C_tr)``; the stiffness as the compliance in
+    `centre_of_stiffness`.
 
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-compliance"`` where two principal values of C_rr add to zero.
+        Code ``"no-centre-of-compliance"`` where two principal values of C_rr add to zero; code
+        ``"ill-conditioned"`` where the matrices do not know it.
     """
-    C = as_symmetric(compliance, "compliance")
-    return _symmetrising_point(
-        C[TRANSLATION, ROTATION],
-        C[ROTATION, ROTATION],
-        "centre of compliance",
-        "rotational compliance",
-    )
+    C, K = as_symmetric(compliance, "compliance"), _given(stiffness, "stiffness")
+    shape, G = compliance_ellipsoid(C, "rotation", "free", None, K), coupling_matrix(K, C)
+    moved = C[TRANSLATION, ROTATION] @ shape.axes
+    if G is not None:
+        moved = -G.T @ (shape.axes * shape.eigenvalues)
+    return _symmetrising_point(shape, moved, "centre of compliance", "rotational compliance")
 
 
 def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
@@ -92,50 +126,41 @@ def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = No
     ``p = unskew(K_rt K_tt^-1)``. Half the sum of the feet of the perpendiculars to the three
     wrench-compliant axes, and of those to the three twist-compliant axes: seen from it both sums
     vanish [LipkinPatterson]_. Since ``C_tr C_rr^-1 = -G^T``, stiffness and compliance give the
-    same point.
+    same point; the better conditioned one is taken.
 
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-elasticity"`` where K_tt is singular.
+        Code ``"no-centre-of-elasticity"`` where K_tt is singular; code ``"ill-conditioned"`` where
+        the matrices do not know it.
     """
     K = as_symmetric(stiffness)
-    D = K[TRANSLATION, TRANSLATION]
-    values = np.linalg.eigvalsh(D)
-    if compliance is not None:
-        C = as_symmetric(compliance, "compliance")
-        turns = np.linalg.eigvalsh(C[ROTATION, ROTATION])
-        if numerics.condition(turns) < numerics.condition(values):
-            return -se3.unskew(np.linalg.solve(C[ROTATION, ROTATION], C[ROTATION, TRANSLATION]))
-    if not np.abs(values).min() > numerics.ZERO * np.abs(values).max():
+    G = coupling_matrix(K, _given(compliance, "compliance"))
+    if G is None:
         raise UndefinedError(
             "the centre of elasticity is not a single point: the translational stiffness is "
             "singular",
             code="no-centre-of-elasticity",
-            values={"principal_values": values.tolist()},
+            values={"principal_values": np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION]).tolist()},
         )
-    return se3.unskew(np.linalg.solve(D, K[TRANSLATION, ROTATION]).T)
+    return se3.unskew(G)
 
 
-def point_of_least_coupling(stiffness: ArrayLike) -> Array:
+def point_of_least_coupling(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
     r"""Point (3,) at which the Frobenius norm of K_rt is smallest.
 
-    Least squares for ``K_rt - [p]x K_tt``: ``(tr(K_tt^2) 1 - K_tt^2) p = 2 unskew(K_rt K_tt)``.
+    Least squares for ``K_rt - [p]x K_tt``: ``(tr(K_tt^2) 1 - K_tt^2) p = 2 unskew(K_rt K_tt)``; the
+    compliance as in `centre_of_stiffness`.
 
     Raises
     ------
     UndefinedError
         Code ``"no-point-of-least-coupling"`` where K_tt has rank one or zero: a whole line
-        of points serves equally.
+        of points serves equally; code ``"ill-conditioned"`` where the matrices do not know it.
     """
-    K = as_symmetric(stiffness)
-    D = K[TRANSLATION, TRANSLATION]
-    return _symmetrising_point(
-        K[ROTATION, TRANSLATION] @ D,
-        D @ D,
-        "point of least coupling",
-        "squared translational stiffness",
-    )
+    known = _translation(as_symmetric(stiffness), _given(compliance, "compliance"))
+    name, block = "point of least coupling", "squared translational stiffness"
+    return _symmetrising_point(*known, name, block, power=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,20 +186,20 @@ def centres_of(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Cen
     """All centres at once; the compliance is inverted from the stiffness unless given."""
     points: dict[str, Array] = {}
     reasons: dict[str, UndefinedError] = {}
-    K = as_symmetric(stiffness)
-    C = None if compliance is None else as_symmetric(compliance, "compliance")
-    try:
-        C = invert(K) if C is None else C
-        points["compliance"] = centre_of_compliance(C)
-    except UndefinedError as error:
-        reasons["compliance"] = error
-    for name, function in (
-        ("stiffness", centre_of_stiffness),
-        ("elasticity", lambda K: centre_of_elasticity(K, C)),
-        ("least_coupling", point_of_least_coupling),
-    ):
+    K, C = as_symmetric(stiffness), _given(compliance, "compliance")
+
+    def of_compliance() -> Array:
+        return centre_of_compliance(invert(K) if C is None else C, K)
+
+    functions: dict[str, Callable[[], Array]] = {
+        "compliance": of_compliance,
+        "stiffness": partial(centre_of_stiffness, K, C),
+        "elasticity": partial(centre_of_elasticity, K, C),
+        "least_coupling": partial(point_of_least_coupling, K, C),
+    }
+    for name, function in functions.items():
         try:
-            points[name] = function(K)
+            points[name] = function()
         except UndefinedError as error:
             reasons[name] = error
     return Centres(

@@ -6,6 +6,9 @@ r"""Compliant axes: where a force moves the body along itself, a moment turns it
 There are three of each [PattersonLipkin]_; their stiffnesses and pitches are the same in every
 frame, and together they are a congruence decomposition of K. Where principal values are equal, axes
 are arbitrary within their eigenspace.
+
+The stiffnesses are the principal values of the two ellipsoids of stiffness (translation with held
+rotations, rotation with free translations), and are read from K and C = K^-1 together as those are.
 """
 
 from __future__ import annotations
@@ -17,12 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
     as_symmetric,
     balancing_length,
-    eliminate,
 )
 from cartstiff.analysis.screws import Screw, screw_of_twist, screw_of_wrench
 from cartstiff.arrays import Result
@@ -53,27 +56,74 @@ class CompliantAxis(Result):
     components: Array
 
 
-def wrench_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
+def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array | None:
+    r"""``G = K_rt K_tt^-1 = -C_rr^-1 C_rt`` (3, 3), by the block that is better conditioned.
+
+    A body that translates by v is answered by a force f and the moment ``G f``; a moment that turns
+    it by w moves it by ``-G^T w``. None where neither K_tt nor C_rr has an inverse.
+
+    Parameters
+    ----------
+    stiffness, compliance : ndarray, shape (6, 6), or None
+        Symmetric, each the other's inverse; one of them is enough.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"ill-conditioned"`` where rounding leaves fewer than four digits.
+    """
+    found: list[tuple[float, Array]] = []
+    for matrix, own, other in (
+        (stiffness, TRANSLATION, ROTATION),
+        (compliance, ROTATION, TRANSLATION),
+    ):
+        inverse = None if matrix is None else numerics.invert(matrix[own, own])
+        if matrix is not None and inverse is not None:
+            product = matrix[other, own] @ inverse.matrix
+            found.append((inverse.error, product if own is TRANSLATION else -product.T))
+    if not found:
+        return None
+    error, G = min(found, key=lambda each: each[0])
+    if error > numerics.LOST:
+        raise UndefinedError(
+            "how turning and moving are coupled is lost in the rounding of the stiffest directions",
+            code="ill-conditioned",
+            values={"relative_error": error},
+        )
+    return G
+
+
+def _given_pair(K: ArrayLike, C: ArrayLike | None) -> tuple[Array, Array | None]:
+    return as_symmetric(K), None if C is None else as_symmetric(C, "compliance")
+
+
+def wrench_compliant_axes(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> tuple[CompliantAxis, ...]:
     r"""Three wrenches that answer pure translations by a parallel force, [PattersonLipkin]_.
 
     ``K_tt e = k e`` and w = (K_rt e / k, e). Where k is zero no force answers: the axis has
-    stiffness zero and, unless a moment answers, neither point nor pitch (NaN).
+    stiffness zero and, unless a moment answers, neither point nor pitch (NaN). The compliance,
+    the inverse where it is known, gives what the stiffness has no digits for.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"ill-conditioned"`` where neither knows a stiffness or an axis.
     """
-    K = as_symmetric(stiffness)
+    K, C = _given_pair(stiffness, compliance)
     length = balancing_length(K)
-    values, axes = np.linalg.eigh(K[TRANSLATION, TRANSLATION])
-    largest = float(np.abs(values).max())
+    shape = stiffness_ellipsoid(K, "translation", "held", None, C)
+    G = coupling_matrix(K, C)
     result = []
-    for k, e in zip(values, axes.T, strict=True):
+    for k, e in zip(shape.eigenvalues.tolist(), shape.axes.T, strict=True):
         e = e if e[np.argmax(np.abs(e))] > 0 else -e
-        moment = K[ROTATION, TRANSLATION] @ e
-        if abs(k) > numerics.ZERO * largest:
-            w = np.concatenate([moment / k, e])
-            result.append(CompliantAxis("wrench", float(k), screw_of_wrench(w, length), w))
-        else:
-            nowhere = Screw(e, np.full(3, np.nan), float("nan"))
-            w = np.concatenate([np.full(3, np.nan), e])
-            result.append(CompliantAxis("wrench", float(k), nowhere, w))
+        w = np.concatenate([np.full(3, np.nan), e])
+        screw = Screw(e, np.full(3, np.nan), float("nan"))
+        if k != 0.0:
+            w[:3] = K[ROTATION, TRANSLATION] @ e / k if G is None else G @ e
+            screw = screw_of_wrench(w, length)
+        result.append(CompliantAxis("wrench", k, screw, w))
     return tuple(result)
 
 
@@ -89,38 +139,22 @@ def twist_compliant_axes(
     Raises
     ------
     UndefinedError
-        Code ``"singular"`` where K_tt is singular: the translation is then not determined.
+        Code ``"singular"`` where K_tt is singular: the translation is then not determined; code
+        ``"ill-conditioned"`` where neither stiffness nor compliance knows a value or an axis.
     """
-    K = as_symmetric(stiffness)
-    if compliance is not None:
-        return _from_compliance(as_symmetric(compliance, "compliance"), balancing_length(K))
-    D = K[TRANSLATION, TRANSLATION]
-    translations = np.linalg.eigvalsh(D)
-    if not np.abs(translations).min() > numerics.ZERO * np.abs(translations).max():
+    K, C = _given_pair(stiffness, compliance)
+    G = coupling_matrix(K, C)
+    if G is None:
         raise UndefinedError(
             "twist-compliant axes do not exist: the translational stiffness is singular",
             code="singular",
-            values={"principal_values": translations.tolist()},
+            values={"principal_values": np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION]).tolist()},
         )
     length = balancing_length(K)
-    free = eliminate(K, [0, 1, 2])
-    values, axes = np.linalg.eigh(0.5 * (free + free.T))
+    shape = stiffness_ellipsoid(K, "rotation", "free", None, C)
     result = []
-    for k, g in zip(values, axes.T, strict=True):
+    for k, g in zip(shape.eigenvalues.tolist(), shape.axes.T, strict=True):
         g = g if g[np.argmax(np.abs(g))] > 0 else -g
-        t = np.concatenate([g, -np.linalg.solve(D, K[TRANSLATION, ROTATION] @ g)])
-        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), t))
-    return tuple(result)
-
-
-def _from_compliance(C: Array, length: float) -> tuple[CompliantAxis, ...]:
-    values, axes = np.linalg.eigh(C[ROTATION, ROTATION])
-    with np.errstate(divide="ignore"):
-        pairs = sorted(zip(1.0 / values, axes.T, strict=True), key=lambda pair: pair[0])
-    result = []
-    for k, g in pairs:
-        g = g if g[np.argmax(np.abs(g))] > 0 else -g
-        t = k * (C[:, ROTATION] @ g)
-        t[ROTATION] = g
-        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), t))
+        t = np.concatenate([g, -G.T @ g])
+        result.append(CompliantAxis("twist", k, screw_of_twist(t, length), t))
     return tuple(result)

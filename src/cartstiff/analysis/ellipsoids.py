@@ -239,10 +239,7 @@ def _of_pair(
 ) -> Ellipsoid:
     """Ellipsoid of a block of a matrix; the same block of the inverse matrix is its inverse."""
     if inverse is None:
-        T = np.eye(4) if choice[2] is None else choice[2]
-        keep = _choice(*choice[:2])[0]
-        size = float(np.abs(_moved(block, matrix, T)[keep, keep]).max())
-        return _without_rounding(ellipsoid(block(matrix, *choice)), size)
+        return _of_one(block, matrix, *choice)
     freedom, others = choice[:2]
     keep, held = _choice(freedom, others)
     # Of the two blocks one is eliminated: for a stiffness held that of C, free that of K.
@@ -266,7 +263,7 @@ def _of_pair(
     if m is None:
         raise failures[0]
     if c is None:
-        return ellipsoid(m)
+        return _of_one(block, matrix, *choice)
     T = choice[2]
     if T is not None:
         matrix, inverse = _moved(block, matrix, T), _moved(block_of_inverse, inverse, T)
@@ -276,6 +273,14 @@ def _of_pair(
         symmetric_part(m).tobytes(), symmetric_part(c).tobytes(), losses
     )
     return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
+
+
+def _of_one(block: Callable[..., Array], matrix: ArrayLike, *choice: Any) -> Ellipsoid:
+    """Ellipsoid of a block of a matrix whose inverse does not help."""
+    T = np.eye(4) if choice[2] is None else choice[2]
+    keep = _choice(*choice[:2])[0]
+    size = float(np.abs(_moved(block, matrix, T)[keep, keep]).max())
+    return _without_rounding(ellipsoid(block(matrix, *choice)), size)
 
 
 def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:

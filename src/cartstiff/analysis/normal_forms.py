@@ -16,6 +16,7 @@ from cartstiff.analysis.centres import (
     centre_of_stiffness,
     point_of_least_coupling,
 )
+from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -24,8 +25,10 @@ from cartstiff.analysis.matrices import (
     symmetric_part,
 )
 from cartstiff.arrays import Result
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +72,33 @@ def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
     return np.zeros((3, 3)) if np.abs(coupling).max() <= rounding else coupling
 
 
-def normal_form(stiffness: ArrayLike) -> NormalForm:
+def _checked_pair(stiffness: ArrayLike, compliance: ArrayLike | None) -> tuple[Array, Array | None]:
+    """Stiffness and compliance; UndefinedError where the entries of K do not hold soft motions."""
+    K = as_symmetric(stiffness)
+    C = None if compliance is None else as_symmetric(compliance, "compliance")
+    error = 0.0 if C is None else error_of_soft_directions(K, C)
+    if error > numerics.LOST:
+        raise UndefinedError(
+            "the stiffness matrix does not hold its softer directions, in no frame",
+            code="ill-conditioned",
+            values={"matrix": "stiffness", "relative_error": error},
+        )
+    return K, C
+
+
+def normal_form(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> NormalForm:
     """Frame at the centre of stiffness with K_rt diagonal, and K there, [Loncaric]_.
+
+    The compliance as in `centre_of_stiffness`.
 
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-stiffness"``.
+        Code ``"no-centre-of-stiffness"``; code ``"ill-conditioned"`` where no matrix of stiffnesses
+        holds the softer directions.
     """
-    K = as_symmetric(stiffness)
-    p = centre_of_stiffness(K)
+    K, C = _checked_pair(stiffness, compliance)
+    p = centre_of_stiffness(K, C)
     D = K[TRANSLATION, TRANSLATION]
     lever = se3.skew(p) @ D
     B = _clean_coupling(K[ROTATION, TRANSLATION] - lever, K[ROTATION, TRANSLATION], lever)
@@ -114,19 +134,19 @@ def _coupling_index(K: Array) -> float:
     return float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size if size > 0 else float("nan")
 
 
-def decoupling_frame(stiffness: ArrayLike) -> DecouplingFrame:
+def decoupling_frame(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> DecouplingFrame:
     """Frame with the smallest coupling block in which K_tt is diagonal.
+
+    The compliance as in `centre_of_stiffness`.
 
     Raises
     ------
     UndefinedError
-        Code ``"no-point-of-least-coupling"``.
+        Code ``"no-point-of-least-coupling"``; code ``"ill-conditioned"`` as in `normal_form`.
     """
-    K = as_symmetric(stiffness)
-    p = point_of_least_coupling(K)
-    axes = np.linalg.eigh(K[TRANSLATION, TRANSLATION])[1]
-    if np.linalg.det(axes) < 0:
-        axes[:, 2] *= -1.0
+    K, C = _checked_pair(stiffness, compliance)
+    p = point_of_least_coupling(K, C)
+    axes = stiffness_ellipsoid(K, "translation", "held", None, C).axes
     T = se3.pose(axes, p)
     moved = symmetric_part(move_stiffness(K, T))
     return DecouplingFrame(T, moved, _coupling_index(moved), _coupling_index(K))

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import (
     Definiteness,
     as_symmetric,
     balancing_length,
-    definiteness,
-    scale_lengths,
+    lost_digits,
+    with_angles_times,
 )
 from cartstiff.arrays import Result, checked_length, checked_vector
 from cartstiff.geometry.se3 import Array
@@ -131,40 +132,80 @@ class Eigenscrews:
     definiteness: Definiteness
 
 
-def eigenscrews(stiffness: ArrayLike) -> Eigenscrews:
+def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Eigenscrews:
     r"""Eigenscrews of a symmetric stiffness, [PattersonLipkin]_.
 
     For semidefinite K = L L^T the eigenvalues are those of the symmetric matrix ``L^T Delta L``,
     hence real; a singular K may have fewer than six screws, and its unloaded freedoms appear with
-    eigenvalue zero. For an indefinite K complex pairs are reported, not forced to be real.
+    eigenvalue zero. For an indefinite K complex pairs are reported, not forced to be real. With
+    C = K^-1 the small eigenvalues come from there: ``C w = (1 / lambda) Delta w`` for the wrench
+    ``w = lambda Delta s``.
 
     Parameters
     ----------
     stiffness : array_like, shape (6, 6)
         Symmetric.
+    compliance : array_like, shape (6, 6), optional
+        Its inverse, where it is known better than the stiffness tells it.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
     """
     K = as_symmetric(stiffness)
+    C = None if compliance is None else as_symmetric(compliance, "compliance")
     length = balancing_length(K)
-    scaled = scale_lengths(K, length)
-    values, vectors = np.linalg.eigh(scaled)
-    signs = definiteness(values)
+    values, vectors, signs = spectrum(K, length, C)
     sign = -1.0 if signs.startswith("negative") else 1.0
     others: tuple[complex, ...] = ()
     if signs == "indefinite":
-        roots, solutions = np.linalg.eig(SWAP_FORM @ scaled)
-        real = np.abs(roots.imag) <= numerics.CLOSE * np.abs(roots).max()
+        roots, solutions = _roots_of_indefinite(K, C, length)
+        real = np.abs(roots.imag) <= numerics.CLOSE * np.abs(roots)
         mu, x = roots[real].real, solutions[:, real].real
         others = tuple(complex(r) * length for r in roots[~real])
     else:
-        kept = np.abs(values) > numerics.ZERO * np.abs(values).max(initial=0.0)
-        L = vectors[:, kept] * np.sqrt(np.abs(values[kept]))
-        mu, y = np.linalg.eigh(L.T @ SWAP_FORM @ L)
-        loaded = np.abs(mu) > numerics.ZERO * np.abs(mu).max(initial=0.0)
-        x = np.hstack([SWAP_FORM @ L @ y[:, loaded], vectors[:, ~kept]])
+        kept = values != 0.0
+        sizes = np.sqrt(np.abs(values[kept]))
+        L, back = vectors[:, kept] * sizes, vectors[:, kept] / sizes
+        inverse = back.T @ SWAP_FORM @ back if kept.all() else None
+        mu, y = numerics.eigenpairs(L.T @ SWAP_FORM @ L, inverse)
+        if np.isnan(mu).any():
+            raise lost_digits(mu, "the stiffness matrix")
+        loaded = mu != 0.0
+        x = SWAP_FORM @ L @ y if inverse is None else _solutions(L, back, mu, y)
+        x = np.hstack([x[:, loaded], vectors[:, ~kept]])
         mu = np.concatenate([sign * mu[loaded], np.zeros(int(np.sum(~kept)))])
     screws = [_eigenscrew(m, column, length) for m, column in zip(mu, x.T, strict=True)]
     screws.sort(key=lambda e: e.eigenvalue)
     return Eigenscrews(tuple(screws), len(screws) == 6, others, signs)
+
+
+def _solutions(L: Array, back: Array, mu: Array, y: Array) -> Array:
+    """Twists (6, k) of eigenvectors y: ``Delta L y`` or ``mu L^-T y``, which cancels less."""
+    ways, shares = [], []
+    for factor, right in ((SWAP_FORM @ L, y), (back, y * mu)):
+        x, size = factor @ right, np.abs(factor) @ np.abs(right)
+        ways.append(x)
+        shares.append(np.linalg.norm(x, axis=0) / np.linalg.norm(size, axis=0))
+    return np.asarray(np.where(shares[0] >= shares[1], *ways))
+
+
+def _roots_of_indefinite(K: Array, C: Array | None, length: float) -> tuple[Array, Array]:
+    """Eigenvalues (6,) of ``Delta K`` with lengths scaled, and twists in columns (6, 6)."""
+    roots, solutions = np.linalg.eig(SWAP_FORM @ with_angles_times(K, 1.0 / length))
+    if C is None:
+        return roots, solutions
+    inverses, others = np.linalg.eig(with_angles_times(C, length) @ SWAP_FORM)
+    large, small = np.argsort(-np.abs(roots)), np.argsort(np.abs(inverses))
+    taken, error = numerics.number_of_large(np.abs(roots[large]), 1.0 / np.abs(inverses[small]))
+    if error > numerics.LOST:
+        raise lost_digits(np.full(6, np.nan), "the stiffness matrix")
+    large, small = large[:taken], small[taken:]
+    return (
+        np.concatenate([roots[large], 1.0 / inverses[small]]),
+        np.concatenate([solutions[:, large], others[:, small]], axis=1),
+    )
 
 
 def _eigenscrew(mu: float, x: Array, length: float) -> Eigenscrew:

@@ -28,6 +28,8 @@ from cartstiff.analysis.ellipsoids import (
 )
 from cartstiff.analysis.indices import best_conditioned_length, indices_of
 from cartstiff.analysis.matrices import (
+    ROTATION,
+    TRANSLATION,
     as_symmetric,
     invert,
     move_compliance,
@@ -44,7 +46,6 @@ from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, checked
 from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.in_frame import inverse_pair
-from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")
@@ -150,8 +151,6 @@ def summarise(
             else "neither stiffness nor compliance exists here"
         )
         notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
-    if K is not None and C is not None:
-        _tell_lost_digits(K, C, notes)
     metric = ("length", length_metric(scale.value))
     if mass is not None and inertia is not None:
         metric = ("inertia", inertia_metric(mass, inertia, mass_centre))
@@ -191,21 +190,6 @@ def _chosen(stiffness: Mapping[str, ArrayLike | None], connection: str | None) -
         return connection if stiffness[connection] is not None else None
     names = [n for n in (*_PREFERRED, *stiffness) if stiffness.get(n) is not None]
     return names[0] if names else None
-
-
-def _tell_lost_digits(K: Array, C: Array, notes: Notes) -> None:
-    """Note what is read from a stiffness matrix alone that does not hold all of its digits."""
-    error = error_of_soft_directions(K, C)
-    if not error > numerics.TELLING:
-        return
-    known = f"to a relative error of about {error:.1g}" if error < 1.0 else "not at all"
-    reason = (
-        "they are read from the stiffness matrix alone, whose digits hold the softer directions "
-        f"{known}"
-    )
-    values = {"matrix": "stiffness", "relative_error": error, "sections": list(_OF_K_ALONE)}
-    what = "centres but that of compliance, normal form, screws, compliant axes, springs"
-    notes.add(UndefinedError(reason, code="ill-conditioned", values=values), what)
 
 
 def _moved(
@@ -260,14 +244,18 @@ def _directions(
     table = []
     for name, axis in axes.items():
         row: dict[str, Any] = {"name": name, "direction": axis}
-        for kind, twist, function in (
-            ("along", np.concatenate([np.zeros(3), axis]), stiffness_along),
-            ("about", np.concatenate([axis, np.zeros(3)]), stiffness_about),
+        for kind, own, function in (
+            ("along", TRANSLATION, stiffness_along),
+            ("about", ROTATION, stiffness_about),
         ):
             free: float | None = None
+            twist = np.zeros(6)
+            twist[own] = axis
             if C is not None:
-                with np.errstate(divide="ignore"):
-                    free = 1.0 / (twist @ C @ twist)
+                give, most = float(twist @ C @ twist), float(np.abs(C[own, own]).max())
+                # Without a K, a direction that does not give is held by the structure.
+                is_rigid = K is None and abs(give) <= numerics.ZERO * most
+                free = None if is_rigid else 1.0 / give if give else float("inf")
             elif K is not None:
                 free = Notes().attempt(kind, function, K, axis, np.zeros(3), "free")
             held = None if K is None else stiffness_of_motion(twist, K, is_singular)
@@ -276,15 +264,6 @@ def _directions(
     return table
 
 
-#: Sections that only the stiffness matrix is read for.
-_OF_K_ALONE = (
-    "centres",
-    "normal_form",
-    "decoupling_frame",
-    "eigenscrews",
-    "wrench_compliant_axes",
-    "synthesis",
-)
 _OF_STIFFNESS = (
     "definiteness",
     "centres",
@@ -314,23 +293,28 @@ def _of_stiffness(
     points = centres_of(K, C)
     for what, reason in points.reasons.items():
         notes.add(reason, f"centre ({what.replace('_', ' ')})")
-    screws = eigenscrews(K)
+    screws = notes.attempt("eigenscrews", eigenscrews, K, C)
+    wrenches = notes.attempt("wrench-compliant axes", wrench_compliant_axes, K, C)
     twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
     numbers = notes.attempt("indices", indices_of, K, length, C)
     best = notes.attempt("indices", best_conditioned_length, K, C)
-    judgement = realisability(K)
-    realised = realise(K, length) if springs and judgement.passive else None
+    judgement = notes.attempt("springs in parallel", realisability, K, C)
+    realised = None
+    if springs and judgement is not None and judgement.passive:
+        realised = notes.attempt("springs in parallel", realise, K, length, C)
     return {
         "definiteness": None if numbers is None else numbers.definiteness,
         "centres": section(_POINTS, points),
-        "normal_form": notes.attempt("normal form", normal_form, K),
-        "decoupling_frame": notes.attempt("decoupling frame", decoupling_frame, K),
-        "eigenscrews": {
+        "normal_form": notes.attempt("normal form", normal_form, K, C),
+        "decoupling_frame": notes.attempt("decoupling frame", decoupling_frame, K, C),
+        "eigenscrews": None
+        if screws is None
+        else {
             "screws": [section(_EIGENSCREW, e, e.screw) for e in screws.screws],
             "complete": screws.complete,
             "complex_eigenvalues": [[z.real, z.imag] for z in screws.complex_eigenvalues],
         },
-        "wrench_compliant_axes": _axes(wrench_compliant_axes(K)),
+        "wrench_compliant_axes": None if wrenches is None else _axes(wrenches),
         "twist_compliant_axes": None if twists is None else _axes(twists),
         "indices": None
         if numbers is None
@@ -340,7 +324,9 @@ def _of_stiffness(
             "condition_at_best_length": None if best is None else best[1],
         },
         "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C),
-        "synthesis": {
+        "synthesis": None
+        if judgement is None
+        else {
             **plain(judgement),
             "springs": None if realised is None else realised.springs,
             "residual": None if realised is None else realised.residual,

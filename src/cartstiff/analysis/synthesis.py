@@ -24,13 +24,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
     as_symmetric,
     balancing_length,
     block_scales,
-    scale_lengths,
 )
 from cartstiff.analysis.screws import SWAP_FORM, screw_of_wrench
 from cartstiff.analysis.springs import Spring, parallel_stiffness
@@ -40,9 +40,6 @@ from cartstiff.geometry.se3 import Array
 
 # A column counts as torsional when its force is below this share of its length-scaled moment.
 _TORSIONAL = numerics.CLOSE
-# Eigenvalues dropped from the factor: far below what `ZERO` calls zero, so that the springs
-# reproduce the matrix better than the rank is judged.
-_DROPPED = numerics.ZERO
 _ATTEMPTS = 8
 
 
@@ -77,19 +74,37 @@ class Realisability(Result):
     eigenvalues: Array
 
 
-def realisability(stiffness: ArrayLike) -> Realisability:
-    """Judge a symmetric stiffness, without constructing anything."""
+def realisability(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Realisability:
+    """Judge a symmetric stiffness, without constructing anything.
+
+    With the compliance, the inverse where it is known, no small eigenvalue is taken for rounding.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
+    """
     K = as_symmetric(stiffness)
-    values, vectors = np.linalg.eigh(scale_lengths(K, balancing_length(K)))
+    return _judged(K, *_factor(K, compliance, balancing_length(K)))
+
+
+def _factor(K: Array, compliance: ArrayLike | None, length: float) -> tuple[Array, Array]:
+    """Eigenvalues (6,) and eigenvectors (6, 6) with lengths scaled; zero is what is rounding."""
+    C = None if compliance is None else as_symmetric(compliance, "compliance")
+    values, vectors, _ = spectrum(K, length, C)
+    return values, vectors
+
+
+def _judged(K: Array, values: Array, vectors: Array) -> Realisability:
     largest = float(np.abs(values).max())
     relative = values / largest if largest > 0 else values
     trace = float(np.trace(K[ROTATION, TRANSLATION]))
     size = float(block_scales(K)[0, 1])
     share = abs(trace) / size if size > 0 else 0.0
-    passive = bool(np.all(relative >= -numerics.ZERO))
+    passive = bool(np.all(relative >= 0.0))
     screws = 0
     if passive and share > numerics.ZERO:
-        F = vectors * np.sqrt(np.maximum(relative, 0.0))
+        F = vectors * np.sqrt(relative)
         mu = np.linalg.eigvalsh(F.T @ SWAP_FORM @ F)
         screws = _screw_count(mu, float(mu.sum()))
     return Realisability(
@@ -97,7 +112,7 @@ def realisability(stiffness: ArrayLike) -> Realisability:
         passive and screws == 0,
         trace,
         share,
-        int(np.sum(np.abs(relative) > numerics.ZERO)),
+        int(np.count_nonzero(relative)),
         screws,
         relative,
     )
@@ -127,8 +142,8 @@ class Realisation(Result):
         return parallel_stiffness(self.springs)
 
 
-def _require_passive(K: Array) -> Realisability:
-    judgement = realisability(K)
+def _require_passive(K: Array, compliance: ArrayLike | None) -> Realisability:
+    judgement = realisability(K, compliance)
     if not judgement.passive:
         raise UndefinedError(
             "no unloaded springs give this stiffness: it has a negative eigenvalue",
@@ -205,7 +220,9 @@ def _with_signs(F: Array) -> Array:
     return np.asarray(F * np.sign(F[first, np.arange(F.shape[1])]))
 
 
-def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
+def realise(
+    stiffness: ArrayLike, length: float | None = None, compliance: ArrayLike | None = None
+) -> Realisation:
     r"""Springs in parallel that realise a symmetric positive semidefinite stiffness.
 
     Line springs where the trace condition holds (with torsional ones only where K forces them),
@@ -218,17 +235,20 @@ def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
         Symmetric, positive semidefinite.
     length : float, optional
         Size by which moments are compared with forces; default balances the blocks of K.
+    compliance : array_like, shape (6, 6), optional
+        The inverse, where it is known better than the stiffness tells it.
 
     Raises
     ------
     UndefinedError
-        Code ``"not-passive"`` if K has a negative eigenvalue.
+        Code ``"not-passive"`` if K has a negative eigenvalue; code ``"ill-conditioned"`` where the
+        digits of springs do not hold the softer directions of their sum.
     """
     K = as_symmetric(stiffness)
-    judgement = _require_passive(K)
+    judgement = _require_passive(K, compliance)
     scale = balancing_length(K) if length is None else length
-    values, vectors = np.linalg.eigh(scale_lengths(K, scale))
-    kept = values > _DROPPED * max(float(values[-1]), numerics.TINY)
+    values, vectors = _factor(K, compliance, scale)
+    kept = values > 0.0
     screws, rest = _split(vectors[:, kept] * np.sqrt(values[kept]), judgement.by_line_springs)
     rest = _with_signs(rest)
     rng = np.random.default_rng(0)
@@ -245,7 +265,22 @@ def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
     unscale = np.repeat([scale, 1.0], 3)
     springs = tuple(_spring(w * unscale, scale, True) for w in lines.T)
     springs += tuple(_spring(w * unscale, scale, False) for w in screws.T)
+    back = vectors[:, kept] / np.sqrt(values[kept]) / unscale[:, None]
+    _require_digits(springs, back)
     return Realisation(springs, _residual(springs, K), judgement)
+
+
+def _require_digits(springs: tuple[Spring, ...], back: Array) -> None:
+    """Refuse springs that miss K along a motion: ``back^T K back = 1`` for K, (6, r)."""
+    sums = sum(s.stiffness * np.outer(back.T @ s.wrench, back.T @ s.wrench) for s in springs)
+    missed = float(np.abs(sums - np.eye(back.shape[1])).max(initial=0.0))
+    if missed > numerics.LOST:
+        raise UndefinedError(
+            "springs in parallel add up to this stiffness only along its stiffer directions: "
+            "their digits do not hold the softer ones",
+            code="ill-conditioned",
+            values={"missed_share": missed},
+        )
 
 
 def _spring(w: Array, length: float, straight: bool) -> Spring:

@@ -271,6 +271,8 @@ def analyse_many(
         each = loads_in_body(elastic, coordinates, each, kind, load_axes, path, threads, chunk)
     by_kernel = with_room(known, arrays, coordinates.shape)
     run(taken, kernel, coordinates, each, by_kernel, state, count, size)
+    if taken.regular != REGULAR:
+        _clear_still_halves(elastic, by_kernel, slice(None))
     _under_load(kind, by_kernel, arrays, state)
     ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     if not state.any():
@@ -283,6 +285,7 @@ def analyse_many(
             taken, coordinates, each, by_kernel, doubtful, ran == "compiled", count, size
         )
         state[torn] = UNBALANCED
+        _clear_still_halves(elastic, by_kernel, lost_rank)
         lost_rank = _under_load_again(kind, by_kernel, arrays, lost_rank)
         doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
     unbalanced = np.flatnonzero(state == UNBALANCED)
@@ -338,6 +341,18 @@ def loads_in_body(
         elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads, path=path, chunk=chunk
     )["pose"]
     return wrench_in_body(loads, posed, kind.at, axes).reshape(loads.shape)
+
+
+def _clear_still_halves(
+    elastic: ElasticMechanism, arrays: Mapping[str, Array], which: NDArray[np.intp] | slice
+) -> None:
+    """Zeros in the compliances of postures that have no rank of six, where rounding stands."""
+    length = elastic.mechanism.at(elastic.q).length
+    for name, array in arrays.items():
+        if name.startswith("compliance"):
+            some = array[which]
+            numerics.clear_still_halves(some, length)
+            array[which] = some
 
 
 def _under_load(

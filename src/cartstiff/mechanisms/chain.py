@@ -27,7 +27,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
-from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, ROUNDING, STILL
+from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, NEARBY, ROUNDING, STILL
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 
 
@@ -66,12 +66,16 @@ _HALVES = np.repeat(np.eye(2), 3, axis=1)
 
 
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
-    """Root mean square distance of axes from the origin; None if there are none or all meet it."""
+    """Root mean square distance of axes from the origin; None if there are none or all meet it.
+
+    A coordinate that turns the body by less than `NEARBY` has no axis: of joints that turn against
+    each other, as in a parallelogram, that is their tilt.
+    """
     turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
-    total = sum(turning)
+    total = sum(t for t in turning if t > NEARBY**2)
     if total == 0.0:
         return None
-    length = sqrt(sum(m for m, t in zip(moments, turning, strict=True) if t > 0.0) / total)
+    length = sqrt(sum(m for m, t in zip(moments, turning, strict=True) if t > NEARBY**2) / total)
     return length if length > CLOSE * (reach + length) else None
 
 

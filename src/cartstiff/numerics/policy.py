@@ -86,6 +86,30 @@ def is_regular(values: ArrayLike) -> bool:
     return ratio(values) > RANK
 
 
+def still_halves(jacobian: Array) -> list[slice]:
+    """Rows of a length-scaled Jacobian (6, n), turning or moving, that are none beside the others.
+
+    A body that translates on axes which are parallel to ten digits does not turn.
+    """
+    halves, least = (slice(0, 3), slice(3, 6)), RANK * float(np.linalg.norm(jacobian))
+    return [half for half in halves if float(np.linalg.norm(jacobian[half])) <= least]
+
+
+def clear_still_halves(compliances: Array, length: float) -> None:
+    """Zeros in compliances (N, 6, 6) of bodies that turn, or move, no more than by rounding.
+
+    The compliance goes with the square of the Jacobian that `still_halves` looks at.
+    """
+    sizes = np.array([length, length, length, 1.0, 1.0, 1.0])
+    squares = (compliances * sizes[:, None] * sizes) ** 2
+    halves = (slice(0, 3), slice(3, 6))
+    norms = [np.sqrt(squares[:, half, half].sum(axis=(1, 2))) for half in halves]
+    for half, own, other in zip(halves, norms, reversed(norms), strict=True):
+        still = own <= RANK**2 * other
+        compliances[still, half] = 0.0
+        compliances[still, :, half] = 0.0
+
+
 def is_symmetric(matrix: Array) -> bool:
     """Whether a square matrix is its own transpose, to the last digit."""
     if matrix.size <= 64:  # lists are compared sooner, and to the first that differs

@@ -140,6 +140,18 @@ def _cut_of_one(a: list[float], c: list[float], losses: tuple[float, float]) -> 
     return k, EPSILON * max(of_a[k], of_c[k])
 
 
+def number_of_large(a: Array, c: Array) -> tuple[int, float]:
+    """How many eigenvalues to take from a matrix, and the relative error of the worst.
+
+    Parameters
+    ----------
+    a, c : ndarray, shape (n,)
+        Sizes of the eigenvalues, the largest first, by the matrix itself and by its inverse.
+    """
+    cut = _cut(a[None], c[None], (1.0, 1.0))
+    return int(cut[0]), float(_errors(a[None], c[None], cut, (1.0, 1.0))[0])
+
+
 def _of_symmetric(matrix: ArrayLike) -> Array:
     """Eigenvalues of the symmetric parts, NaN for matrices that are not finite."""
     m = np.asarray(matrix, float)

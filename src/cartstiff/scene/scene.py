@@ -361,9 +361,11 @@ class Scene:
         if not wanted or (K := here.matrices[look.connection]) is None:
             picture.hide()
             return {"shown": False, "reason": reason} if wanted else None
-        K, units = symmetric_part(K), self._elastic.units
-        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(K, units)
-        return picture.draw(lines, here.pose, units.length, look.labels)
+        C = here.inverse_of_symmetric_part(look.connection)
+        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(
+            symmetric_part(K), C, self._elastic.units
+        )
+        return picture.draw(lines, here.pose, self._elastic.units.length, look.labels)
 
     def _nodal(self, result: PostureStiffness, look: Look) -> dict[str, Any] | None:
         if look.nodal is None:
@@ -380,8 +382,7 @@ class Scene:
         if not look.centres or (K := here.matrices[look.connection]) is None:
             self._balls.hide()
             return {"shown": False, "reason": reason} if look.centres else None
-        C = here.compliances[look.connection]
-        C = None if C is None else symmetric_part(C)
+        C = here.inverse_of_symmetric_part(look.connection)
         return self._balls.draw(symmetric_part(K), C, here.pose, look.labels)
 
     def _ghost_posture(self, look: Look) -> MechanismPosture | None:

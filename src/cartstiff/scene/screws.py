@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,7 @@ from cartstiff.analysis.centres import centres_of
 from cartstiff.analysis.compliant_axes import twist_compliant_axes, wrench_compliant_axes
 from cartstiff.analysis.screws import Screw, eigenscrews
 from cartstiff.arrays import checked_pose
-from cartstiff.errors import CartstiffError
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units
 from cartstiff.scene import objects, shapes, theme
@@ -35,35 +36,37 @@ class Line:
     colour: int
 
 
-def eigenscrew_lines(K: Array, units: Units) -> list[Line]:
-    """Eigenscrews of a symmetric stiffness."""
+def eigenscrew_lines(K: Array, C: Array | None, units: Units) -> list[Line]:
+    """Eigenscrews of a symmetric stiffness; none where they are not known."""
+    try:
+        screws = eigenscrews(K, C).screws
+    except UndefinedError:
+        return []
     return [
         Line(e.screw, f"eigenscrew {i + 1}", e.eigenvalue, units.blocks["tr"], theme.SCREW)
-        for i, e in enumerate(eigenscrews(K).screws)
+        for i, e in enumerate(screws)
     ]
 
 
-def compliant_lines(K: Array, units: Units) -> list[Line]:
-    """Wrench- and twist-compliant axes of a symmetric stiffness."""
-    lines = [
-        Line(
-            a.screw,
-            f"wrench axis {i + 1}",
-            a.stiffness,
-            units.spring(True),
-            theme.WRENCH_AXIS,
-        )
-        for i, a in enumerate(wrench_compliant_axes(K))
-    ]
-    try:
-        turns = twist_compliant_axes(K)
-    except CartstiffError:
-        return lines
-    unit = units.spring(False)
-    return lines + [
-        Line(a.screw, f"twist axis {i + 1}", a.stiffness, unit, theme.TWIST_AXIS)
-        for i, a in enumerate(turns)
-    ]
+def compliant_lines(K: Array, C: Array | None, units: Units) -> list[Line]:
+    """Wrench- and twist-compliant axes of a symmetric stiffness, those that are known."""
+    lines = []
+    for kind, function, colour in (
+        ("wrench", wrench_compliant_axes, theme.WRENCH_AXIS),
+        ("twist", twist_compliant_axes, theme.TWIST_AXIS),
+    ):
+        with suppress(UndefinedError):
+            lines += [
+                Line(
+                    axis.screw,
+                    f"{kind} axis {i + 1}",
+                    axis.stiffness,
+                    units.spring(kind == "wrench"),
+                    colour,
+                )
+                for i, axis in enumerate(function(K, C))
+            ]
+    return lines
 
 
 class AxesPicture:

@@ -92,8 +92,13 @@ def reduce_any(
     U, values, Vt = np.linalg.svd(J if closure is None else J @ orthonormal)
     rank = numerics.rank(values, numerics.EPSILON * np.abs(J).sum())
     U, lost, along = U[:, :rank], U[:, rank:], orthonormal @ Vt[rank:].T
+    still = list[slice]()
     if rank == len(rows):
         U = np.eye(rank)  # else rounding of the basis stands where K is zero
+    else:
+        still = numerics.still_halves(J @ orthonormal)
+        for half in still:
+            U[half] = 0.0
 
     # Self-motions Z, led by the stiffest; the other leaders, as many as the rank, make the output.
     across = (U.T @ J @ N).T
@@ -197,6 +202,8 @@ def reduce_any(
         # that are rounding of the basis are none: a rotation that the closures forbid.
         J_B, size = J @ B, np.outer(np.abs(J).sum(axis=1), np.abs(B).max(axis=0, initial=0.0))
         J_B[np.abs(J_B) <= n * numerics.EPSILON * size] = 0.0
+        for half in still:
+            J_B[half] = 0.0
         free = FreeMotions(
             J_B / rows[:, None],
             symmetric_part(B.T @ H_L @ B, energy),
