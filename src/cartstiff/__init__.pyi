@@ -53,8 +53,8 @@ from .reach.workspace import workspace as workspace
 from .scene.scene import Scene as Scene
 from .statics.command import after_command as after_command
 from .statics.command import commanded as commanded
+from .statics.continuation import LoadCurve as LoadCurve
 from .statics.continuation import load_curve as load_curve
-from .statics.curves import LoadCurve as LoadCurve
 from .statics.equilibrium import equilibrium as equilibrium
 from .statics.held import Held as Held
 from .statics.rest import Equilibrium as Equilibrium

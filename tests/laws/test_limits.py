@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tests.support import robot_file
 
 import cartstiff
-from cartstiff.kinematics.platform_poses import PlatformPoses
+from cartstiff.kinematics.joint_poses import PlatformPoses
 from cartstiff.maps.reading import state_names
 from cartstiff.maps.run import compute_map
 from cartstiff.maps.sampling import Axis, Grid

@@ -21,9 +21,8 @@ from cartstiff.maps import RandomPostures, Trajectory, compute_map, open_map
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
 from cartstiff.page.state import read_message
-from cartstiff.reach.leg_margins import LegMargins
-from cartstiff.reach.margins import Margins
-from cartstiff.reach.start import carried
+from cartstiff.reach.margins import LegMargins, Margins
+from cartstiff.reach.workspace import carried
 from cartstiff.stiffness.applied_load import checked_load
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")

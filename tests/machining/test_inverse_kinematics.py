@@ -10,9 +10,8 @@ from tests.support import frame_pose, loaded_arm, random_pose
 import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.kinematics.chain_kinematics import Kinematics
 from cartstiff.kinematics.inverse import inverse_kinematics
-from cartstiff.kinematics.joint_poses import JointPoses, distinct, pose_errors
+from cartstiff.kinematics.joint_poses import JointPoses, Kinematics, distinct, pose_errors
 from cartstiff.loading.catalogue import example_robots
 
 # Solutions are iterated until rounding is left, in rad and lengths of about one.

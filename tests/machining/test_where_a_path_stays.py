@@ -9,7 +9,7 @@ from tests.machining import planar
 import cartstiff
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.loading.collisions import Collisions
-from cartstiff.toolpaths.choices import NEARBY
+from cartstiff.toolpaths.candidates import NEARBY
 from cartstiff.toolpaths.optimise import optimise_path
 from cartstiff.toolpaths.tool_path import ToolPath
 

@@ -11,8 +11,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Result
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.joint_poses import JointPoses, pose_errors
-from cartstiff.kinematics.platform_poses import Free
+from cartstiff.kinematics.joint_poses import Free, JointPoses, pose_errors
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits

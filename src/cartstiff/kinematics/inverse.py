@@ -12,11 +12,9 @@ from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_flag, is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.branches import Branches, Search
-from cartstiff.kinematics.joint_poses import JointPoses
-from cartstiff.kinematics.legs import legs_of, searched, working_modes
-from cartstiff.kinematics.platform_poses import Free as Free
-from cartstiff.kinematics.platform_poses import PlatformPoses
+from cartstiff.kinematics.joint_poses import Free as Free
+from cartstiff.kinematics.joint_poses import JointPoses, PlatformPoses
+from cartstiff.kinematics.legs import Branches, Search, legs_of, searched, working_modes
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 

@@ -8,29 +8,201 @@ pose are all combinations of the legs' solutions,
 
 Two solutions of a leg are one where its springs and actuators stand alike and every joint is in
 the same place: passive universal and spherical joints can be turned over without effect.
+
+Where self-motions make a family of postures, the best one is found by quasi-Newton steps (BFGS) in
+the natural sizes of the coordinates: the part of the cost's slope along the self-motions is
+followed, and each step is brought back to its pose. The change of that part from one posture to the
+next tells how the cost curves along the family.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import prod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.branches import Branches, Search
-from cartstiff.kinematics.joint_poses import SAME, JointPoses, distinct
-from cartstiff.kinematics.platform_poses import Free
-from cartstiff.kinematics.self_motions import settled
+from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, distinct
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.mechanisms.tree_building import part_of
 from cartstiff.potentials.springs import JointSprings
+
+
+@dataclass(frozen=True)
+class Search:
+    """How the postures at a pose were searched for, and how many there are.
+
+    Attributes
+    ----------
+    starts : int
+        Starts of the search, of each leg where legs were searched one by one; 0 where all of them
+        were known in closed form.
+    legs : tuple of int
+        Solutions found of each leg; empty where the mechanism was searched as a whole.
+    found : int
+        Different postures: of legs all combinations, whether they are listed or not.
+    listed : int
+        How many of them are in the result, the nearest to the default posture first in line.
+    """
+
+    starts: int
+    legs: tuple[int, ...]
+    found: int
+    listed: int
+
+    def __str__(self) -> str:
+        legs = " x ".join(map(str, self.legs))
+        how = f"{self.starts} starts a leg" if self.starts else "in closed form"
+        whole = f"{self.found} found, {self.starts} starts"
+        if legs:
+            equal = prod(self.legs) == self.found
+            combined = f"{legs} solutions of the legs" + ("" if equal else ", by pose of the body")
+            whole = f"{self.found} found: {combined}, {how}"
+        return whole + (
+            f"; the nearest {self.listed} are listed" if self.listed < self.found else ""
+        )
+
+
+class Branches(np.ndarray):
+    """Postures (k, n) as an array, with the `Search` that found them.
+
+    Attributes
+    ----------
+    search : Search or None
+        None for parts of the array and what is computed from it.
+    """
+
+    search: Search | None
+
+    def __new__(cls, q: Array, search: Search | None = None) -> Branches:
+        """Array of postures."""
+        branches = np.array(q, float).view(cls)
+        branches.search = search
+        return branches
+
+    def __array_finalize__(self, other: object) -> None:
+        """Parts have been searched for by nobody."""
+        self.search = None
+
+
+# Motions along a self-motion, in the natural sizes of the coordinates: the first that is tried,
+# the longest, and the one at which a posture counts as settled; how often, at most.
+_FIRST_STEP, _LONGEST_STEP, _SETTLED_STEP, _SETTLING = 0.2, 0.5, numerics.SETTLED, 200
+# A slope that has become less by so much, or is so small beside the cost, is none; and how often a
+# posture begins anew on one that is left.
+_FLAT, _NO_SLOPE, _TRIES = 1e-3, numerics.NO_SLOPE, 3
+# Half the distance of the postures whose costs' difference gives a slope.
+_DIFFERENCE = numerics.DIFFERENCE
+
+
+def settled(
+    solver: JointPoses,
+    q: Array,
+    T: Array,
+    free: Free,
+    tolerance: float,
+    cost: Callable[[Array], Array],
+) -> Array:
+    """Postures (N, n) moved along their self-motions to where the cost is smallest nearby.
+
+    Parameters
+    ----------
+    solver : JointPoses
+        Brings postures back to their poses.
+    q, T : ndarray, shapes (N, n) and (N, 4, 4)
+        Postures and the poses that they are at.
+    free : {"none", "x", "y", "z", "rotation"}
+        What of the body's rotation is left free.
+    tolerance : float
+        Largest error of the poses.
+    cost : callable
+        (k, n) postures to (k,) numbers, NaN where there is none.
+    """
+    result, rows, sizes = q.copy(), np.arange(len(q)), solver.sizes
+    if not len(q):
+        return result
+    value = _values(cost, q)
+    J, slope = solver.task(q, T, free)[1], _slopes(cost, q, value, sizes)
+    reach, moved, tries = np.ones(len(q)), np.zeros_like(q), np.zeros(len(q), int)
+    before, unit = solver.along_self_motions(q, J, slope), np.eye(q.shape[1])
+    first = _length(before)
+    begin = np.where(np.isfinite(value), _FIRST_STEP, _LONGEST_STEP)
+    inverse = _ratio(begin, first)[:, None, None] * unit
+    for _ in range(_SETTLING):
+        along = solver.along_self_motions(q, J, slope)
+        inverse = _updated(inverse, moved, along - before)
+        step = solver.along_self_motions(q, J, slope, inverse)
+        step *= (reach * np.minimum(1.0, _ratio(_LONGEST_STEP, _length(step))))[:, None]
+        # Where the cost has an edge the steps end on a slope, and begin once more straight down.
+        steep = _length(along)
+        flat = steep <= np.where(np.isfinite(value), _NO_SLOPE * np.abs(value), 0.0)
+        spent = flat | (_length(step) <= _SETTLED_STEP)
+        again = spent & ~flat & (steep > _FLAT * first) & (tries < _TRIES)
+        inverse[again] = _ratio(0.1 * _FIRST_STEP, steep[again])[:, None, None] * unit
+        reach[again], tries[again] = 1.0, tries[again] + 1
+        keep = ~spent | again
+        result[rows] = q
+        here = rows, q, T, J, value, slope, reach, inverse, along, step, first, tries
+        kept: tuple[Any, ...] = tuple(array[keep] for array in here)
+        rows, q, T, J, value, slope, reach, inverse, before, step, first, tries = kept
+        if not rows.size:
+            break
+        trial = np.clip(q - step * sizes, solver.lower, solver.upper)
+        trial, good = solver.solve(T, trial, free, tolerance)
+        reached = np.where(good, _values(cost, trial), np.inf)
+        better = reached < value - numerics.SUFFICIENT * (slope * step).sum(axis=1)
+        # Without a cost either way may lead to one.
+        reach = np.where(better, 1.0, np.where(np.isfinite(value), 0.3, -0.8) * reach)
+        moved = np.where(better[:, None], trial - q, 0.0) / sizes
+        q[better], value[better] = trial[better], reached[better]
+        if better.any():
+            J[better] = solver.task(q[better], T[better], free)[1]
+            slope[better] = _slopes(cost, q[better], value[better], sizes)
+    return result
+
+
+def _values(cost: Callable[[Array], Array], q: Array) -> Array:
+    return np.nan_to_num(cost(q), nan=np.inf)
+
+
+def _slopes(cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array) -> Array:
+    """Derivatives of the cost (N, n) by differences; where there is none, any way out will do."""
+    steps = _DIFFERENCE * np.vstack([np.diag(sizes), -np.diag(sizes)])
+    around = cost((q[:, None] + steps).reshape(-1, q.shape[1])).reshape(len(q), 2, -1)
+    around = np.where(np.isfinite(around), around, value[:, None, None])
+    with np.errstate(invalid="ignore"):
+        slopes = (around[:, 0] - around[:, 1]) / (2 * _DIFFERENCE)
+    return np.where(np.isfinite(slopes), slopes, 1.0)
+
+
+def _updated(inverse: Array, moved: Array, change: Array) -> Array:
+    """Inverse Hessians that explain how the slopes have changed, where the cost curves upwards."""
+    curved = np.einsum("ni,ni->n", moved, change)
+    upwards = curved > numerics.SADDLE * _length(moved) * _length(change)
+    scale = np.where(upwards, _ratio(1.0, curved), 0.0)
+    left = np.eye(moved.shape[1]) - scale[:, None, None] * moved[:, :, None] * change[:, None, :]
+    return left @ inverse @ left.swapaxes(1, 2) + scale[:, None, None] * (
+        moved[:, :, None] * moved[:, None, :]
+    )
+
+
+def _length(rows: Array) -> Array:
+    return np.sqrt((rows * rows).sum(axis=1))
+
+
+def _ratio(number: float | Array, array: Array) -> Array:
+    quotient: Array = number / np.where(array == 0.0, np.inf, array)
+    return quotient
+
 
 # Postures that are settled at once: the cost is asked for at all of them and around each.
 _ROWS = 5000

@@ -9,8 +9,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.joint_poses import LONGEST_STEP, JointPoses
-from cartstiff.kinematics.platform_poses import Free
+from cartstiff.kinematics.joint_poses import LONGEST_STEP, Free, JointPoses
 from cartstiff.many.algebra import below, norm_squared, positive_factor, rotation_vector, zeros
 from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import PLAIN

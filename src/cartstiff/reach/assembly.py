@@ -1,26 +1,30 @@
 r"""Assembly modes: all poses in which the same actuator positions hold a mechanism.
 
 Of a six-legged platform all of them are known (`cartstiff.kinematics.platform_assembly`); of a
-closed chain those that a number of starts lead to.
+closed chain those that random starts lead to, with the actuators where they are. Struts with
+flexures come to rest near the pose that ideal joints would take.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_vector
-from cartstiff.errors import InputError
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of
-from cartstiff.kinematics.branches import Search
+from cartstiff.kinematics.joint_poses import JointPoses
+from cartstiff.kinematics.legs import Search
 from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
+from cartstiff.many.kernels import Closer
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -30,10 +34,208 @@ from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
-from cartstiff.reach.assembly_mode import AssemblyMode as AssemblyMode
-from cartstiff.reach.starts import closed_from
-from cartstiff.reach.struts_at_rest import at_rest_with
+from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.compute import PostureStiffness, analyse
+from cartstiff.vibration.modes import modes
+
+# Starts that the engine tries one by one; more are given up where recorded steps leave them open.
+_BY_ENGINE = 100
+
+
+def closed_from(
+    elastic: ElasticMechanism,
+    chain: Chain,
+    q: Array,
+    starts: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[list[Array], list[Array]]:
+    """Coordinates (n,) that differ, first those of `q`, and where all joints and the body are then.
+
+    `q` is closed; its actuated and virtual joints stay. `progress` is called with how many starts
+    are done, and of how many.
+    """
+    held = list(chain.actuated or ())
+    solver = JointPoses(elastic, limits=False)
+    begin = solver.random_starts(starts, np.random.default_rng(seed))
+    begin = np.vstack([q, begin])
+    begin[:, chain.held] = q[chain.held]
+    fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
+    # Most starts lead to no closed chain, and their steps take the time: all at once.
+    begin, is_closed, _ = Closer(elastic, "portable", len(begin))(begin)
+    first = _BY_ENGINE if is_closed.any() else len(begin)
+    closed: list[Array] = []
+    places: list[Array] = []
+    for done, row in enumerate(begin, 1):
+        if progress is not None:
+            progress(done, len(begin))
+        if done > first and not is_closed[done - 1]:
+            continue
+        try:
+            posture = fixed.closed(row, hold=())
+        except ConvergenceError:
+            continue
+        if np.abs(posture.q[held] - q[held]).max() > numerics.NEARBY:
+            continue  # closed only by leaving the actuators' positions
+        place = chain.tree.at(posture.q).joint_poses([*range(1, chain.tree.model.njoints)])
+        where = np.append(place[:, :3, 3].ravel(), posture.pose[:3].ravel())
+        unit = numerics.NEARBY * max(1.0, posture.length)
+        if all(np.abs(where - other).max() > unit for other in places):
+            places.append(where)
+            closed.append(np.array(posture.q))
+    return closed, places
+
+
+# Steps of a search that leads to a rest at all are fewer.
+_STEPS = 20
+
+
+def at_rest_with(
+    elastic: ElasticMechanism,
+    home: Array,
+    lengths: Array,
+    q: Array,
+    stiffness: Callable[[Array], PostureStiffness],
+) -> tuple[PostureStiffness, tuple[Note, ...]]:
+    """The stiffness of a platform with actuators at leg lengths (m,), at or near a pose q (6,).
+
+    Of legs between ideal joints at q itself. Struts with flexures hold at `home`, where they were
+    made, with the actuators where these need no load; from there they are told the lengths. They
+    come to rest beside q; where no rest is found, the answer is that at q, with a note. `stiffness`
+    is `analyse` at a pose, under the load that is asked for.
+    """
+    if not isinstance(elastic.springs, FlexureStruts):
+        return stiffness(q), ()
+    if not elastic.springs.is_complete:
+        at_home = elastic.balanced(home).springs
+        moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]
+        elastic = elastic.with_springs(rest=at_home.rest + moved)  # type: ignore[union-attr]
+    try:
+        return equilibrium(elastic, q0=q, iterations=_STEPS).stiffness, ()
+    except (ConvergenceError, UndefinedError):
+        message = "flexures hold the platform in no balance near this pose: it is ideal joints'"
+        return analyse(elastic, q), (Note("struts-not-in-equilibrium", message, {"q": q.tolist()}),)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AssemblyMode(ShownInLines):
+    """One pose in which the actuator positions hold the mechanism.
+
+    Attributes
+    ----------
+    result : PostureStiffness
+        What `cartstiff.analyse` finds there; ``result.q`` and ``result.pose`` say where it is.
+    residual : float
+        Largest difference from the lengths wanted, or gap of the closures.
+    multiplicity : int
+        1; more at a singular pose in which several solutions meet, and which is known to a root
+        of the digits.
+    more_notes : tuple of Note
+        Beside those of the result: that struts with flexures are not at rest here.
+    """
+
+    result: PostureStiffness
+    residual: float
+    multiplicity: int = 1
+    more_notes: tuple[Note, ...] = ()
+
+    def _lines(self) -> list[str]:
+        return [
+            f"AssemblyMode at q = {np.array2string(self.q, precision=5)}",
+            f"  smallest eigenvalue {self.eigenvalue}, stable {self.stable}",
+        ]
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """All that must be known of this mode."""
+        return (*self.more_notes, *self.result.notes)
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (n,); of a platform x, y, z, roll, pitch, yaw."""
+        return self.result.q
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return self.result.pose
+
+    @cached_property
+    def eigenvalue(self) -> float | None:
+        """Smallest eigenvalue of the tangent stiffness, force per length.
+
+        Symmetric part; angles times the characteristic length. None where no K exists.
+        """
+        K = self.result.tangent
+        if K is None:
+            return None
+        scale = np.repeat([1.0 / self.result.posture.length, 1.0], 3)
+        scaled = 0.5 * (K + K.T) * np.outer(scale, scale)
+        return float(numerics.eigenvalues(scaled)[0])
+
+    @cached_property
+    def stable(self) -> bool | None:
+        """Whether every motion meets a restoring force; None where that is not decided.
+
+        That is at singular poses, and where neither stiffness nor compliance exists.
+        """
+        undecided = {"type-2-singularity", "singular-stiffness", "struts-not-in-equilibrium"}
+        if self.multiplicity > 1 or undecided & {note.code for note in self.notes}:
+            return None
+        if self.eigenvalue is not None:
+            return self.eigenvalue > 0.0
+        C = self.result.tangent_compliance  # of what has fewer than six free motions
+        if C is None:
+            return None
+        scale = np.repeat([self.result.posture.length, 1.0], 3)
+        values = numerics.eigenvalues(0.5 * (C + C.T) * np.outer(scale, scale))
+        return bool(values[0] >= -numerics.ZERO * max(values[-1], 0.0))
+
+    @cached_property
+    def determinant(self) -> float | None:
+        """Of the six legs' lines, moments over the characteristic length; None of chains.
+
+        Its sign is that of the region between singularities.
+        """
+        lines = self.result.posture.actuation
+        if not self.result.posture.coordinates_are_pose or lines is None or len(lines) != 6:
+            return None
+        return float(np.linalg.det(lines / np.repeat([self.result.posture.length, 1.0], 3)))
+
+    @cached_property
+    def frequencies(self) -> Array | None:
+        """Natural frequencies [Hz] in this pose; None without masses or where there are none."""
+        elastic = self.result.elastic
+        if not sum(elastic.masses.values()) > 0.0:
+            return None
+        try:
+            return modes(self.result).frequencies
+        except UndefinedError:
+            return None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        frequencies = self.frequencies
+        return {
+            "q": self.q.tolist(),
+            "pose": self.pose.tolist(),
+            "residual": self.residual,
+            "multiplicity": self.multiplicity,
+            "smallest_eigenvalue": self.eigenvalue,
+            "stable": self.stable,
+            "determinant": self.determinant,
+            "frequencies": None
+            if frequencies is None
+            else [float(f) if np.isfinite(f) else None for f in frequencies],
+            "notes": [note.as_dict() for note in self._own_notes],
+        }
+
+    @cached_property
+    def _own_notes(self) -> list[Note]:
+        """Those that are not of loading."""
+        general = {note.code for note in self.result.elastic.notes}
+        return [note for note in self.notes if note.code not in general]
+
 
 #: Name and version of the form of `AssemblyModes.as_dict`.
 ASSEMBLE_SCHEMA = "cartstiff-assemble/1"

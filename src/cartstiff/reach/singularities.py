@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.reach.brackets import narrowed
-from cartstiff.reach.leg_margins import LegMargins
-from cartstiff.reach.margins import Margins
-from cartstiff.reach.regions import Moved, Rays
+from cartstiff.reach.margins import LegMargins, Margins
+from cartstiff.reach.regions import Moved, Rays, narrowed
 
 #: Determinants (N,) at poses (N, 4, 4), NaN where there is none.
 Determinant = Callable[[Array], Array]

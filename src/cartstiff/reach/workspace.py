@@ -19,11 +19,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_flag, checked_vector
+from cartstiff.arrays import checked_flag, checked_length, checked_vector
 from cartstiff.choices import Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
@@ -32,8 +33,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
-from cartstiff.reach.leg_margins import LegMargins
-from cartstiff.reach.margins import CarriedLoad, Margins
+from cartstiff.reach.margins import CarriedLoad, LegMargins, Margins
 from cartstiff.reach.regions import (
     Columns,
     Moved,
@@ -45,8 +45,55 @@ from cartstiff.reach.regions import (
     shifted,
 )
 from cartstiff.reach.singularities import Singular, least_ratio, singular_around
-from cartstiff.reach.start import carried, reach_of_lines, singular_note
-from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.applied_load import LoadKind, checked_load
+
+
+def carried(
+    kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array
+) -> CarriedLoad:
+    """The load along the axes in which it is the same at all poses, from those at the start."""
+    if kind.kind == "conservative":
+        raise InputError(
+            "a moment that turns by half depends on where the body comes from",
+            where="load_kind",
+            expected="dead or follower",
+            got=kind.kind,
+        )
+    parts, R = wrench.reshape(2, 3), start[:3, :3]
+    if kind.kind == "follower":
+        return kind, (parts @ R if axes == "world" else parts).reshape(6), "body"
+    return kind, (parts @ R.T if axes == "body" else parts).reshape(6), "world"
+
+
+def singular_note(platform: Platform, pose: Array, margins: Margins) -> Note | None:
+    """The note on an architecture, or an orientation, that is singular everywhere."""
+    note = architecture_of(platform).note()
+    if note is not None or margins.is_spread:
+        return note
+    rank = orientation_rank(platform, pose[:3, :3])
+    if rank == 6:
+        return None
+    message = (
+        f"with this orientation the legs' lines have rank {rank} at every position, though the "
+        "architecture is regular (as Fichter's platform turned by a right angle)"
+    )
+    return Note("orientation-singularity", message, {"rank": rank})
+
+
+def reach_of_lines(platform: Platform, pose: Array, radius: float | None) -> float:
+    """How far from the centre any position can be: where the legs' longest lengths end."""
+    if radius is not None:
+        return checked_length(radius, "radius")
+    longest = np.inf if platform.limits is None else platform.limits[:, 1]
+    ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
+    farthest = float(np.min(np.linalg.norm(ends, axis=1) + longest))
+    if not np.isfinite(farthest):
+        raise InputError(
+            "the lengths of the legs have no upper limit, so that the workspace has no bound",
+            expected="legs.limits, or a radius",
+        )
+    return farthest
+
 
 #: Name and version of the form of `Workspace.as_dict`.
 WORKSPACE_SCHEMA = "cartstiff-workspace/1"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.designs.results import Designs
+from cartstiff.designs.run import Designs
 from cartstiff.errors import InputError, joined
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cartstiff.designs.results import DESIGN_SCHEMA
+from cartstiff.designs.run import DESIGN_SCHEMA
 from cartstiff.report.schemas import words as js
 
 
