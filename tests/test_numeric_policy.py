@@ -22,7 +22,7 @@ ALLOWED = {
     "many/arithmetic.py": "the largest angle that the sine of the fast code takes",
     "many/machine_code/vector_writer.py": "coefficients of sine and cosine",
     "mechanisms/contract.py": "units",
-    "mechanisms/joint_kinds.py": "limits that stand for none",
+    "mechanisms/tree.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
     "page/state.py": "the largest number that is taken",
     "identify/sessions.py": "how rarely chance may speak for other axes",

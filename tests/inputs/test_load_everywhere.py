@@ -16,7 +16,7 @@ from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.leg_limits import LegLimits
+from cartstiff.mechanisms.platform import LegLimits
 from cartstiff.reach.margins import lines_at
 
 TOOL = {"--tcp", "--gravity", "--payload", "--units"}

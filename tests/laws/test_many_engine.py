@@ -21,7 +21,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import tensions_of
-from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.platform import Struts
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.functions import JointFunction

@@ -12,7 +12,7 @@ import pytest
 from tests.support import robot_file
 
 import cartstiff
-from cartstiff.mechanisms.weighed import weights_of
+from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.potentials.loads import DeadForce, payload
 from cartstiff.report.posture import describe
 from cartstiff.report.statics import describe_curve, describe_equilibrium, describe_path
@@ -50,11 +50,11 @@ def arm(tmp_path):
 
 
 def test_links_and_payload_by_their_file(arm):
-    found = weights_of(arm)
+    found = gravity_loads(arm)
     assert found.bodies == masses_of_urdf() | {"payload": 5.0}
     assert found.massless == ()
     assert found.as_dict()["gravity"] == GRAVITY.tolist()
-    assert weights_of(replace(arm, gravity=None)).text == "Gravity: none"
+    assert gravity_loads(replace(arm, gravity=None)).text == "Gravity: none"
 
 
 def test_the_weight_itself(arm):
@@ -68,7 +68,7 @@ def test_the_weight_itself(arm):
     data = model.createData()
     model.gravity = pin.Motion(np.concatenate([GRAVITY, np.zeros(3)]))
     raised = pin.computePotentialEnergy(model, data, np.array(Q))
-    total = sum(weights_of(arm).bodies.values())
+    total = sum(gravity_loads(arm).bodies.values())
     assert raised - energy == pytest.approx(9.81 * total, rel=1e-12)
 
 
@@ -121,7 +121,7 @@ def test_every_report_says_what_was_weighed(arm):
 
 def test_links_without_mass_are_named():
     elastic = replace(cartstiff.load("3-rrr"), gravity=GRAVITY)
-    found = weights_of(elastic)
+    found = gravity_loads(elastic)
     notes = {n.code: n for n in cartstiff.analyse(elastic).notes}
     assert found.massless
     assert notes["massless"].values["links"] == list(found.massless)
@@ -130,7 +130,7 @@ def test_links_without_mass_are_named():
 
 def test_a_platform_weighs_its_payload():
     elastic = replace(cartstiff.load("hexapod"), gravity=GRAVITY)
-    assert weights_of(elastic).massless == ("platform",)
+    assert gravity_loads(elastic).massless == ("platform",)
 
 
 def test_rotational_inertia_of_a_file_is_kept():
@@ -155,4 +155,4 @@ def test_a_payload_among_the_loads_is_told_in_kilograms(tmp_path):
     file.write_text(json.dumps(data), encoding="utf-8")
     cell = cartstiff.load(file)
     hung = payload(20.0 / cell.units.newtons, (0.0, 0.0, -9.81))
-    assert weights_of(cell, [hung]).payload == pytest.approx(20.0)
+    assert gravity_loads(cell, [hung]).payload == pytest.approx(20.0)

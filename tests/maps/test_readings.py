@@ -34,7 +34,7 @@ from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, e
 from cartstiff.maps.sampling import RandomPostures
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.platform import Struts
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.loads import payload
 from cartstiff.potentials.springs import JointSprings

@@ -149,14 +149,14 @@ def command(
     elastic, q = bare.load()
 
     from cartstiff.mechanisms.contract import named_values
-    from cartstiff.mechanisms.weighed import under_earth
+    from cartstiff.mechanisms.elastic import with_default_gravity
     from cartstiff.statics.held import Held
     from cartstiff.stiffness.applied_load import LoadKind
 
     def weighing(elastic: Any) -> Any:
         """The mechanism in the field in which its payload weighs."""
         weighs = hung and (request.gravity is None or any(request.gravity))
-        return under_earth(elastic, hung[0]) if hung and weighs else elastic
+        return with_default_gravity(elastic, hung[0]) if hung and weighs else elastic
 
     elastic = weighing(elastic)
 

@@ -368,7 +368,7 @@ def command(
     summed = summary(dataset) if cuts or single_branch else summary_of_file(file, facts)
     answer = _answer(file, output, computed, seconds, summed)
     answer |= {"slice": places_of(whole, cuts)}
-    from cartstiff.mechanisms.weighed import weights_of
+    from cartstiff.mechanisms.elastic import gravity_loads
     from cartstiff.report.maps import describe_map, ranked
 
     answer |= {
@@ -402,7 +402,7 @@ def command(
         say(json.dumps(answer, allow_nan=False))
     else:
         is_loaded = request.balanced_wrench is not None
-        names, weighed = elastic.names_with_units, weights_of(elastic).text
+        names, weighed = elastic.names_with_units, gravity_loads(elastic).text
         lines = [describe_map(answer, names, weighed, is_loaded)]
         say("\n".join([*lines, *(describe(told) if told else [])]))
 

@@ -31,10 +31,9 @@ from cartstiff.maps.quantities import QUANTITIES
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, with_default_gravity
 from cartstiff.mechanisms.other_units import in_units, shown_factors
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import under_earth
 
 #: Poses of a design that are looked at one by one where the fast arithmetic cannot decide them.
 ONE_BY_ONE = 8
@@ -150,7 +149,7 @@ class StudyEvaluator:
     def _made(self, values: dict[str, Any]) -> ElasticMechanism:
         elastic, units = self._read({**self._tool, **values}), self.study.units
         if self.study.payload is not None and self.study.gravity is None:
-            elastic = under_earth(elastic, self.study.payload[0])
+            elastic = with_default_gravity(elastic, self.study.payload[0])
         return elastic if units is None else in_units(elastic, self._length, units.angle)
 
     def _in_file_units(self, own: Units) -> tuple[dict[str, Any], str]:

@@ -33,7 +33,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.yaml_file import read_yaml
-from cartstiff.mechanisms.weighed import Weighed, weights_of
+from cartstiff.mechanisms.elastic import GravityLoads, gravity_loads
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 
@@ -59,7 +59,7 @@ class Designs(ShownInLines):
         Of objectives and constraints.
     damaged : int
         Lines of the output that could not be read again.
-    weighed : Weighed
+    weighed : GravityLoads
         What weighs in the mechanism with its file's own parameters.
     """
 
@@ -69,7 +69,7 @@ class Designs(ShownInLines):
     better: Mapping[str, str]
     units: Mapping[str, str]
     damaged: int = 0
-    weighed: Weighed = field(default_factory=lambda: Weighed(None, {}, (), 0.0, 0.0, "N"))
+    weighed: GravityLoads = field(default_factory=lambda: GravityLoads(None, {}, (), 0.0, 0.0, "N"))
 
     def _lines(self) -> list[str]:
         counts = ", ".join(f"{n} {state}" for state, n in self.counts().items())
@@ -306,7 +306,7 @@ def design(
         better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
         record.damaged,
-        weights_of(evaluation.home),
+        gravity_loads(evaluation.home),
     )
 
 

@@ -117,9 +117,9 @@ def load(
         angles = turned({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
         loaded = replace(loaded, notes=(*loaded.notes, *angles))
     if payload is not None and gravity is None:
-        from cartstiff.mechanisms.weighed import under_earth
+        from cartstiff.mechanisms.elastic import with_default_gravity
 
-        loaded = under_earth(loaded, overrides["payload"][0])
+        loaded = with_default_gravity(loaded, overrides["payload"][0])
     return loaded.with_springs(stiffness, rest)
 
 

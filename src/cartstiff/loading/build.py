@@ -32,8 +32,7 @@ from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.platform import Platform, Struts
 from cartstiff.mechanisms.tree_building import merged
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts

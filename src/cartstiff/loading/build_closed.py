@@ -27,7 +27,7 @@ from cartstiff.loading.parts import (
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
-from cartstiff.mechanisms.closures import Home
+from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
@@ -70,7 +70,7 @@ def _assembled(chain: Chain, q: Array, where: str) -> Array:
         at = chain.closed(q)
     except ConvergenceError as error:
         raise InputError(f"{error}", where=where, expected="a posture near a closed one") from None
-    chain.home = Home(at.q, chain.held, at.coordinate_lengths)
+    chain.home = ReferencePosture(at.q, chain.held, at.coordinate_lengths)
     return at.q
 
 

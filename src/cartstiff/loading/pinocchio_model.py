@@ -26,7 +26,7 @@ from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.urdf import Mimic, UrdfFacts
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.joint_kinds import expansion, standing
+from cartstiff.mechanisms.tree import expansion, standing
 from cartstiff.notes import Note
 
 _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld"}

@@ -14,7 +14,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import congruence, skew, zeros
 from cartstiff.many.chains.chain_twists import numbers
 from cartstiff.many.tape import Scalar
-from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.platform import Struts
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from cartstiff.many.reading.reading_arithmetic import read
 from cartstiff.many.reading.readings import Readings
 from cartstiff.many.tape import Program, Tape, larger
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.closures import Home
+from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
@@ -60,7 +60,7 @@ class BoundCase:
         State of the postures that the program deals with.
     beside : Evaluated
         Energies whose derivatives the program takes as inputs.
-    home : Home, optional
+    home : ReferencePosture, optional
         Posture of a closed chain from which others are led.
     """
 
@@ -68,7 +68,7 @@ class BoundCase:
     shared: dict[str, Array]
     regular: str
     beside: Evaluated
-    home: Home | None = None
+    home: ReferencePosture | None = None
 
     @property
     def is_closed(self) -> bool:

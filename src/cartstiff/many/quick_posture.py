@@ -22,9 +22,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.many.arithmetic import PLAIN, UNDER_LOAD
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import force_notes, limit_notes
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
 from cartstiff.potentials.contract import Evaluation
@@ -275,7 +274,7 @@ class PostureCode:
         self.is_inner = not elastic.parted_terms()[1]
         chart = here.chart()
         self.notes_on_chart = (Note("kf-undefined", chart),) if isinstance(chart, str) else ()
-        self.notes_on_weight = tuple(weights_of(elastic).notes)
+        self.notes_on_weight = tuple(gravity_loads(elastic).notes)
 
     def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
         """Coordinates and all numbers of a posture; None where it is not plainly regular."""

@@ -21,7 +21,14 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP, Home, TiedState, Ties, held_map
+from cartstiff.mechanisms.closures import (
+    FUTILE,
+    LONGEST_STEP,
+    ClosureState,
+    LoopClosures,
+    ReferencePosture,
+    held_map,
+)
 from cartstiff.mechanisms.closures import Closure as Closure
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
@@ -145,9 +152,9 @@ class ChainPosture(MechanismPosture):
         return self._state.momentum()
 
     @cached_property
-    def _tied(self) -> TiedState | None:
+    def _tied(self) -> ClosureState | None:
         ties = self._chain.ties
-        return None if ties is None else TiedState(ties, self._state)
+        return None if ties is None else ClosureState(ties, self._state)
 
     @cached_property
     def residual(self) -> Array | None:  # type: ignore[override]
@@ -253,7 +260,7 @@ class Chain(Mechanism):
         #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
         self.payload: tuple[float, float] | None = None
         self.legs: tuple[PlacedLeg, ...] = ()  # those that are known in closed form
-        self.home: Home | None = None  # its file's, closed, from which others are led
+        self.home: ReferencePosture | None = None  # its file's, closed, from which others are led
         self.world = WORLD
         for closure in self.closures:
             for name in (closure.frame_a, closure.frame_b):
@@ -266,10 +273,10 @@ class Chain(Mechanism):
         return other
 
     @cached_property
-    def ties(self) -> Ties | None:
+    def ties(self) -> LoopClosures | None:
         """What of the closures does not depend on the posture; None if there are none."""
         places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
-        return Ties(self.closures, places, self.tree) if places else None
+        return LoopClosures(self.closures, places, self.tree) if places else None
 
     def placement(self, name: str) -> FixedFrame:
         """The frame "world", "body", or a named one of the tree."""
@@ -338,8 +345,9 @@ class Chain(Mechanism):
 
         Newton's method with steps of least change; each is limited to 0.2 rad (or 0.2
         characteristic lengths). The held coordinates (default: actuated joints and virtual joints
-        of links) stay where they are if the others can close the chain. If these stand as at
-        `home`, the held ones lead from there (`Home.lead`), so that the assembly is kept.
+        of links) stay where they are if the others can close the chain. If these are as at `home`,
+        the held ones move from there (`ReferencePosture.continue_from`), so that the assembly mode
+        is kept.
 
         Parameters
         ----------
@@ -376,7 +384,7 @@ class Chain(Mechanism):
             )
         return closed
 
-    def _led(self, home: Home, q: Array, tolerance: float) -> ChainPosture | None:
+    def _led(self, home: ReferencePosture, q: Array, tolerance: float) -> ChainPosture | None:
         free = ~np.isin(np.arange(q.size), self.held)
         return home.led(lambda start: self._close(self.at(start), free, tolerance)[0], q)
 

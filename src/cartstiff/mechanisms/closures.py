@@ -59,7 +59,7 @@ class Closure:
 
 
 @dataclass(frozen=True)
-class Home:
+class ReferencePosture:
     """A closed posture of a chain, from which others are led.
 
     Newton's steps towards closure from afar may end in another assembly, or nowhere. What is held
@@ -111,9 +111,9 @@ class Home:
             return start if last is None else last.q[None], is_shut, ~is_shut
 
         steps = self.steps_where_asked(q[None])
-        return last if self.lead(near, q[None], steps)[1].any() else None
+        return last if self.continue_from(near, q[None], steps)[1].any() else None
 
-    def lead(
+    def continue_from(
         self, near: Near, q: Array, steps: NDArray[np.intp]
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Lead to what coordinates (N, n) hold by so many steps; as `near`, from q itself."""
@@ -133,7 +133,7 @@ class Home:
         return np.where(is_closed[:, None], at, q), is_closed, is_vain
 
 
-class Ties:
+class LoopClosures:
     """What of c closures does not depend on the posture.
 
     Parameters
@@ -174,7 +174,7 @@ class Ties:
         self.rows = np.repeat(np.stack([is_weld, np.ones(len(is_weld), bool)], axis=1), 3, axis=1)
 
 
-class TiedState:
+class ClosureState:
     """Closures at one posture of the tree.
 
     Attributes
@@ -185,7 +185,7 @@ class TiedState:
         Which components of the relative twists it has.
     """
 
-    def __init__(self, ties: Ties, state: TreeState) -> None:
+    def __init__(self, ties: LoopClosures, state: TreeState) -> None:
         self._ties, self._mimic, self.rows = ties, state.tree.mimic, ties.rows
         count = len(ties.rows)
         poses = state.joint_poses(ties.joints) @ ties.local
@@ -225,12 +225,12 @@ class TiedState:
         return S if self._mimic is None else self._mimic.T @ S @ self._mimic
 
 
-def held_map(tied: TiedState | None, rigid: list[int], sizes: Array, length: float) -> Map:
+def held_map(tied: ClosureState | None, rigid: list[int], sizes: Array, length: float) -> Map:
     """Map to the residual of closures and, after them, to coordinates that stand still.
 
     Parameters
     ----------
-    tied : TiedState or None
+    tied : ClosureState or None
         The closures.
     rigid : list of int
         Coordinates that are held.
@@ -250,7 +250,7 @@ def held_map(tied: TiedState | None, rigid: list[int], sizes: Array, length: flo
     return Map(np.concatenate([tied.jacobian(), held]), curvature, np.concatenate([of_loops, own]))
 
 
-def _curvature(tied: TiedState | None, n: int, multipliers: Array) -> Array:
+def _curvature(tied: ClosureState | None, n: int, multipliers: Array) -> Array:
     """Curvature (n, n) of all that is held: closures first, then coordinates, which have none."""
     if tied is None or not any(multipliers.tolist()):
         return np.zeros((n, n))

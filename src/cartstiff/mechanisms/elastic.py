@@ -1,39 +1,221 @@
-"""A mechanism together with what is stored in it: springs, gravity, other potentials."""
+"""A mechanism together with what is stored in it: springs, gravity, other potentials.
+
+What gravity acts on is known here, for every report.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_number, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import (
+    EARTH,
     Mechanism,
     MechanismPosture,
     Units,
     checked_gravity,
+    named_values,
     rest_of_turns,
 )
-from cartstiff.mechanisms.spring_values import borne_by_springs, with_values
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import Load, Scaled
+from cartstiff.potentials.loads import DeadForce, Load, Scaled
 from cartstiff.potentials.springs import JointSprings
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.identified import Identified
+
+
+def with_values(
+    springs: JointSprings | LineSprings,
+    names: tuple[str, ...],
+    stiffness: float | Mapping[str, float] | ArrayLike | None,
+    rest: float | Mapping[str, float] | ArrayLike | None,
+) -> JointSprings | LineSprings:
+    """The springs with other stiffness and rest positions, see `ElasticMechanism.with_springs`."""
+    k = springs.stiffness
+    were_rigid = springs.rigid if isinstance(springs, JointSprings) else frozenset()
+    if stiffness is not None:
+        if isinstance(springs, JointSprings):
+            k = k.copy()
+            k[list(springs.rigid)] = np.inf
+            springs = replace(springs, rigid=frozenset())
+        k = named_values(stiffness, names, k, "stiffness", infinite=True)
+        if np.any(k < 0):
+            raise InputError("stiffness must not be negative", got=k.tolist())
+    rests = springs.rest
+    if rest is not None:
+        rests = named_values(rest, names, rests, "rest")
+        for j in springs.rigid if isinstance(springs, JointSprings) else ():
+            if not isinstance(rest, Mapping) or names[j] in rest:
+                raise InputError(
+                    f"joint {names[j]!r} is rigid and has no rest position",
+                    expected="rest positions by name, of the others",
+                )
+    # What was at rest anywhere, or rigid, has no rest position yet.
+    rests = np.where(np.isinf(k), np.nan, rests)
+    if stiffness is not None and rest is None:
+        rests[[j for j in were_rigid if np.isfinite(k[j])]] = np.nan
+    # A number given for every joint replaces nonlinear laws as well.
+    if isinstance(springs, JointSprings) and stiffness is not None:
+        named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
+        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
+        springs = replace(springs, laws=laws)
+    return springs.replaced(k, rests)
+
+
+def spring_torques(
+    springs: JointSprings,
+    names: tuple[str, ...],
+    posture: MechanismPosture,
+    gradient: Array,
+    every: bool,
+    size: float,
+) -> Array:
+    """The gradient that springs must give, less what closure forces can carry.
+
+    Joints whose torque is settled (passive, or with a rest position) leave the rest to the
+    closures; what neither carries is refused where a wrench was asked for, of generalised
+    forces up to `size`, and left unbalanced otherwise.
+    """
+    chosen = springs.is_open(every)
+    if chosen.all():
+        return gradient
+    settled = ~chosen
+    missing = np.where(settled, gradient - springs.torque(posture.q), 0.0)
+    if not missing.any():
+        return gradient
+    if posture.closure is not None:
+        sizes = posture.coordinate_lengths
+        _, values, Vt = np.linalg.svd(posture.closure.jacobian * sizes)
+        V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
+        # Closures carry what joints leave as far as the others' motions are the mechanism's: the
+        # small singular values of both are the same, and one decision is taken on the latter.
+        most = [numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[settled])]
+        least = numerics.RANK * float(most[0] / max(most[1], numerics.TINY))
+        forces = np.linalg.lstsq(V[settled], (missing * sizes)[settled], rcond=least)[0]
+        borne = V @ forces / sizes
+        gradient = gradient - borne
+        missing = np.where(settled, missing - borne, 0.0)
+    largest = int(np.argmax(np.abs(missing)))
+    size = max(size, float(np.abs(gradient).max()))
+    if every and abs(missing[largest]) > numerics.BALANCE * size + numerics.ROUNDING:
+        raise InputError(
+            f"the springs cannot balance this wrench: joint {names[largest]!r} has no "
+            "spring and would have to carry a torque",
+            expected="a stiffness above zero there, or a wrench that it does not feel",
+            got=f"torque {missing[largest]:.6g}",
+        )
+    return gradient
+
+
+@dataclass(frozen=True)
+class GravityLoads:
+    """What was weighed.
+
+    Attributes
+    ----------
+    acceleration : tuple of float or None
+        Acceleration of the uniform field, in F; None without gravity.
+    bodies : mapping of str to float
+        Mass of what each joint carries [kg], by the name of the (first) link; the payload of the
+        mechanism's file under "payload". Empty without gravity.
+    massless : tuple of str
+        Links that move and have no mass, if there is gravity.
+    payload : float
+        Mass [kg] of the payloads among the loads, which have a weight of their own,
+    weight : float
+        and this weight,
+    unit : str
+        in the mechanism's unit of force.
+    """
+
+    acceleration: tuple[float, ...] | None
+    bodies: Mapping[str, float]
+    massless: tuple[str, ...]
+    payload: float
+    weight: float
+    unit: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: keys "gravity" and "weighed"."""
+        parts = [{"name": name, "mass": mass} for name, mass in self.bodies.items()]
+        if self.payload:
+            parts.append({"name": "payload among the loads", "mass": self.payload})
+        return {
+            "gravity": None if self.acceleration is None else list(self.acceleration),
+            "weighed": parts,
+        }
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        if self.acceleration is None:
+            words = "Gravity: none"
+        else:
+            field = ", ".join(f"{a:g}" for a in self.acceleration)
+            each = ", ".join(f"{name} {mass:.6g}" for name, mass in self.bodies.items())
+            total = sum(self.bodies.values())
+            words = f"Gravity: ({field}) on {total:.6g} kg" + (f" ({each})" if each else "")
+        if self.payload:
+            words += f"; load: payload of {self.payload:.6g} kg, {self.weight:.6g} {self.unit}"
+        return words
+
+    @property
+    def notes(self) -> list[Note]:
+        """Names links without mass, where gravity acts."""
+        if not self.massless:
+            return []
+        words = f"gravity acts, and these have no mass: {', '.join(self.massless)}"
+        return [Note("massless", words, {"links": list(self.massless)})]
+
+
+def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> GravityLoads:
+    """What gravity acts on in a mechanism, and the payloads among its loads."""
+    acting = (*elastic.potentials, *loads)
+    # Weights are in the unit of force: so is the mass that a load remembers.
+    hung = [load for load in acting if isinstance(load, DeadForce) and load.mass]
+    payload = sum(load.mass for load in hung) * elastic.units.newtons
+    weight = float(np.linalg.norm(sum((load.force for load in hung), np.zeros(3))))
+    if elastic.gravity is None:
+        return GravityLoads(None, {}, (), payload, weight, elastic.units.force)
+    masses = elastic.mechanism.masses()
+    return GravityLoads(
+        tuple(map(float, elastic.gravity)),
+        {name: mass for name, mass in masses.items() if mass > 0.0},
+        tuple(name for name, mass in masses.items() if not mass > 0.0),
+        payload,
+        weight,
+        elastic.units.force,
+    )
+
+
+def with_default_gravity(elastic: ElasticMechanism, hung: float) -> ElasticMechanism:
+    """The mechanism from which a payload of `hung` kg is hung: it weighs, and all else with it.
+
+    Without any gravity that of the earth is assumed, along -z of F, and a note says so.
+    """
+    if elastic.gravity is None:
+        words = f"a payload was given and no gravity: (0, 0, -{EARTH:g}) m/s^2 acts"
+        note = Note("gravity-assumed", words, {"gravity": [0.0, 0.0, -EARTH]})
+        elastic = elastic.with_notes(note).with_gravity()
+    notes = [note for note in elastic.notes if note.code != "weightless" or not hung]
+    return replace(elastic, notes=tuple(notes))
 
 
 @dataclass(frozen=True, repr=False)
@@ -283,7 +465,7 @@ class ElasticMechanism(ShownInLines):
         exerted = gradient
         if not springs.is_wholly_open(every):
             size = float(np.abs(carried).max(initial=0.0))
-            gradient = borne_by_springs(springs, self.names, posture, gradient, every, size)
+            gradient = spring_torques(springs, self.names, posture, gradient, every, size)
             exerted = np.where(springs.is_open(every), gradient, np.nan)
         return springs.balanced(posture, gradient, every=every), exerted
 

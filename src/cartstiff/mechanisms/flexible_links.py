@@ -12,7 +12,7 @@ import pinocchio as pin
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.joint_kinds import primitive
+from cartstiff.mechanisms.tree import primitive
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.superelement import SuperelementMass

@@ -18,8 +18,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.leg_limits import RodLimits
-from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.platform import Platform, RodLimits
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 

@@ -2,13 +2,24 @@ r"""A rigid body held by lines from the ground: Stewart-Gough platforms, line sp
 
 The coordinates are the body's pose; derivatives are taken in exponential coordinates at the pose,
 so the body Jacobian is the identity and the Hessian of any potential is its K^B.
+
+A leg's mass is that of a bar on the base's joint and a bar on the platform's joint. The line from
+the base point a to the platform point b has length L and direction u; the platform point moves with
+v, so that the line turns with ``u' = P v / L``, ``P = 1 - u u^T``. The bar on the base has its
+centre at ``a + c_f u``, the one on the platform at ``b - c_m u``. Both are straight cylinders from
+their joint to twice that distance, so that a turn of the line meets ``J = m (c^2 / 3 + r^2 / 4)``
+about each centre; a spin about the line itself is left out, since joints of platforms leave it
+open. Their kinetic energy is ``1/2 v^T A v`` with
+
+    A = m_m u u^T + ( m_m (1 - c_m/L)^2 + (m_f c_f^2 + J_f + J_m) / L^2 ) P
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,11 +37,287 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
-from cartstiff.mechanisms.leg_limits import LegLimits
-from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
 from cartstiff.potentials.loads import DeadForce
+
+
+@dataclass(frozen=True, eq=False)
+class Struts:
+    """Masses of m legs.
+
+    Attributes
+    ----------
+    fixed, moving : ndarray (m,)
+        Masses [kg] on the base's joint and on the platform's joint.
+    fixed_com, moving_com : ndarray (m,)
+        Distances of their centres from their own joints.
+    radius : ndarray (m,)
+        Radius of both; 0 for slender bars.
+
+    Raises
+    ------
+    InputError
+        For negative numbers or lengths that differ.
+    """
+
+    fixed: Array
+    moving: Array
+    fixed_com: Array
+    moving_com: Array
+    radius: Array
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = checked_array(getattr(self, field.name), ("m",), f"legs' {field.name}")
+            if value.shape != np.shape(self.fixed) or (value < 0.0).any():
+                raise InputError(
+                    f"legs' {field.name} cannot be used",
+                    got=value.tolist(),
+                    expected="one number from zero per leg",
+                )
+            value.flags.writeable = False
+            object.__setattr__(self, field.name, value)
+
+    @property
+    def mass(self) -> float:
+        """Of all legs [kg]."""
+        return float(self.fixed.sum() + self.moving.sum())
+
+    @property
+    def turning_moments(self) -> tuple[Array, Array]:
+        """Moments of inertia (m,) of the bars about their own centres, across the line."""
+        about = [
+            mass * (com * com / 3 + self.radius**2 / 4)
+            for mass, com in ((self.fixed, self.fixed_com), (self.moving, self.moving_com))
+        ]
+        return about[0], about[1]
+
+    def mass_matrix(self, lines: LineGeometry, points: Array) -> Array:
+        """Their part (..., 6, 6) of the platform's mass matrix, on body twists."""
+        L = lines.lengths
+        fixed, moving = self.turning_moments
+        across = self.moving * (1 - self.moving_com / L) ** 2
+        across = across + (self.fixed * self.fixed_com**2 + fixed + moving) / L**2
+        D = np.array([_velocity(point) for point in points])
+        along = (lines.lines * (self.moving - across)[..., None]).swapaxes(-1, -2) @ lines.lines
+        total: Array = along + np.tensordot(across, D.swapaxes(-1, -2) @ D, 1)
+        return total
+
+    def momentum(self, lines: LineGeometry, points: Array, pose: Array) -> Array:
+        """Momentum (moment about F's origin, linear; axes of F) per body twist, (6, 6)."""
+        R, p = pose[:3, :3], pose[:3, 3]
+        total = np.zeros((6, 6))
+        turning = self.turning_moments
+        for k, point in enumerate(points):
+            u, L = R @ lines.directions[k], lines.lengths[k]
+            b = R @ point + p
+            v = R @ _velocity(point)
+            turn = (v - np.outer(u, u @ v)) / L  # of the direction
+            spin = se3.skew(u) @ turn
+            for mass, J, at, velocity in (
+                (
+                    self.fixed[k],
+                    turning[0][k],
+                    b + (self.fixed_com[k] - L) * u,
+                    self.fixed_com[k] * turn,
+                ),
+                (
+                    self.moving[k],
+                    turning[1][k],
+                    b - self.moving_com[k] * u,
+                    v - self.moving_com[k] * turn,
+                ),
+            ):
+                total[:3] += mass * se3.skew(at) @ velocity + J * spin
+                total[3:] += mass * velocity
+        return total
+
+    def centre(self, lines: LineGeometry, points: Array, pose: Array) -> tuple[float, Array]:
+        """Mass of the legs and the sum (3,) of mass times position in F."""
+        u, b = lines.directions @ pose[:3, :3].T, points @ pose[:3, :3].T + pose[:3, 3]
+        fixed = b + (self.fixed_com - lines.lengths)[:, None] * u
+        moving = b - self.moving_com[:, None] * u
+        return self.mass, self.fixed @ fixed + self.moving @ moving
+
+    def gravity(self, posture: PlatformPosture, points: Array, weight: Array) -> Evaluation:
+        """Energy of their weights, `weight` (3,) per kg in F, with derivatives on body twists."""
+        R = posture.pose[:3, :3]
+        lines = posture.lines
+        _, first = self.centre(lines, points, posture.pose)
+        gradient, hessian = np.zeros(6), np.zeros((6, 6))
+        in_body = R.T @ weight
+        share = self.fixed * self.fixed_com - self.moving * self.moving_com
+        for k, point in enumerate(points):
+            u, L = lines.directions[k], lines.lengths[k]
+            across = in_body - (u @ in_body) * u
+            force = self.moving[k] * in_body + share[k] / L * across
+            held = DeadForce(R @ force, point).evaluate(posture)
+            gradient += held.gradient
+            # Along the motion of b the share of the weight that u carries changes as well.
+            P = np.eye(3) - np.outer(u, u)
+            second = np.outer(u, across) + np.outer(across, u) + (u @ in_body) * P
+            D = _velocity(point)
+            hessian += held.hessian + share[k] / L**2 * D.T @ second @ D
+        return Evaluation(-float(weight @ first), gradient, hessian)
+
+
+def _velocity(point: Array) -> Array:
+    """Velocity of a point per body twist, (3, 6)."""
+    return np.concatenate([-se3.skew(point), np.eye(3)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class LegLimits:
+    """Limits of m legs, besides their lengths; None where there is none.
+
+    Attributes
+    ----------
+    base_axes, platform_axes : ndarray (m, 3) or None
+        Unit vectors in F, and in M: middle directions of the joints, from the joint along the leg.
+    base_angles, platform_angles : ndarray (m,) or None
+        Largest angle of each leg from the axis of its joint, in rad.
+    diameters : ndarray (m,) or None
+        Of the legs as cylinders: two come no nearer than the mean of theirs.
+    forces : ndarray (m, 2) or None
+        Least and largest tension of each leg; compression is negative.
+    """
+
+    base_axes: Array | None = None
+    base_angles: Array | None = None
+    platform_axes: Array | None = None
+    platform_angles: Array | None = None
+    diameters: Array | None = None
+    forces: Array | None = None
+
+    def in_units(self, a: float) -> LegLimits:
+        """The same with lengths a times as many."""
+        if self.diameters is None:
+            return self
+        return replace(self, diameters=self.diameters * a)
+
+    def pairs(self, anchors: Array, points: Array) -> list[tuple[int, int]]:
+        """Legs that may come near each other: all that share no joint."""
+        if self.diameters is None:
+            return []
+        size = max(float(np.abs(anchors).max()), float(np.abs(points).max()))
+        return [
+            (i, j)
+            for i, j in combinations(range(len(anchors)), 2)
+            if min(np.abs(p[i] - p[j]).max() for p in (anchors, points)) > numerics.NEARBY * size
+        ]
+
+    def rows(self, anchors: Array, points: Array) -> list[tuple[str, float, float, bool]]:
+        """Name, lower and upper limit, and whether it is an angle, of each limited quantity."""
+        limits: list[tuple[str, float, float, bool]] = []
+        for where, angles in (("base", self.base_angles), ("platform", self.platform_angles)):
+            if angles is not None:
+                limits += [
+                    (f"angle of leg{i + 1} at the {where}", 0.0, float(angle), True)
+                    for i, angle in enumerate(angles)
+                ]
+        if self.diameters is not None:
+            limits += [
+                (
+                    f"distance of leg{i + 1} and leg{j + 1}",
+                    0.5 * float(self.diameters[i] + self.diameters[j]),
+                    np.inf,
+                    False,
+                )
+                for i, j in self.pairs(anchors, points)
+            ]
+        return limits
+
+    def values(self, anchors: Array, points: Array, pose: Array) -> Array:
+        """The quantities of `rows` (..., k) at poses (..., 4, 4) of M."""
+        R, p = pose[..., :3, :3], pose[..., None, :3, 3]
+        ends = points @ R.swapaxes(-1, -2) + p
+        along = ends - anchors
+        along = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), numerics.TINY)
+        parts = []
+        if self.base_axes is not None:
+            parts.append(_angles(along, self.base_axes))
+        if self.platform_axes is not None:
+            parts.append(_angles(-along, self.platform_axes @ R.swapaxes(-1, -2)))
+        pairs = np.array(self.pairs(anchors, points), np.intp).reshape(-1, 2)
+        if len(pairs):
+            starts = np.broadcast_to(anchors, ends.shape)
+            first, second = pairs.T
+            parts.append(
+                distances_of_segments(
+                    starts[..., first, :],
+                    ends[..., first, :],
+                    starts[..., second, :],
+                    ends[..., second, :],
+                )
+            )
+        return np.concatenate(parts, axis=-1) if parts else np.empty((*pose.shape[:-2], 0))
+
+
+class RodLimits:
+    """Rods of legs made of joints come no nearer to each other than the mean of their diameters.
+
+    Rods that end at one point of the body, or struts that start at one point, are no such pair.
+    """
+
+    def __init__(self, legs: Sequence[PlacedLeg]) -> None:
+        places = [place for leg in legs for place in (leg.shape.anchor, leg.T_M_end[:3, 3])]
+        near = numerics.NEARBY * float(np.abs(places).max())
+        self._pairs = []
+        for (i, a), (j, b) in combinations(enumerate(legs, start=1), 2):
+            ends = np.abs(a.T_M_end[:3, 3] - b.T_M_end[:3, 3]).max()
+            fixed = a.shape.family == b.shape.family == "strut"
+            start = np.abs(a.shape.anchor - b.shape.anchor).max() if fixed else np.inf
+            if a.diameter and b.diameter and min(ends, start) > near:
+                self._pairs.append((f"distance of leg{i} and leg{j}", a, b))
+
+    def rows(self) -> list[tuple[str, float, float, bool]]:
+        """As of `LegLimits`."""
+        return [
+            (name, 0.5 * ((a.diameter or 0.0) + (b.diameter or 0.0)), np.inf, False)
+            for name, a, b in self._pairs
+        ]
+
+    def values(self, q: Array, pose: Array) -> Array:
+        """Distances (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        distances = [
+            distances_of_segments(*a.rod(q, pose), *b.rod(q, pose)) for _, a, b in self._pairs
+        ]
+        return np.stack(distances, axis=-1) if distances else np.empty((*pose.shape[:-2], 0))
+
+
+def _angles(u: Array, axes: Array) -> Array:
+    """Angles (...) between unit vectors (..., 3), exact for small ones too."""
+    across = np.linalg.norm(np.cross(u, axes), axis=-1)
+    return np.asarray(np.arctan2(across, (u * axes).sum(axis=-1)))
+
+
+def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Least distances (...) between segments from a to b and from c to d, arrays (..., 3).
+
+    The least distance of the lines, where it is within both segments; else one of an end.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
+    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
+    across = uu * vv - uv * uv
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (uv * vw - vv * uw) / across
+        t = (uu * vw - uv * uw) / across
+        inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (across > 0)
+        lines = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+    ends = [_to_segment(a, c, v), _to_segment(b, c, v), _to_segment(c, a, u), _to_segment(d, a, u)]
+    least = np.minimum.reduce(ends)
+    return np.where(inside, np.minimum(np.where(inside, lines, np.inf), least), least)
+
+
+def _to_segment(point: Array, start: Array, along: Array) -> Array:
+    away = point - start
+    square = np.maximum((along * along).sum(-1), numerics.TINY)
+    share = np.clip((away * along).sum(-1) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(away - share[..., None] * along, axis=-1))
+
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 

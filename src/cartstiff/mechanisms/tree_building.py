@@ -28,8 +28,11 @@ from cartstiff.mechanisms.flexible_links import (
     masses_by_side,
     springs_by_joint,
 )
-from cartstiff.mechanisms.joint_kinds import (
+from cartstiff.mechanisms.tree import (
     PLAIN,
+    WORLD,
+    FixedFrame,
+    KinematicTree,
     check_coordinates,
     expansion,
     limits_of_joint,
@@ -38,7 +41,6 @@ from cartstiff.mechanisms.joint_kinds import (
     set_position,
     standing,
 )
-from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree
 
 
 def find_frame(model: pin.Model, name: str) -> Any:

@@ -11,9 +11,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.statics.command import drives
 
@@ -74,7 +73,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         ],
         "takes_load": springs is not None,
         "source": elastic.source,
-        "weighed": weights_of(elastic).text,
+        "weighed": gravity_loads(elastic).text,
         "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
         "size": float(mechanism.at(q).length),
         "platform": isinstance(mechanism, Platform),

@@ -19,10 +19,9 @@ from cartstiff.choices import LOAD_KINDS
 from cartstiff.many.plans import plan, program_for
 from cartstiff.many.portable import HELPERS, javascript
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.page.answer import Answer
 from cartstiff.page.compact import compacted
 from cartstiff.page.recording import Key, Pictures, in_order
@@ -147,7 +146,7 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
         "notes": [note.as_dict() for note in elastic.notes],
         "last_notes": [
             note.as_dict()
-            for note in (*([] if elastic.gravity is None else weights_of(elastic).notes), *chart)
+            for note in (*([] if elastic.gravity is None else gravity_loads(elastic).notes), *chart)
         ],
         "base": result.as_dict(),
     }

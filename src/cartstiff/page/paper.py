@@ -19,10 +19,9 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length, named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
 from cartstiff.report.layout import placed
@@ -356,7 +355,7 @@ def _acting(
             f"({', '.join(f'{x:g}' for x in f)}) {units.force} along the axes of {of}, at "
             f"({', '.join(f'{x:g}' for x in kind.at)}) {units.length} in M; {kind.words}"
         ]
-    return [*lines, weights_of(elastic).text]
+    return [*lines, gravity_loads(elastic).text]
 
 
 def _matrix(result: PostureStiffness) -> str:

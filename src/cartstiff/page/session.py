@@ -22,9 +22,8 @@ from cartstiff.kinematics.following import Follower
 from cartstiff.many.single import analyse
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
 from cartstiff.page.picture import Picture
@@ -261,7 +260,7 @@ class Session:
         q = result.q if not state.command else self._placed(state)[1]
         numbers = shown_numbers(result, state) | {"q": q.tolist()}
         if state.gravity is not None or state.payload is not None:
-            numbers["weighed"] = weights_of(result.elastic).text
+            numbers["weighed"] = gravity_loads(result.elastic).text
         return numbers
 
     def changed(self, state: ViewState) -> ElasticMechanism:

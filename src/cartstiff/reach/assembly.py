@@ -27,10 +27,9 @@ from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
 from cartstiff.many.kernels import Closer
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
@@ -324,7 +323,7 @@ class AssemblyModes(ShownInLines):
             **elastic.mechanism.frames_as_dict(),
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
-            **weights_of(elastic).as_dict(),
+            **gravity_loads(elastic).as_dict(),
             "search": method,
             "modes": [mode.as_dict() for mode in self.modes],
             "notes": [note.as_dict() for note in self.notes],

@@ -28,9 +28,8 @@ from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.reach.margins import CarriedLoad, LegMargins, Margins
@@ -222,7 +221,7 @@ class Workspace(ShownInLines):
             **elastic.mechanism.frames_as_dict(),
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "pose": self.pose.tolist(),
-            **weights_of(elastic).as_dict(),
+            **gravity_loads(elastic).as_dict(),
             "load": None if self.load is None else dict(self.load),
             "volume": self.volume,
             "volume_error": self.volume_error,

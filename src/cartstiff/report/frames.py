@@ -11,9 +11,8 @@ import numpy as np
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.layout import placed, vector
@@ -44,7 +43,7 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         "closures": [],
         "legs": [],
         "payload": mechanism.masses().get("payload"),
-        "gravity": weights_of(elastic).as_dict()["gravity"],
+        "gravity": gravity_loads(elastic).as_dict()["gravity"],
         "pose": elastic.mechanism.at(elastic.q).pose.tolist(),
         "notes": [note.as_dict() for note in elastic.notes],
     }

@@ -8,7 +8,7 @@ from cartstiff import numerics
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
-from cartstiff.mechanisms.weighed import weights_of
+from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.report.layout import body_frame, wide_row
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
@@ -51,7 +51,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         "",
     ]
     lines += load_lines(result, at_rest)
-    lines.append(weights_of(elastic).text)
+    lines.append(gravity_loads(elastic).text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
     outside = _outside(result)

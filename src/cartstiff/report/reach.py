@@ -9,10 +9,9 @@ from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.report.layout import body_frame, note_lines, number, numbers, table
@@ -30,7 +29,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
         f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
         f"Held: {held}",
         *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
-        weights_of(elastic).text,
+        gravity_loads(elastic).text,
         f"Assembly modes: {count}; searched: {modes.search or 'not, see the notes'}",
     ]
     if modes.search is not None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cartstiff.errors import joined
+from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.report.layout import body_frame, number, table
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
         f"K^{result.connection} {under}",
         f"free: {_free(result)}",
-        weights_of(result.elastic).text,
+        gravity_loads(result.elastic).text,
         "",
     ]
     of_criterion = f" [{result.unit}]" if result.unit else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
-from cartstiff.mechanisms.weighed import weights_of
+from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.reach.workspace import Workspace
 from cartstiff.report.layout import body_frame, note_lines, number, percent, table, vector
 
@@ -37,7 +37,7 @@ def describe_workspace(reached: Workspace) -> str:
         if is_place
         else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",
         *([f"Load: {_load(reached.load)}"] if reached.load else []),
-        weights_of(elastic).text,
+        gravity_loads(elastic).text,
     ]
     if reached.positions is None or reached.columns is None:
         return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])

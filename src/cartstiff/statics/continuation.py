@@ -27,10 +27,14 @@ from cartstiff.arrays import Result, csv_text
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.elastic import (
+    ElasticMechanism,
+    GravityLoads,
+    checked_elastic,
+    gravity_loads,
+)
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.mechanisms.weighed import Weighed, weights_of
 from cartstiff.notes import Note
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Evaluation, Potential
@@ -147,7 +151,7 @@ class LoadPath:
         a stiff spring hides no soft motion when the rank is judged.
         """
         t = direction[:-1] if balance.free is None else balance.free.T @ direction[:-1]
-        per = 1.0 / np.sqrt(balance.hardness)
+        per = 1.0 / np.sqrt(balance.stiffness_scale)
         pushed, along = per * push, np.append(per * t, direction[-1])
         column = float(np.abs(pushed).max(initial=0.0)) or 1.0
         along[-1] /= column
@@ -431,9 +435,9 @@ class LoadCurve(Result):
     _resolution: float
 
     @property
-    def weighed(self) -> Weighed:
+    def weighed(self) -> GravityLoads:
         """What gravity acts on, and payloads among the loads (at factor 1)."""
-        return weights_of(self.elastic, (*self._path.system.loads, *self._path.loads))
+        return gravity_loads(self.elastic, (*self._path.system.loads, *self._path.loads))
 
     @cached_property
     def deviation(self) -> Array:
@@ -585,7 +589,7 @@ def load_curve(
     notes = (
         *elastic.notes,
         *limit_notes(elastic.mechanism, posture, _START),
-        *weights_of(elastic).notes,
+        *gravity_loads(elastic).notes,
     )
     seed = LoadCurve(
         elastic,

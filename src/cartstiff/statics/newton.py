@@ -44,7 +44,7 @@ _FOLLOWED, _STIFF = 3, numerics.STIFF
 _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
 _STILL = numerics.NEARBY
 _SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.TRUSTED
-# Shares of a motion's hardness: the least stiffness of a step, and a saddle's least slope away.
+# Shares of a motion's stiffness scale: the least stiffness of a step, and a saddle's least slope.
 _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
 
 
@@ -145,7 +145,7 @@ class _Iteration:
                 if kept is not None:
                     self.point, self.balance = kept
                 best, kept = np.inf, None
-                if self._let_go() or (self.settle and self._settle()):
+                if self._release_contact() or (self.settle and self._settle()):
                     best_at = iteration
                     continue
                 return Solution(
@@ -245,7 +245,7 @@ class _Iteration:
         Beside stiff springs a few, as what the first does to those the next takes back.
         """
         start = self.point, self.balance
-        before = self.balance.miss
+        before = self.balance.merit
         if np.isnan(self.point.evaluation.energy) or self.balance.stiffness.size == 0:
             return False
         if self.balance.modes[0][0] >= -_SADDLE:
@@ -259,7 +259,7 @@ class _Iteration:
                 if trial is None or trial[1] != self.contacts:
                     break
                 self.point, self.balance = trial[0], self._balanced(trial[0])
-                if self.balance.miss <= share * before:
+                if self.balance.merit <= share * before:
                     return True
         except (ConvergenceError, np.linalg.LinAlgError):
             pass
@@ -275,7 +275,7 @@ class _Iteration:
         capped = t < 1.0
         b, energy = self.balance, self.point.evaluation.energy
         fuzzy = _ROUNDING * self.point.energies
-        before = b.miss
+        before = b.merit
         # At rounding level shorter steps do not help.
         for halving in range(_HALVINGS if b.residual > ENOUGH else 2):
             trial = self._trial(t * step)
@@ -289,7 +289,7 @@ class _Iteration:
                 old = self.contacts
                 self.contacts = contacts
                 balance = self._balanced(point)
-                falls = balance.miss <= (1.0 - _SUFFICIENT * t * share) * before
+                falls = balance.merit <= (1.0 - _SUFFICIENT * t * share) * before
                 if by_energy or falls or contacts != old:
                     if halving == 0 and capped:
                         self.cap = min(2.0 * self.cap, _LARGEST_CAP)
@@ -311,8 +311,10 @@ class _Iteration:
         return min(1.0, self.cap / largest, _LARGEST_TURN / turning), largest
 
     def _is_stiff(self) -> bool:
-        hardness = self.balance.hardness
-        return float(hardness.max(initial=0.0)) > _STIFF * float(hardness.min(initial=np.inf))
+        stiffness_scale = self.balance.stiffness_scale
+        return float(stiffness_scale.max(initial=0.0)) > _STIFF * float(
+            stiffness_scale.min(initial=np.inf)
+        )
 
     def _followed(self, trial: Point, fall: float, fuzzy: float) -> bool:
         """Follow a step that was refused; False, and nothing done, if that leads up as well.
@@ -333,7 +335,7 @@ class _Iteration:
                 gained = energy.energy - self.point.evaluation.energy
                 if gained >= fall and gained > fuzzy:
                     return True
-                if self.balance.miss <= (1.0 - _SUFFICIENT) * before.miss:
+                if self.balance.merit <= (1.0 - _SUFFICIENT) * before.merit:
                     return True
         except (ConvergenceError, np.linalg.LinAlgError):
             pass
@@ -351,8 +353,8 @@ class _Iteration:
                 point = system.at(system.retracted(q, contacts))
                 if not np.isfinite(point.evaluation.gradient).all():
                     return None
-                if self.balance.is_skewed and not self.balance.multipliers.size:
-                    point = system.relieved(point)
+                if self.balance.is_oblique and not self.balance.multipliers.size:
+                    point = system.relax_stiff_legs(point)
                 new = self._violated(point, contacts)
                 if not new:
                     return point, contacts, share
@@ -388,7 +390,7 @@ class _Iteration:
         count = len(self.contacts)
         return -self.balance.multipliers[len(self.balance.multipliers) - count :]
 
-    def _let_go(self) -> bool:
+    def _release_contact(self) -> bool:
         """Release the stop that pulls most; False if none does."""
         if not self.contacts:
             return False

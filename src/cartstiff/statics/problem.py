@@ -116,7 +116,7 @@ class Point:
         Sum of the terms' absolute energies.
     forces : ndarray (n,)
         Sum of the absolute generalised forces of the terms' members, in natural units.
-    hardness : ndarray (n, n)
+    stiffness_scale : ndarray (n, n)
         Sum of the terms' absolute stiffnesses, in natural units.
     """
 
@@ -125,13 +125,13 @@ class Point:
     evaluation: Evaluation
     energies: float
     forces: Array
-    hardness: Array
+    stiffness_scale: Array
     limited: Array
 
     @property
     def stiffness_ratio(self) -> float:
         """Largest over smallest stiffness of the coordinates that feel one."""
-        stiff = np.diag(self.hardness)
+        stiff = np.diag(self.stiffness_scale)
         return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
 
     def add(self, term: Evaluation, members: Array) -> None:
@@ -141,7 +141,7 @@ class Point:
         columns = self.posture.coordinate_lengths
         self.energies += abs(term.energy)
         self.forces += members * columns
-        self.hardness += np.abs(term.hessian * columns[:, None] * columns)
+        self.stiffness_scale += np.abs(term.hessian * columns[:, None] * columns)
 
 
 @dataclass(eq=False)
@@ -162,12 +162,12 @@ class Balance:
         Forces that act on each motion: the sum of their absolute values.
     rounding : ndarray (f,)
         What the rounding of coordinates and forces along each motion does to g_N.
-    doubt : ndarray (f,)
+    roundoff : ndarray (f,)
         What the rounding of every spring's own deflection does to g_N.
-    hardness : ndarray (f,)
+    stiffness_scale : ndarray (f,)
         The size that H_N is judged against, motion by motion: stiffnesses that act there, at least
         what the rounding of the stiffest leaves.
-    is_skewed : bool
+    is_oblique : bool
         Whether the columns of `free` are not at right angles to each other, of length 1.
     """
 
@@ -177,9 +177,9 @@ class Balance:
     stiffness: Array
     acting: Array
     rounding: Array
-    doubt: Array
-    hardness: Array
-    is_skewed: bool = False
+    roundoff: Array
+    stiffness_scale: Array
+    is_oblique: bool = False
 
     @cached_property
     def unbalanced(self) -> Array:
@@ -196,38 +196,38 @@ class Balance:
     @cached_property
     def is_rounding(self) -> bool:
         """Whether all that is unbalanced may be rounding."""
-        return bool((np.abs(self.force) <= self.doubt).all())
+        return bool((np.abs(self.force) <= self.roundoff).all())
 
     @cached_property
-    def miss(self) -> float:
+    def merit(self) -> float:
         """Size of all unbalanced forces, each measured by the stiffness of its motion."""
-        return float(np.linalg.norm(self.unbalanced / np.sqrt(self.hardness)))
+        return float(np.linalg.norm(self.unbalanced / np.sqrt(self.stiffness_scale)))
 
     @cached_property
-    def unsure(self) -> float:
+    def undecided(self) -> float:
         """How far `scaled` may be off: forces that are left move the posture, and with it H_N.
 
         By as much as the stiffest stiffness turns over such a motion.
         """
-        left = float(np.max(np.abs(self.unbalanced) / self.hardness, initial=0.0))
-        hardness = self.hardness.tolist()
-        return left * max(hardness) / min(hardness) if hardness else 0.0
+        left = float(np.max(np.abs(self.unbalanced) / self.stiffness_scale, initial=0.0))
+        stiffness_scale = self.stiffness_scale.tolist()
+        return left * max(stiffness_scale) / min(stiffness_scale) if stiffness_scale else 0.0
 
     @cached_property
     def scaled(self) -> Array:
-        """H_N over the geometric mean of its motions' hardness: springs of any ratio alike."""
-        per = 1 / np.sqrt(self.hardness)
+        """H_N over the geometric mean of its motions' scales: springs of any ratio alike."""
+        per = 1 / np.sqrt(self.stiffness_scale)
         return self.stiffness * per[:, None] * per
 
     @cached_property
     def modes(self) -> tuple[Array, Array]:
         """Eigenvalues (f,) of `scaled` and motions (f, f): H_N between them is diagonal."""
         values, vectors = np.linalg.eigh(0.5 * (self.scaled + self.scaled.T))
-        return values, vectors / np.sqrt(self.hardness)[:, None]
+        return values, vectors / np.sqrt(self.stiffness_scale)[:, None]
 
     def solved(self, right: Array, softest: float) -> Array:
         """Least-squares solution (f,) of H_N y = right, judged on `scaled`."""
-        per = 1 / np.sqrt(self.hardness)
+        per = 1 / np.sqrt(self.stiffness_scale)
         return np.asarray(per * np.linalg.lstsq(self.scaled, per * right, rcond=softest)[0])
 
     def motion(self, y: Array) -> Array:
@@ -238,13 +238,13 @@ class Balance:
 def spectrum(balance: Balance, conservative: bool) -> Array:
     """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
     stiffness = balance.stiffness
-    if balance.is_skewed and balance.free is not None:
+    if balance.is_oblique and balance.free is not None:
         back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
         stiffness = back.T @ stiffness @ back
         if conservative:
             return eigenvalues(stiffness)
     if conservative:
-        inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
+        inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.stiffness_scale))
         if inverse is None:
             return eigenvalues(stiffness)
         return eigenvalues(stiffness, inverse.matrix, doubtful=True)
@@ -304,11 +304,11 @@ ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
 # Newton steps by which stiff legs find their lengths again, each of which squares what is missed.
-_RELIEVED = 6
+_LEG_RELAXATIONS = 6
 # Ratio of stiffnesses from which on those of legs are kept apart.
 _FAR = numerics.FAR
 # Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
-_LEAST_EASE = numerics.LEAST_EASE
+_LEAST_STEP_WEIGHT = numerics.LEAST_EASE
 
 
 class System:
@@ -410,7 +410,13 @@ class System:
         g = point.evaluation.gradient * columns
         H = point.evaluation.hessian * columns[:, None] * columns
         constraints = self.constraints(point.posture, contacts)
-        N, lam, forces, sizes, is_graded = None, np.empty(0), point.forces, point.hardness, False
+        N, lam, forces, sizes, is_graded = (
+            None,
+            np.empty(0),
+            point.forces,
+            point.stiffness_scale,
+            False,
+        )
         if constraints is not None:
             _, to_constraints, units = constraints
             A = to_constraints.jacobian * columns / units[:, None]
@@ -430,32 +436,32 @@ class System:
         legs = None if constraints is not None else self._by_lengths(point, lines, g, reach)
         felt: Array | float = 0.0
         if legs is not None:
-            N, H, hardness = legs.motions, legs.stiffness, legs.terms
+            N, H, scale = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
         elif is_graded and N is not None:
             own = np.diag(np.abs(N).T @ sizes @ np.abs(N))
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N).T @ forces
-            hardness = np.abs(H)
+            scale = np.abs(H)
         elif N is None and self._are_apart(point):
-            hardness = point.hardness
-            own = np.diag(hardness)
+            scale = point.stiffness_scale
+            own = np.diag(scale)
         else:
             # Stiff and soft motions apart, so that none is judged by the forces of another.
             N = np.eye(len(g)) if N is None else N
             K = N.T @ H @ N
             N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N.T) @ forces
-            hardness = np.abs(H)
-            lost = len(g) * EPSILON * float(point.hardness.max(initial=0.0))
-            own = np.maximum(np.diag(hardness), lost / IDLE)
+            scale = np.abs(H)
+            lost = len(g) * EPSILON * float(point.stiffness_scale.max(initial=0.0))
+            own = np.maximum(np.diag(scale), lost / IDLE)
             felt = self._felt(point.posture, lines, N) * reach
         own = np.maximum(
             own, max(numerics.AS_GOOD_AS_FREE * float(own.max(initial=0.0)), numerics.TINY)
         )
         unit = ROUNDINGS * EPSILON
-        rounding = unit * (hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
-        doubt, is_skewed = rounding + unit * felt, legs is not None or is_graded
-        return Balance(N, lam, g, H, forces, rounding, doubt, own, is_skewed)
+        rounding = unit * (scale.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
+        roundoff, is_oblique = rounding + unit * felt, legs is not None or is_graded
+        return Balance(N, lam, g, H, forces, rounding, roundoff, own, is_oblique)
 
     def _felt(self, posture: MechanismPosture, lines: Lines | None, N: Array) -> Array:
         """Stiffnesses (f,) with which the rounding of each spring's own length is felt by motions.
@@ -517,19 +523,19 @@ class System:
         more[legs.leading] = np.where(is_rounding, -missed / L, 0.0)
         return more, areas, loads
 
-    def relieved(self, point: Point) -> Point:
+    def relax_stiff_legs(self, point: Point) -> Point:
         """A point beside which stiff legs have the lengths that balance, for the same soft motions.
 
         Soft motions follow a surface that bends. Off it stiff legs exert what turns the stiffness
         of soft motions over, and steps along its tangent end where a leg has gained a rounding.
         """
         missed = np.inf
-        for _ in range(_RELIEVED):
+        for _ in range(_LEG_RELAXATIONS):
             b = self.balance(point)
-            self.softest = min(self.softest, float(b.hardness.min()))
-            stiff = b.hardness > numerics.STIFF * self.softest
-            y = np.where(stiff, -b.unbalanced / b.hardness, 0.0)
-            if not b.is_skewed or not y.any() or not np.abs(y).max() < 0.5 * missed:
+            self.softest = min(self.softest, float(b.stiffness_scale.min()))
+            stiff = b.stiffness_scale > numerics.STIFF * self.softest
+            y = np.where(stiff, -b.unbalanced / b.stiffness_scale, 0.0)
+            if not b.is_oblique or not y.any() or not np.abs(y).max() < 0.5 * missed:
                 break
             missed = float(np.abs(y).max())
             point = self.at(self.moved(point, b.motion(y)))
@@ -597,13 +603,13 @@ class System:
         return closure is not None or self.held is not None
 
     @cached_property
-    def _ease(self) -> Array | float:
+    def _step_weights(self) -> Array | float:
         """How far each coordinate moves (n,) where all are pushed alike; the softest: 1."""
         k = self._of_joints
         if k is None:
             return 1.0
         softest = float(k[k > 0.0].min())
-        return np.maximum(np.sqrt(softest / np.maximum(k, softest)), _LEAST_EASE)
+        return np.maximum(np.sqrt(softest / np.maximum(k, softest)), _LEAST_STEP_WEIGHT)
 
     def turning(self, posture: MechanismPosture, step: Array) -> float:
         """Largest angle of a step in natural units."""
@@ -638,7 +644,7 @@ class System:
         """
         if not self._is_tied and not contacts:
             return q
-        mechanism, ease, start = self.elastic.mechanism, self._ease, q
+        mechanism, weights, start = self.elastic.mechanism, self._step_weights, q
         best = size = np.inf
         for _ in range(_PULLS):
             count()
@@ -653,7 +659,7 @@ class System:
             best = min(best, size)
             columns = posture.coordinate_lengths
             A = to_constraints.jacobian * columns / units[:, None]
-            step = -ease * np.linalg.lstsq(A * ease, missed, rcond=RANK)[0]
+            step = -weights * np.linalg.lstsq(A * weights, missed, rcond=RANK)[0]
             largest = float(np.abs(step).max(initial=0.0))
             if not np.isfinite(largest) or largest < numerics.STILL:
                 break

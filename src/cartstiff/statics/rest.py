@@ -25,10 +25,9 @@ from cartstiff.arrays import Result, fixed, read_only
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.elements import CompliancePattern, Elements, law_of
 from cartstiff.mechanisms.limits import force_notes, limit_notes, limits_of
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE
@@ -69,7 +68,7 @@ def motion_under_forces(posture: MechanismPosture, balance: Balance, forces: Arr
     right = forces * columns
     if balance.free is not None:
         right = balance.free.T @ right
-    per = 1.0 / np.sqrt(balance.hardness)[:, None]
+    per = 1.0 / np.sqrt(balance.stiffness_scale)[:, None]
     y = per * np.linalg.lstsq(balance.scaled, per * right, rcond=numerics.ZERO)[0]
     return np.asarray(columns * balance.motion(y))
 
@@ -171,7 +170,7 @@ def state_of_rest(
     notes += force_notes(system.elastic, point.posture)
     notes += system.elastic.remarks(point.posture)
     if system.elastic.gravity is not None:
-        notes += weights_of(system.elastic).notes
+        notes += gravity_loads(system.elastic).notes
     notes += _drowned(system.elastic, point)
     if stable is not False:  # at an unstable one nothing stays
         notes += unresolved
@@ -204,7 +203,7 @@ def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, 
     There is none of a posture that may be anywhere.
     """
     scaled, modes = balance.modes
-    zero = max(IDLE, balance.unsure)
+    zero = max(IDLE, balance.undecided)
     if not is_anywhere and (scaled > zero).all():
         return True, None, []
     facts: dict[str, object] = {"eigenvalues": spectrum(balance, conservative=True).tolist()}
@@ -269,7 +268,7 @@ def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
 
 def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:
     """A posture that stiff springs leave open: their rounding moves soft motions."""
-    per = 1 / np.sqrt(balance.hardness)
+    per = 1 / np.sqrt(balance.stiffness_scale)
     if np.isnan(point.evaluation.energy) and numerics.invert(balance.scaled, per / per) is None:
         return [Note("neutral", _NEUTRAL)]  # with a potential it is said elsewhere
     inverse = np.abs(numerics.inverted(balance.scaled))
@@ -490,13 +489,13 @@ class Equilibrium(Result, ShownInLines):
         return displacement_between(self.start.pose, self.pose)
 
     @property
-    def is_adrift(self) -> bool:
+    def has_free_motion(self) -> bool:
         """Whether a motion of the body costs nothing, so that where it rests is not decided."""
         balance = self._solution.balance
         if self.stable is not None or not self.is_conservative or not balance.stiffness.size:
             return False
         values, modes = balance.modes
-        idle = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.unsure)])
+        idle = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.undecided)])
         lengths = self.posture.coordinate_lengths[:, None]
         body = self.posture.motion.jacobian @ (lengths * idle)
         body[3:] /= self.posture.length

@@ -74,11 +74,11 @@ def divergence(balance: Balance) -> Array | None:
     scaled = balance.scaled
     if not scaled.size or not np.linalg.slogdet(scaled)[0] < 0.0:
         return None
-    if not np.linalg.svd(scaled, compute_uv=False)[-1] > max(IDLE, balance.unsure):
+    if not np.linalg.svd(scaled, compute_uv=False)[-1] > max(IDLE, balance.undecided):
         return None
     values, vectors = np.linalg.eig(scaled)
     real = np.where(values.imag == 0.0, values.real, np.inf)
-    mode = balance.motion(vectors[:, int(np.argmin(real))].real / np.sqrt(balance.hardness))
+    mode = balance.motion(vectors[:, int(np.argmin(real))].real / np.sqrt(balance.stiffness_scale))
     return np.asarray(mode / np.linalg.norm(mode))
 
 

@@ -23,10 +23,14 @@ from cartstiff.arrays import checked_array, csv_text, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.elastic import (
+    ElasticMechanism,
+    GravityLoads,
+    checked_elastic,
+    gravity_loads,
+)
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.mechanisms.weighed import Weighed, weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
@@ -59,7 +63,7 @@ class CompensatedPath:
         Standard deviation of `after` that measured springs leave; None without such.
     stable : tuple of bool or None
         Whether the compensated equilibrium is stable.
-    weighed : Weighed
+    weighed : GravityLoads
         What gravity acts on, and payloads among the loads of the first point.
     notes : tuple of Note
         Commands beyond limits, points without an equilibrium or with an unstable one.
@@ -74,7 +78,7 @@ class CompensatedPath:
     after: Array
     deviation: Array | None
     stable: tuple[bool | None, ...]
-    weighed: Weighed
+    weighed: GravityLoads
     notes: tuple[Note, ...]
 
     @property
@@ -213,7 +217,7 @@ def compensate(
         stable.append(_verdict(elastic, rest, acting, q, index, notes))
         _note_limits(elastic, rest, index, notes)
         notes += limit_notes(elastic.mechanism, elastic.mechanism.at(q), f"point {index + 1}: ")
-    mass = weights_of(elastic, loads[0])
+    mass = gravity_loads(elastic, loads[0])
     notes += mass.notes
     return CompensatedPath(
         elastic,

@@ -9,9 +9,8 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import force_notes, limit_notes
-from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
@@ -31,7 +30,7 @@ def notes_on_posture(
         *elastic.remarks(posture),
         *limit_notes(elastic.mechanism, posture),
         *force_notes(elastic, posture),
-        *(() if elastic.gravity is None else weights_of(elastic).notes),
+        *(() if elastic.gravity is None else gravity_loads(elastic).notes),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.weighed import weights_of
+from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.notebook import html_table
 from cartstiff.notes import Note
 
@@ -98,7 +98,7 @@ def posture_dict(result: PostureStiffness) -> dict[str, Any]:
         "jacobian": plain(result.jacobian),
         "wrench": plain(result.wrench),
         "load": result.load_as_dict(),
-        **weights_of(result.elastic).as_dict(),
+        **gravity_loads(result.elastic).as_dict(),
         "energy": None if np.isnan(result.energy) else result.energy,
         "stored_energy": None if np.isnan(result.stored_energy) else result.stored_energy,
         "stiffness": {name: plain(K) for name, K in result.matrices.items()},

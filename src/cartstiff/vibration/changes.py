@@ -55,7 +55,7 @@ class Home:
         if isinstance(subject, Modes):
             subject = subject.state if subject.state is not None else subject.held
         self.state = subject if isinstance(subject, Equilibrium) else None
-        if self.state is not None and self.state.is_adrift:
+        if self.state is not None and self.state.has_free_motion:
             raise UndefinedError(
                 "where it rests is not decided, as a motion of the body costs nothing: what is "
                 "there has no derivatives",

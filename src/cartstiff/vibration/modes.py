@@ -112,7 +112,7 @@ def _at_rest(state: Equilibrium) -> Modes:
     terms, units = state._system.terms, state.elastic.units
     columns = posture.coordinate_lengths
     basis = np.diag(columns) if balance.free is None else columns[:, None] * balance.free
-    sizes = np.abs(balance.stiffness) + np.diag(balance.hardness)
+    sizes = np.abs(balance.stiffness) + np.diag(balance.stiffness_scale)
     notes = tuple(n for n in state.notes if n.code not in ("unstable", "flutter", "divergence"))
     load = {
         "kind": "potentials",

@@ -8,7 +8,7 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.leg_limits import LegLimits
+from cartstiff.mechanisms.platform import LegLimits
 
 if TYPE_CHECKING:
     from cartstiff.loading.keys.bodies import LegJointsModel

@@ -17,7 +17,7 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import Backend, Closer, has_package
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.closures import Home
+from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 # A coordinate that the closures have moved by more than this is another one.
@@ -62,7 +62,7 @@ class Assembler:
         self._steps = Closer(elastic, path, rows)
         self._base = self.near(base[None])[0][0]
         lengths = self._chain.at(self._base).coordinate_lengths
-        self._home = Home(self._base, self._hold, lengths)
+        self._home = ReferencePosture(self._base, self._hold, lengths)
 
     def near(self, q: Array) -> Closed:
         """Coordinates (N, n) that close the chain from q, and where they do; else as given."""
@@ -83,7 +83,7 @@ class Assembler:
 
     def led(self, q: Array) -> Closed:
         """The same, what is held led straight from its values at the base to those of q."""
-        at, is_closed, _ = self._home.lead(self._near, q, self._home.steps(q))
+        at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps(q))
         return at, is_closed
 
     def together(self, q: Array) -> Closed:
@@ -91,7 +91,7 @@ class Assembler:
 
         What stands in q itself counts, where it is more than what is held.
         """
-        at, is_closed, _ = self._home.lead(self._near, q, self._home.steps_where_asked(q))
+        at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps_where_asked(q))
         for way in (self.near, self.led):
             at, is_closed = _with(way, at, is_closed)
         return at, is_closed

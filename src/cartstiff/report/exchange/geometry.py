@@ -20,8 +20,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, convert_length
-from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.mechanisms.struts import Struts
+from cartstiff.mechanisms.platform import Platform, PlatformPosture, Struts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.posture import PostureStiffness
