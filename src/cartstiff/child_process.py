@@ -8,9 +8,11 @@ starts no program and opens no TCP connection.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
+import stat
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -119,6 +121,26 @@ def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -
     payload = data.pop("payload", b"")
     with out:
         out.write(json.dumps(data).encode() + b"\n" + payload)
+
+
+def read_regular(path: str, largest: int) -> bytes:
+    """Contents of a regular file of limited size; for the worker.
+
+    A pipe or a device is refused before it can be waited for.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, is not regular, or too large.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(handle, "rb") as file:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", path)
+        data = file.read(largest + 1)
+    if len(data) > largest:
+        raise OSError(errno.EFBIG, f"more than {largest} bytes", path)
+    return data
 
 
 def _confine() -> None:

@@ -109,6 +109,8 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.cli.requests import target_file
     from cartstiff.loading import (
         csv_file,
+        mesh_worker,
+        meshes,
         robot_description,
         urdf,
         xacro_worker,
@@ -119,7 +121,6 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.maps import sampling, store
     from cartstiff.mechanisms import chain, joint_kinds
     from cartstiff.page import export, state
-    from cartstiff.scene import meshes
     from cartstiff.statics import problem as effort
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
@@ -142,7 +143,7 @@ def test_the_limits_are_those_of_the_reference():
         "6 s": xacro_worker._SECONDS,
         "150 000": effort._MOST,
         "at least 300 |": effort._FEWEST,
-        "2 000 000": meshes._MOST_VERTICES / 3,
+        "2 000 000": mesh_worker.MOST_CORNERS / 3,
         "10 000 000": sampling._MOST_VALUES,
         "1 000 000": store._MOST_CHUNKS,
         "| 10 000 |": path._MOST_PLACES,
@@ -176,7 +177,7 @@ def _meshes(folder: Path) -> dict[str, Path]:
     "name", ["m.off", "c.off", "m.ply", "m.stl", "m.glb", "m.xyz", "m.zip", "m.3mf"]
 )
 def test_a_mesh_is_bounded_by_its_file(name, tmp_path):
-    from cartstiff.scene.meshes import read_mesh
+    from cartstiff.loading.meshes import read_mesh
 
     path = _meshes(tmp_path)[name]
     before = resource.getrlimit(resource.RLIMIT_AS)
@@ -189,7 +190,7 @@ def test_a_mesh_is_bounded_by_its_file(name, tmp_path):
 
 
 def test_a_mesh_is_refused_by_its_size(tmp_path):
-    from cartstiff.scene.meshes import read_mesh
+    from cartstiff.loading.meshes import read_mesh
 
     path = tmp_path / "huge.stl"
     with path.open("wb") as file:
@@ -201,7 +202,7 @@ def test_a_mesh_is_refused_by_its_size(tmp_path):
 @pytest.mark.parametrize("ending", ["stl", "obj", "ply", "off"])
 def test_plain_meshes_are_read(ending, tmp_path):
     trimesh = pytest.importorskip("trimesh")
-    from cartstiff.scene.meshes import read_mesh
+    from cartstiff.loading.meshes import read_mesh
 
     path = tmp_path / f"box.{ending}"
     trimesh.creation.box((1, 2, 3)).export(path)

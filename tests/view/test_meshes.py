@@ -11,7 +11,9 @@ import pytest
 from tests.support import robot_file
 
 from cartstiff.errors import InputError, MissingDependencyError
-from cartstiff.scene.meshes import corner_normals, read_mesh
+from cartstiff.loading.mesh_worker import corner_normals
+from cartstiff.loading.meshes import read_mesh
+from cartstiff.scene import objects
 
 UR5 = "ur_description/meshes/ur5/visual"
 # Normals are rounded to 127 steps.
@@ -91,7 +93,7 @@ def test_obj_with_a_scale_of_its_own(tmp_path):
     mesh = read_mesh(file)
     np.testing.assert_array_equal(np.sort(mesh.positions, axis=0)[-1], [1, 2, 0])
     np.testing.assert_array_equal(mesh.normals, [[0, 0, 127]] * 3)
-    geometry = mesh.geometry()
+    geometry = objects.mesh(mesh.positions, mesh.faces, mesh.normals, None)
     assert geometry["data"]["index"]["type"] == "Uint16Array"
     assert geometry["data"]["attributes"]["normal"]["normalized"]
 

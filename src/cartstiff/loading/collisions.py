@@ -7,7 +7,8 @@ is not known, and neither is a workpiece.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -16,6 +17,7 @@ import pinocchio as pin
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.meshes import Mesh, read_meshes
 from cartstiff.loading.visuals import visuals_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -60,7 +62,7 @@ class Collisions:
             )
         self._tree = chain.tree
         self._geometry = pin.GeometryModel()
-        loader = coal.MeshLoader()
+        meshes = read_meshes(s.shape.path for s in shapes if isinstance(s.shape, MeshFile))
         links = []
         for i, piece in enumerate(shapes):
             self._geometry.addGeometryObject(
@@ -68,7 +70,7 @@ class Collisions:
                     f"{piece.link}_{i}",
                     piece.at.joint,
                     pin.SE3(piece.at.T_j_f),
-                    _solid(piece.shape, loader),
+                    _solid(piece.shape, meshes),
                 )
             )
             links.append(piece.link)
@@ -137,17 +139,19 @@ class Collisions:
         return words
 
 
-def _solid(shape: Shape, loader: Any) -> Any:
+def _solid(shape: Shape, meshes: Mapping[Path, Mesh | InputError]) -> Any:
     """The shape as coal has it."""
     if isinstance(shape, MeshFile):
-        try:
-            return loader.load(str(shape.path), np.array(shape.scale))
-        except Exception as error:
-            raise InputError(
-                "mesh cannot be read",
-                where=one_line(str(shape.path)),
-                got=one_line(str(error), 200),
-            ) from None
+        mesh = meshes[shape.path]
+        if isinstance(mesh, InputError):
+            raise mesh
+        solid = coal.BVHModelOBBRSS()
+        solid.beginModel(len(mesh.faces), len(mesh.positions))
+        solid.addVertices(mesh.positions.astype(float) * np.array(shape.scale))
+        solid.addTriangles(mesh.faces.astype(np.int64))
+        solid.endModel()
+        solid.computeLocalAABB()
+        return solid
     if isinstance(shape, Box):
         return coal.Box(*shape.sides)
     if isinstance(shape, Cylinder):

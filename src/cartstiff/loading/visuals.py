@@ -31,6 +31,10 @@ _TYPES: dict[Kind, Any] = {
 }
 
 
+# Metres, or how much a mesh is enlarged; no robot is larger.
+_LARGEST = 1e6
+
+
 @dataclass(frozen=True, eq=False)
 class Visual:
     """One piece of a link's picture.
@@ -82,7 +86,10 @@ def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[
         missing += [w for w in words if w not in missing]
         for piece in pieces:
             at = chain.tree.frames.get(description.prefix + piece.link)
-            if at is not None:
+            if not _is_usable(piece):
+                words = f"link {one_line(piece.link)}: a shape whose numbers cannot be shown"
+                missing += [words] if words not in missing else []
+            elif at is not None:
                 T_l_v = np.array(piece.T_l_v)
                 T_l_v[:3, 3] *= metre
                 placement = FixedFrame(at.joint, at.T_j_f @ T_l_v)
@@ -90,6 +97,13 @@ def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[
                 shape = piece.shape if metre == 1.0 else _stretched(piece.shape, metre)
                 shown.append(Visual(link, placement, shape, piece.colour))
     return shown, missing
+
+
+def _is_usable(piece: Piece) -> bool:
+    """Whether the numbers of a piece are finite and of a robot's size."""
+    shape = [value for value in vars(piece.shape).values() if not isinstance(value, Path)]
+    numbers = np.hstack([np.ravel(piece.T_l_v), *map(np.ravel, shape)])
+    return bool((np.abs(numbers) < _LARGEST).all())
 
 
 def _stretched(shape: Shape, a: float) -> Shape:
@@ -192,6 +206,11 @@ def _resolve_urdf(
                 link.remove(child)
                 continue
             geometry = child.find("geometry")
+            if geometry is not None and not all(map(_is_written_well, geometry)):
+                link.remove(child)
+                words = f"link {one_line(link.get('name', ''))}: a shape whose numbers"
+                missing.append(f"{words} cannot be shown")
+                continue
             mesh = None if geometry is None else geometry.find("mesh")
             if geometry is not None and mesh is not None:
                 name = mesh.get("filename", "")
@@ -213,6 +232,15 @@ def _resolve_urdf(
             if child.tag not in ("parent", "child", "origin"):
                 joint.remove(child)
     return files, missing
+
+
+def _is_written_well(shape: ET.Element) -> bool:
+    """Whether the sizes of a shape are finite numbers, of a robot's size."""
+    texts = " ".join(shape.get(key, "") for key in ("size", "radius", "length", "scale"))
+    try:
+        return all(abs(float(text)) < _LARGEST for text in texts.split())
+    except ValueError:
+        return False
 
 
 def _scale(mesh: ET.Element) -> tuple[float, float, float]:

@@ -15,9 +15,7 @@ import glob
 import io
 import math
 import operator
-import os
 import re
-import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +23,7 @@ from typing import Any
 
 import xacro
 
-from cartstiff.child_process import serve
+from cartstiff.child_process import read_regular, serve
 from cartstiff.ros_packages import package_folders
 
 # Bytes of the expanded text and of each file that is read; characters or entries of one value.
@@ -328,15 +326,7 @@ class _Reader:
 
     def open(self, name: Any, *_: Any, **__: Any) -> io.StringIO:
         """In place of open: the text of a regular file below the folders."""
-        real = self.allowed(name)
-        handle = os.open(real, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as file:
-            status = os.fstat(handle)
-            if not stat.S_ISREG(status.st_mode):
-                raise RefusedError(f"{name} is not a regular file")
-            data = file.read(_LARGEST + 1)
-        if len(data) > _LARGEST:
-            raise RefusedError(f"{name} has more than {_LARGEST} bytes")
+        data = read_regular(self.allowed(name), _LARGEST)
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError:

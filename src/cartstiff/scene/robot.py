@@ -8,6 +8,7 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.meshes import Mesh, read_meshes
 from cartstiff.loading.visuals import Visual, visuals_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
@@ -15,7 +16,6 @@ from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node, scaled
-from cartstiff.scene.meshes import Mesh, read_mesh
 from cartstiff.scene.shapes import Y_TO_Z
 from cartstiff.scene.skeleton import Skeleton, skeleton
 
@@ -61,6 +61,7 @@ class ChainPicture:
         self._boxes: list[tuple[FixedFrame, Array]] = []
         pieces, self._missing = visuals_of(chain)
         self._joints: dict[int, tuple[Node, FixedFrame]] = {}
+        self._meshes = read_meshes(p.shape.path for p in pieces if isinstance(p.shape, MeshFile))
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
         self.notes: list[str] = []
@@ -109,10 +110,9 @@ class ChainPicture:
 
     def _piece(self, i: int, visual: Visual) -> bool:
         node = self._on(visual.at.joint)[f"{i} {visual.link.replace('/', ' ')}"]
-        try:
-            mesh = read_mesh(visual.shape.path) if isinstance(visual.shape, MeshFile) else None
-        except InputError as error:
-            self._missing.append(f"link {visual.link}: {error}")
+        mesh = self._meshes[visual.shape.path] if isinstance(visual.shape, MeshFile) else None
+        if isinstance(mesh, InputError):
+            self._missing.append(f"link {visual.link}: {mesh}")
             return False
         if mesh is not None and not len(mesh.faces):
             return False
@@ -184,7 +184,8 @@ def _geometries(
 ) -> list[tuple[objects.Object, Array | None]]:
     """three.js geometries of a shape, each with its motion in the shape's frame."""
     if mesh is not None:
-        return [(mesh.geometry(coloured), None)]
+        colours = mesh.colours if coloured else None
+        return [(objects.mesh(mesh.positions, mesh.faces, mesh.normals, colours), None)]
     if isinstance(shape, Box):
         return [(objects.box(shape.sides), None)]
     if isinstance(shape, Cylinder):

@@ -10,12 +10,16 @@ its own centre and says where that is, so the pose of the file's mesh follows wi
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 from typing import Any
 
-from cartstiff.child_process import serve
+from cartstiff.child_process import read_regular, serve
 
 _MEGABYTES, _SECONDS = 2048, 8
+# Bytes of an included file, and how deep files include others.
+_LARGEST, _DEEPEST = 64 * 1024 * 1024, 20
 _ARENA = 64 * 1024**2
 _TETRAHEDRON = [1.0, 1, 1, 1, -1, -1, -1, 1, -1, -1, -1, 1]
 _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
@@ -53,6 +57,7 @@ def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
     """Data of the compiled model; at most `largest` of each count (``nv``, ``nbody``, ...)."""
     import mujoco
 
+    _check_includes(Path(path), Path(path).parent, [])
     spec = mujoco.MjSpec.from_file(path)
     spec.compiler.fusestatic = False  # keeps the names of bodies that do not move
     spec.compiler.discardvisual = False
@@ -89,6 +94,19 @@ def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
     data["no_mass"] = NO_MASS if massless else 0.0
     data["meshes"], data["lost_meshes"] = meshes, lost
     return data
+
+
+def _check_includes(path: Path, folder: Path, above: list[Path]) -> None:
+    """Refuse what MuJoCo would open and wait for, or follow without end: included files."""
+    if path in above or len(above) > _DEEPEST:
+        raise ValueError(f"{path.name} includes itself")
+    text = read_regular(str(path), _LARGEST)
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise ValueError(f"XML document types and entities are not supported, in {path.name}")
+    for name in re.findall(rb"<(?:include|model)\b[^>]*?\bfile\s*=\s*[\"']([^\"']*)", text):
+        for near in {folder, path.parent}:
+            if (inner := near / os.fsdecode(name)).exists():
+                _check_includes(inner, folder, [*above, path])
 
 
 def _name(names: bytes, start: int) -> str:

@@ -1,15 +1,18 @@
-"""Mesh files as arrays that a viewer draws whole: vertices, normals, colours.
+"""Reads mesh files; run as a script in a process of its own (`cartstiff.loading.meshes`).
 
-The viewer's own reader loses parts of a Collada file with several geometries and materials; here
-trimesh reads them all, and each file becomes one mesh with a colour per vertex.
+A mesh file comes from a stranger: it may be packed, refer to others, or count what it does not
+hold. trimesh reads its triangles here from its bytes alone, without images, and each file becomes
+one mesh with normals and a colour per vertex. (The viewer's own reader loses parts of a Collada
+file with several geometries and materials.)
 """
 
 from __future__ import annotations
 
+import io
 import re
+import signal
 import warnings
-from dataclasses import dataclass
-from functools import lru_cache
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, imported
-from cartstiff.geometry.se3 import Array
-from cartstiff.loading.yaml_file import read_bytes
-from cartstiff.scene import objects
+from cartstiff.child_process import read_regular, serve
 
+#: Bytes of a mesh and of an OBJ's list of materials; corners of triangles; seconds for one mesh.
+LARGEST = 64 * 1024 * 1024
+_LARGEST_MATERIALS = 1024 * 1024
+MOST_CORNERS = 6_000_000
+_SECONDS_FOR_ONE = 15
+_MEGABYTES, _SECONDS = 3072, 60
+#: Metres; no robot is larger.
+_FARTHEST = 1e6
 # Edges sharper than this stay sharp; the surface is smooth across the others.
 _SMOOTH = np.cos(np.radians(35.0))
 _GREY = (200, 200, 200, 255)
-# Formats whose numbers all stand in the file: it bounds what it can become. Of the others some are
-# packed, and some say how much there is and leave it out.
-_PLAIN = (".dae", ".stl", ".obj", ".ply", ".off")
-_LARGEST = 64 * 1024 * 1024
-_MOST_VERTICES = 6_000_000
 # What a header may count: an element of a PLY, the first line of numbers of an OFF file.
 _COUNTED = {
     ".ply": re.compile(rb"^\s*element\s+\w+\s+(\d+)", re.MULTILINE),
@@ -37,74 +40,63 @@ _COUNTED = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Triangles with normals and colours.
-
-    Attributes
-    ----------
-    positions : ndarray (n, 3) of float32
-        In the file's unit as metres, unscaled.
-    faces : ndarray (m, 3) of int
-        Indices of positions.
-    normals : ndarray (n, 3) of int8
-        Unit normals times 127.
-    colours : ndarray (n, 3) of uint8, or None
-        None where the whole mesh has `colour`, or the file says nothing.
-    colour : tuple of 4 int, or None
-        The one colour with opacity, 0 to 255; None where the file names none.
-    """
-
-    positions: NDArray[np.float32]
-    faces: NDArray[np.intp]
-    normals: NDArray[np.int8]
-    colours: NDArray[np.uint8] | None
-    colour: tuple[int, int, int, int] | None
-
-    def geometry(self, coloured: bool = True) -> objects.Object:
-        """As a three.js geometry."""
-        colours = self.colours if coloured else None
-        return objects.mesh(self.positions, self.faces, self.normals, colours)
+class RefusedError(Exception):
+    """Why a file is not a usable mesh."""
 
 
-@lru_cache(maxsize=128)
-def read_mesh(path: Path) -> Mesh:
-    """Read a DAE, STL, OBJ or other mesh file.
+def meshes(paths: list[str]) -> dict[str, Any]:
+    """For each file the sizes of its arrays or an error; the arrays one after the other."""
+    _refuse_images()
+    entries: list[dict[str, Any]] = []
+    arrays: list[bytes] = []
 
-    Raises
-    ------
-    MissingDependencyError
-        Without trimesh, or pycollada for a DAE.
-    InputError
-        For a file that is no mesh.
-    """
-    trimesh = imported("trimesh", "trimesh", "the mesh of a robot's link")
-    if path.suffix.lower() == ".dae":
-        imported("collada", "pycollada", f"the mesh {path.name}")
-    _check_size(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pycollada uses NumPy's matrices
-            scene = trimesh.load_scene(path, process=False)
-            parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
-    except Exception as error:
-        raise InputError("not a usable mesh", where=path.name, got=str(error)) from None
+    def late(*_: Any) -> None:
+        raise RefusedError(f"more than {_SECONDS_FOR_ONE} s are needed")
+
+    signal.signal(signal.SIGPROF, late)
+    for path in map(Path, paths):
+        signal.setitimer(signal.ITIMER_PROF, _SECONDS_FOR_ONE)
+        try:
+            entry, own = _mesh(path)
+        except RefusedError as error:
+            entry, own = {"error": str(error)}, []
+        except MemoryError:
+            entry, own = {"error": "too much memory is needed"}, []
+        except ModuleNotFoundError:
+            raise
+        except OSError as error:
+            entry, own = {"error": error.strerror or "it cannot be read"}, []
+        except Exception as error:  # its words may quote the file
+            entry, own = {"error": type(error).__name__}, []
+        entries.append(entry)
+        arrays += [array.tobytes() for array in own]
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    return {"meshes": entries, "payload": b"".join(arrays)}
+
+
+def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+    """Sizes and colour of a mesh, and its positions, faces, normals and colours."""
+    import trimesh
+
+    kind, data = path.suffix.lower(), read_regular(str(path), LARGEST)
+    _check_contents(kind, data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # pycollada uses NumPy's matrices
+        scene = trimesh.load_scene(
+            io.BytesIO(data),
+            file_type=kind[1:],
+            process=False,
+            resolver=_Materials(path) if kind == ".obj" else None,
+        )
+        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     parts = [part for part in parts if len(part.faces)]
-    if not parts and path.suffix.lower() != ".dae":
-        raise InputError("not a usable mesh", where=path.name, got="no triangles")
     if not parts:  # a scene may be empty: it shows nothing, as it says
-        nothing = np.zeros((0, 3))
-        return Mesh(
-            nothing.astype(np.float32), nothing.astype(np.intp), nothing.astype(np.int8), None, None
-        )
-    corners_in_all = sum(3 * len(part.faces) for part in parts)
-    if corners_in_all > _MOST_VERTICES:
-        raise InputError(
-            "mesh is too large",
-            where=path.name,
-            expected=f"at most {_MOST_VERTICES // 3} triangles",
-            got=corners_in_all // 3,
-        )
+        if kind != ".dae":
+            raise RefusedError("no triangles")
+        return {"vertices": 0, "faces": 0, "coloured": False, "colour": None}, []
+    count = sum(3 * len(part.faces) for part in parts)
+    if count > MOST_CORNERS:
+        raise RefusedError(f"{count // 3} triangles, and at most {MOST_CORNERS // 3} are read")
     factor = _metres(scene, path)
     colours = [_colour(part) for part in parts]
     known = {c for c in colours if c is not None}
@@ -116,7 +108,10 @@ def read_mesh(path: Path) -> Mesh:
         shades.append(
             np.broadcast_to(np.array(colour or _GREY, np.uint8)[:3], (len(corners[-1]), 3))
         )
-    positions = np.concatenate(corners).astype(np.float32)
+    positions = np.concatenate(corners)
+    if not np.abs(positions).max() < _FARTHEST:  # or not a number
+        raise RefusedError(f"coordinates that are not below {_FARTHEST:g} m")
+    positions = positions.astype(np.float32)
     normals = corner_normals(positions.astype(float))
     several = single is None and any(c is not None for c in colours)
     alike: list[NDArray[Any]] = [positions.view(np.int32), normals]
@@ -127,26 +122,53 @@ def read_mesh(path: Path) -> Mesh:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     first, faces = first[order], rank[faces.reshape(-1)].reshape(-1, 3)
-    return Mesh(
-        positions[first],
-        faces,
-        normals[first],
-        np.concatenate(shades)[first] if several else None,
-        single,
-    )
+    arrays = [positions[first], faces.astype(np.int32), normals[first]]
+    if several:
+        arrays.append(np.concatenate(shades)[first])
+    entry = {"vertices": len(first), "faces": len(faces), "coloured": several, "colour": single}
+    return entry, arrays
 
 
-def _check_size(path: Path) -> None:
+def _refuse_images() -> None:
+    """No image is opened, whatever a file refers to."""
+    try:
+        from PIL import Image
+    except ImportError:
+        return
+
+    def refused(*_: Any, **__: Any) -> Any:
+        raise OSError("images are not read")
+
+    Image.open = refused
+
+
+class _Materials:
+    """What an OBJ may refer to: a list of colours beside it, and nothing else."""
+
+    def __init__(self, path: Path) -> None:
+        self.folder = path.parent
+
+    def __getitem__(self, name: str) -> bytes:
+        return self.get(name)
+
+    def get(self, name: str) -> bytes:
+        """Contents of a file of materials."""
+        if not name.lower().endswith(".mtl"):
+            raise KeyError(name)
+        return read_regular(str(self.folder / name), _LARGEST_MATERIALS)
+
+
+def _check_contents(kind: str, data: bytes) -> None:
     """Refuse what could become more than its bytes say."""
-    kind = path.suffix.lower()
-    if kind not in _PLAIN:
-        raise InputError(
-            "unknown kind of mesh",
-            where=path.name,
-            expected=f"one of {', '.join(_PLAIN)}",
-            got=kind,
-        )
-    data = read_bytes(path, _LARGEST)
+    if kind == ".dae":
+        head = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+        plain = re.match(rb"<\?xml[^>]*encoding\s*=\s*.(utf-8|us-ascii|iso-8859-1|ascii)", head)
+        if not head.startswith(b"<") or (b"encoding" in head.split(b">")[0] and not plain):
+            raise RefusedError("not XML as text in UTF-8")
+        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+            raise RefusedError("XML document types and entities are not supported")
+    if data[:2] == b"PK" or zipfile.is_zipfile(io.BytesIO(data)):
+        raise RefusedError("an archive")
     if kind in _COUNTED:
         counts = [
             int(n)
@@ -154,11 +176,7 @@ def _check_size(path: Path) -> None:
             for n in (match if isinstance(match, tuple) else (match,))
         ]
         if sum(counts) > len(data):
-            raise InputError(
-                "not a usable mesh",
-                where=path.name,
-                got=(f"a header that counts {sum(counts)} elements in {len(data)} bytes"),
-            )
+            raise RefusedError(f"a header that counts {sum(counts)} elements in {len(data)} bytes")
 
 
 def _metres(scene: Any, path: Path) -> float:
@@ -184,7 +202,7 @@ def _colour(part: Any) -> tuple[int, int, int, int] | None:
     return r, g, b, a
 
 
-def corner_normals(corners: Array) -> NDArray[np.int8]:
+def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     """Normals of triangle corners (3 m, 3), times 127: averaged across edges that are not sharp.
 
     At each corner over the triangles that meet there and whose own normals are within 35 degrees.
@@ -237,3 +255,7 @@ def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int
 
 # A fan with more triangles than this around one point is not averaged whole.
 _MOST_AROUND = 64
+
+
+if __name__ == "__main__":
+    serve(meshes, _MEGABYTES, _SECONDS)
