@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from math import isfinite
@@ -402,17 +403,20 @@ def overlap(a: Array, b: Array) -> bool:
 def csv_text(table: Array, names: Sequence[str]) -> str:
     """A table (N, m) of numbers under a line of names, each with all of its digits."""
     text = io.StringIO()
-    head = printable(",".join(names))
-    np.savetxt(text, np.asarray(table) + 0.0, delimiter=",", fmt="%.17g", header=head, comments="")
+    text.write(csv_line(names))
+    np.savetxt(text, np.asarray(table) + 0.0, delimiter=",", fmt="%.17g")
     return text.getvalue()
 
 
 def csv_rows(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Rows of numbers and words under a line of names; what does not exist is an empty cell."""
+    return csv_line(names) + "".join(map(csv_line, rows))
+
+
+def csv_line(cells: Iterable[object]) -> str:
+    """A line of a table, with its end."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows([_cell(cell) for cell in row] for row in rows)
+    csv.writer(text, lineterminator="\n").writerow([_cell(cell) for cell in cells])
     return text.getvalue()
 
 
@@ -420,7 +424,27 @@ def _cell(value: object) -> str:
     """Text of a cell, without the sign of a zero."""
     if value is None:
         return ""
+    if isinstance(value, str):
+        return safe_cell(value)
     return str(value + 0.0 if isinstance(value, float) else value)
+
+
+# Where a cell may begin with what a spreadsheet takes for a formula, and is no plain number. A
+# spreadsheet may separate cells by semicolons.
+_NUMBER = r"[\d.]+(?:[eE][+-]?\d+)?\)?(?:[\s,;]|$)"
+_FORMULA = re.compile(rf"(^|[,;])(\s*)(?=[=@+-].)(?=[=@]|[+-](?!{_NUMBER}))")
+_MARKED = re.compile(r"(^|[,;])(\s*)'(?=[=@+-])")
+
+
+def safe_cell(text: str) -> str:
+    """Words for a cell that no spreadsheet runs: an apostrophe before = + - @, no ends of lines."""
+    plain_text = printable(text).replace("\n", r"\n").replace("\t", r"\t")
+    return _FORMULA.sub(r"\1\2'", plain_text)
+
+
+def unsafe_cell(text: str) -> str:
+    """The words that `safe_cell` has marked."""
+    return _MARKED.sub(r"\1\2", text)
 
 
 def plain(value: object) -> Any:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.arrays import Array
+from cartstiff.arrays import Array, csv_line
 from cartstiff.identify.columns import LOAD, MEASURED, UNITS
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
@@ -167,9 +167,8 @@ def table_text(
         spread = measured.deviations.get(name)
         if spread is not None and not np.isnan(spread).all() and name not in columns:
             table[f"sd_{name} [{unit}]"] = spread / factor
-    lines = [",".join(table)]
-    lines += [
+    lines = [
         ",".join("" if np.isnan(x) else f"{x:.10g}" for x in row)
         for row in zip(*table.values(), strict=True)
     ]
-    return "\n".join(lines) + "\n"
+    return csv_line(table) + "\n".join(lines) + "\n"

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff.arrays import unsafe_cell
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST, read_text
@@ -152,7 +153,7 @@ def _cells(line: str, separator: str) -> list[str]:
     parts = line.split(separator)
     if '"' in line and len(line) < csv.field_size_limit():
         parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    return [cell.strip().strip('"') for cell in parts]
+    return [unsafe_cell(cell.strip().strip('"')) for cell in parts]
 
 
 def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...]:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from cartstiff.arrays import checked_array
-from cartstiff.errors import UnknownNameError, printable
+from cartstiff.arrays import checked_array, csv_line
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
@@ -75,6 +75,5 @@ def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str
             orientation_of(poses[:, :3, :3], controller),
         ]
     )
-    lines = [",".join([*names, *CONTROLLERS[controller]])]
-    lines += [",".join(f"{x + 0.0:.6f}" for x in row) for row in columns]
-    return printable("\n".join(lines) + "\n")
+    lines = [",".join(f"{x + 0.0:.6f}" for x in row) for row in columns]
+    return csv_line([*names, *CONTROLLERS[controller]]) + "\n".join(lines) + "\n"

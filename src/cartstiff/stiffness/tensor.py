@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_pose, real_array
+from cartstiff.arrays import checked_array, checked_pose, real_array, safe_cell
 from cartstiff.choices import AXES, Axes, Order
-from cartstiff.errors import InputError, UndefinedError, printable
+from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
@@ -368,8 +368,8 @@ class StiffnessTensor(LabelledMatrix):
             f"K^{self.connection.name}, frame {self.frame}, order {self.order}, "
             f"blocks [[{a}, {b}], [{c}, {d}]]"
         )
-        np.savetxt(buffer, self.matrix, delimiter=",", fmt="%.17g", header=header)
-        return printable(buffer.getvalue())
+        np.savetxt(buffer, self.matrix, delimiter=",", fmt="%.17g", header=safe_cell(header))
+        return buffer.getvalue()
 
     def save(self, path: str | Path) -> None:
         """Write to .json, .csv or .npz (matrix, wrench, pose), by the file's ending.

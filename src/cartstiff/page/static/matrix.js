@@ -3,6 +3,7 @@
 import { byId, choice, copy, el, sure, short } from "./dom.js";
 import { sureOfInverse } from "./algebra.js";
 import { ROUNDING, UNCOUPLED } from "./numerics.js";
+import { safeCell } from "./plotfiles.js";
 
 const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
 const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
@@ -216,7 +217,7 @@ export function matrixPanel(store) {
 
   function copyCsv() {
     if (!shown) return;
-    copy(`# ${title.textContent} ${place.textContent}; ${blockWords(store)}\n${shown.map((row) => row.map(String).join(",")).join("\n")}\n`, "CSV");
+    copy(`# ${safeCell(`${title.textContent} ${place.textContent}; ${blockWords(store)}`)}\n${shown.map((row) => row.map(String).join(",")).join("\n")}\n`, "CSV");
   }
 
   store.on("hello", () => lengths.replaceChildren(...store.lengths.map((unit) =>

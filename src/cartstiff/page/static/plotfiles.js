@@ -50,10 +50,14 @@ export function drawing(plot, lines, legend) {
   return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
 }
 
+/** Words that no spreadsheet runs: an apostrophe before = + - @ where a cell may begin, unless a plain number follows. */
+export const safeCell = (text) => text.replace(/\s+/g, " ").replace(/(^|[,;])(\s*)(?=[=@+-].)(?=[=@]|[+-](?![\d.]+(?:[eE][+-]?\d+)?\)?(?:[\s,;]|$)))/g, "$1$2'");
+
 /** Rows of numbers, every digit, under comments and a line of names. */
 export function table(lines, names, rows) {
+  const name = (text) => (/[",;]/.test(text) ? `"${safeCell(text).replaceAll('"', '""')}"` : safeCell(text));
   const cell = (x) => (x === null || x === undefined ? "" : full(x).replace("\u2212", "-"));
-  return [...lines.map((line) => `# ${line}`), names.join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
+  return [...lines.map((line) => `# ${safeCell(line)}`), names.map(name).join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
 }
 
 export async function saveDrawing(kind, name, { text, width, height }) {
