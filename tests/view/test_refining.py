@@ -6,6 +6,8 @@ import numpy as np
 
 from cartstiff.page.refining import widest_jump
 
+MISSING = {"reason": "not reached"}
+
 
 def row(value, margin=1.0):
     values = None if value is None else [value] * 3
@@ -25,11 +27,11 @@ def refined(function, count=61, finest=64):
 
 def test_smooth_curves_need_no_more():
     assert len(refined(lambda x: row(1 + x))) == 61
-    assert len(refined(lambda x: None)) == 61
+    assert len(refined(lambda x: MISSING)) == 61
 
 
 def test_a_curve_that_breaks_off_is_followed_to_its_end():
-    at = refined(lambda x: row(1.0) if x < 0.4321 else None)
+    at = refined(lambda x: row(1.0) if x < 0.4321 else MISSING)
     assert min(abs(x - 0.4321) for x in at) < 1 / 60 / 64
 
 

@@ -124,8 +124,9 @@ def test_a_wrench_in_a_meshcat_scene(vis, window):
     facts = add_wrench(vis["tool"], W, T, size=0.3)
     viewer = Viewer(window.take())
     force = viewer.world("/meshcat/tool/wrench/force/arrow", root="/meshcat/tool")
-    per = facts["scale"]["force"]["value_per_length"]
-    np.testing.assert_allclose(force[:3, 0], T[:3, :3] @ W[3:] / per, atol=ROUNDING)
+    length = 0.3 * np.log10(1 + 5 / 1e-3) / 4
+    assert facts["force"] == pytest.approx(length)
+    np.testing.assert_allclose(force[:3, 0], length * T[:3, :3] @ W[3:] / 5, atol=ROUNDING)
     assert viewer.text("/meshcat/tool/wrench/force/label") == "5 N"
     # The stiffness of springs leaves such moments beside a pure force.
     facts = add_wrench(vis["tool"], np.array([1e-12, 0, 0, 0, 0, -100.0]), T)

@@ -126,6 +126,46 @@ def test_addresses_are_names_of_this_machine(page, host):
     assert get(page.url, Host=host)[0] == 200
 
 
+@pytest.mark.parametrize(
+    "how", ["same address by https", "another port", "no origin", "two origins"]
+)
+def test_the_origin_of_a_socket_is_checked_whatever_tornado_does(page, how, monkeypatch):
+    """By the answer to the plain request, without a client that adds headers of its own."""
+    monkeypatch.setattr("tornado.websocket.WebSocketHandler.get", _welcome)
+    place = urlsplit(page.url)
+    origins = {
+        "same address by https": [f"https://{place.netloc}"],
+        "another port": [f"http://{place.hostname}:1"],
+        "no origin": [],
+        "two origins": [f"http://{place.netloc}", "http://evil.com"],
+    }
+    assert _upgraded(page.url, origins[how]) == 403
+    assert _upgraded(page.url, [f"http://{place.netloc}"]) == 200
+
+
+async def _welcome(handler, *_, **__):
+    """What tornado would do if it looked at nothing."""
+    handler.set_status(200)
+    handler.finish()
+
+
+def _upgraded(url, origins):
+    """Status of the answer to a request for a socket."""
+    place = urlsplit(url)
+    with socket.create_connection((place.hostname, place.port), timeout=20) as raw:
+        lines = [
+            f"GET {place.path}socket HTTP/1.1",
+            f"Host: {place.netloc}",
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            *(f"Origin: {origin}" for origin in origins),
+        ]
+        raw.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
+        return int(raw.recv(64).split()[1])
+
+
 @pytest.mark.parametrize("origin", ["http://evil.com", "null", "https://127.0.0.1:1", "file://"])
 def test_sockets_from_other_pages_are_refused(page, origin):
     with pytest.raises(HTTPClientError, match="403"):

@@ -45,15 +45,22 @@ def test_the_payload_holds_the_object_of_analyse(loaded):
         assert len(again) == 7
 
 
-@pytest.mark.parametrize("name", ["A", "B", "K", "F", "+"])
-def test_principal_values_are_those_of_the_blocks(loaded, name):
-    numbers = shown_numbers(loaded, ViewState(connection=name))
-    K = loaded.tensor(name).symmetric_part
-    for freedom, block in (("translation", K[3:, 3:]), ("rotation", K[:3, :3])):
+@pytest.mark.parametrize("name", ["A", "B", "K", "F", "+", "load"])
+@pytest.mark.parametrize("others", ["free", "held"])
+@pytest.mark.parametrize("quantity", ["stiffness", "compliance"])
+def test_principal_values_are_those_of_the_blocks(loaded, name, others, quantity):
+    numbers = shown_numbers(loaded, ViewState(connection=name, others=others, quantity=quantity))
+    whole = loaded.at().matrices[name]
+    # Held freedoms are those of a block of the stiffness, free ones of one of the compliance.
+    M = whole if others == "held" else np.linalg.inv(whole)
+    for freedom, at in (("translation", slice(3, 6)), ("rotation", slice(0, 3))):
+        block = 0.5 * (M + M.T)[at, at]
+        if (others == "held") != (quantity == "stiffness"):
+            block = np.linalg.inv(block)
         found = numbers["principal"][freedom]
-        assert np.allclose(found["values"], np.linalg.eigvalsh(block), rtol=ROUNDING)
+        assert np.allclose(found["values"], np.linalg.eigvalsh(block), rtol=1e-9)
         for value, axis in zip(found["values"], found["axes"], strict=True):
-            assert np.allclose(block @ axis, value * np.array(axis), atol=1e-9 * abs(K).max())
+            assert np.allclose(block @ axis, value * np.array(axis), atol=1e-9 * abs(block).max())
 
 
 def test_symmetric_is_said_of_the_right_ones(loaded):

@@ -72,6 +72,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
             for name, k, unit in zip(elastic.spring_names, stiffness, spring_units, strict=False)
         ],
         "takes_load": springs is not None,
+        "may_be_loaded": elastic.may_be_loaded,
         "source": elastic.source,
         "weighed": gravity_loads(elastic).text,
         "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),

@@ -107,6 +107,7 @@ def _look(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Lo
     return Look(
         connection=state.connection,
         quantity=state.quantity,
+        others=state.others,
         translation=state.translation,
         rotation=state.rotation,
         scale=state.scale,
@@ -147,16 +148,20 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
         )
         if facts["shown"] and facts["reason"]:
             words += f"; {facts['reason']}"
-        lines.append({"mark": freedom, "text": f"{freedom}: {words}"})
+        other = "rotation" if freedom == "translation" else "translation"
+        text = f"{freedom} ({other} {legend['others']}): {words}"
+        lines.append({"mark": freedom, "text": text})
     wrench = legend["wrench"]
     if wrench is not None:
-        scales = [
-            f"{kind} {_few(per)} {wrench['units'][kind]} per {length}"
-            for kind in ("force", "moment")
-            if wrench[kind] and (per := wrench["scale"][kind]["value_per_length"])
-        ]
-        if scales:
-            lines.append({"mark": "force", "text": f"arrows: {', '.join(scales)}"})
+        for kind in ("force", "moment"):
+            if not wrench[kind]:
+                continue
+            scale, unit = wrench["scale"][kind], wrench["units"][kind]
+            text = (
+                f"{kind}: {_few(scale['length_per_decade'])} {length} for each factor of ten "
+                f"above {_few(scale['zero_at'])} {unit}"
+            )
+            lines.append({"mark": kind, "text": text})
     moved = legend["deflection"]
     if moved is not None:
         if moved["shown"]:

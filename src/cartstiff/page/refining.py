@@ -16,10 +16,11 @@ _DECADES = 0.1
 # What breaks off, or starts, counts as a change of this many decades.
 _BREAK = 3.0
 
-_Row = Mapping[str, Any] | None
-#: By the coordinate that runs; None where no posture is reached.
-Rows = dict[float, dict[str, Any] | None]
-_RowAt = Callable[[Array], dict[str, Any] | None]
+#: Of one posture what is plotted, with its "q"; or the "reason" why it is not reached.
+Row = Mapping[str, Any]
+#: By the coordinate that runs.
+Rows = dict[float, Row]
+_RowAt = Callable[[Array], Row]
 
 
 def outwards(
@@ -37,7 +38,7 @@ def outwards(
         q = last[side].copy()
         q[i] = values[k]
         row = row_at(q)
-        if row is not None:
+        if "reason" not in row:
             last[side] = np.array(row["q"]) if follow else q
         rows[float(values[k])] = row
         yield
@@ -51,14 +52,14 @@ def refine(
     for _ in range(most):
         if (middle := widest_jump(rows, narrow)) is None:
             return
-        near = min((x for x in rows if rows[x]), key=lambda x: abs(x - middle))
-        q = np.array((rows[near] or {})["q"])
+        near = min((x for x in rows if "reason" not in rows[x]), key=lambda x: abs(x - middle))
+        q = np.array(rows[near]["q"])
         q[i] = middle
         rows[middle] = row_at(q)
         yield
 
 
-def widest_jump(rows: Mapping[float, _Row], narrow: float) -> float | None:
+def widest_jump(rows: Mapping[float, Row], narrow: float) -> float | None:
     """The middle of the interval over which the curves change most; None where all are smooth.
 
     A cable that is slack in two neighbours may be taut between them: its margin (length less
@@ -66,13 +67,13 @@ def widest_jump(rows: Mapping[float, _Row], narrow: float) -> float | None:
 
     Parameters
     ----------
-    rows : mapping of float to row or None
-        By the coordinate that runs, in any order; None where no posture is reached.
+    rows : mapping of float to row
+        By the coordinate that runs, in any order.
     narrow : float
         Intervals up to this width are left.
     """
     at = sorted(rows)
-    if not any(rows.values()):
+    if not any("reason" not in row for row in rows.values()):
         return None
     middle, most = None, _DECADES
     for k, (a, b) in enumerate(pairwise(at)):
@@ -87,10 +88,10 @@ def widest_jump(rows: Mapping[float, _Row], narrow: float) -> float | None:
     return middle
 
 
-def _change(one: _Row, other: _Row) -> float:
+def _change(one: Row, other: Row) -> float:
     """Decades between the values of two rows."""
-    if one is None or other is None:
-        return 0.0 if one is other else _BREAK
+    if "reason" in one or "reason" in other:
+        return 0.0 if ("reason" in one) == ("reason" in other) else _BREAK
     change = 0.0
     for freedom in ("translation", "rotation"):
         a, b = one[freedom], other[freedom]
@@ -105,10 +106,10 @@ def _change(one: _Row, other: _Row) -> float:
     return change
 
 
-def _crosses_between(rows: Mapping[float, _Row], a: float, b: float, outer: float) -> bool:
+def _crosses_between(rows: Mapping[float, Row], a: float, b: float, outer: float) -> bool:
     """Whether a margin has one sign at a and b, and by a parabola the other one between."""
     one, other, third = rows[a], rows[b], rows[outer]
-    if one is None or other is None or third is None:
+    if not all("reason" not in row for row in (one, other, third)):
         return False
     for x, y, z in zip(one["margins"], other["margins"], third["margins"], strict=True):
         slope = (y - x) / (b - a)

@@ -25,9 +25,13 @@ from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.answer import Answer
-from cartstiff.page.description import describe_mechanism, slider_ranges
+from cartstiff.page.description import (
+    describe_mechanism,
+    slider_coordinates,
+    slider_ranges,
+)
 from cartstiff.page.picture import Picture
-from cartstiff.page.refining import Rows, outwards, refine
+from cartstiff.page.refining import Row, Rows, outwards, refine
 from cartstiff.page.shown import response_curves, series_row, shown_numbers
 from cartstiff.page.source import Source, changed
 from cartstiff.page.state import (
@@ -52,6 +56,8 @@ from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
+# A coordinate that differs from the one asked for by more, over 1 or its size, has moved.
+_REACHED = 1e-6
 # A sweep is refined to this share of its first step.
 _FINEST = 64
 
@@ -393,14 +399,35 @@ class Session:
             {"id": message.id, "do": "series", "at": trajectory.time.tolist(), "rows": rows}
         )
 
-    def _row(self, state: ViewState, q: Array, moved: int | None) -> dict[str, Any] | None:
-        """One posture of a series; None where it cannot be reached."""
+    def _row(self, state: ViewState, q: Array, moved: int | None) -> Row:
+        """One posture of a series, or the "reason" why there is none."""
         at = state.model_copy(update={"q": q.tolist(), "moved": moved})
         try:
             with np.errstate(all="ignore"):
-                return series_row(self.result(at), at)
-        except CartstiffError:
+                result = self.result(at)
+                if moved_on := self._moved_on(result, at):
+                    return {"reason": moved_on}
+                return series_row(result, at)
+        except CartstiffError as error:
+            return {"reason": str(error)}
+
+    def _moved_on(self, result: PostureStiffness, state: ViewState) -> str | None:
+        """Why a posture is not the one asked for: its closures have moved a coordinate on."""
+        reached = result.q if not state.command else self._placed(state)[1]
+        names, wanted = self._elastic.names, state.q or ()
+        away = [
+            (
+                abs(reached[i] - wanted[i]),
+                f"{names[i]} moves from {wanted[i]:.4g} to {reached[i]:.4g}",
+            )
+            for i in slider_coordinates(self._elastic)
+            if abs(reached[i] - wanted[i]) > _REACHED * max(1.0, abs(wanted[i]))
+        ]
+        if not away:
             return None
+        words = "; ".join(words for _, words in sorted(away)[-2:][::-1])
+        more = f"; and {len(away) - 2} more" if len(away) > 2 else ""
+        return f"the closures do not hold with these coordinates: {words}{more}"
 
 
 def _seen_from(state: ViewState, T: Array) -> ViewState:

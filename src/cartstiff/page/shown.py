@@ -168,11 +168,11 @@ def response_curves(result: PostureStiffness, state: ViewState, ratio: float) ->
 
 
 def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | None:
-    """Principal values of the diagonal blocks of the shown matrix, with their axes."""
+    """Principal values of the shown matrix, the other freedoms free or held, with their axes."""
     shown = {}
     for freedom in _FREEDOMS:
         try:
-            e = block_ellipsoid(here, state.connection, state.quantity, freedom, "block")
+            e = block_ellipsoid(here, state.connection, state.quantity, freedom, state.others)
         except UndefinedError:
             return None
         if e is None:
@@ -309,7 +309,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
 
     "translation", "rotation": principal values; "condition" of the stiffness and of its blocks;
     "singularity": the least ratio of singular values; "deflection", "turn" under the load;
-    "energy"; "leg_force", the largest.
+    "energy"; "leg_force", the largest. "unstable" says that the load is not resisted.
     """
     here = result.at(reference_frame(result, state))
     try:
@@ -322,7 +322,8 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     conditions = [] if indices is None else [indices[name] for name in names]
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
     moved = _deflection(result, state, Notes())
-    if moved is not None and not _resists(result):
+    unstable = moved is not None and not _resists(result)
+    if unstable:
         moved = None
     forces = [leg["tension"] for leg in _legs(result) or () if leg["tension"] is not None]
     ways = (None, None) if moved is None else (moved.whole.displacement, moved.whole.twist[:3])
@@ -339,6 +340,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         "turn": turn,
         "energy": None if energy is None else [energy],
         "leg_force": [max(map(abs, forces))] if forces else None,
+        "unstable": unstable,
         "margins": _margins(result),
     }
 

@@ -53,6 +53,8 @@ class ViewState(_Strict):
         The coordinate that the user has just moved: closures give way at the others.
     connection, quantity, axes
         Which matrix, stiffness or compliance, and along whose axes its components are.
+    others : {"free", "held"}
+        What the other three freedoms do in the principal values and in the ellipsoids.
     point : (3,)
         Reference point in the frame M.
     stiffness : list of float or None
@@ -88,6 +90,7 @@ class ViewState(_Strict):
     moved: Annotated[int, Field(ge=0, le=500)] | None = None
     connection: Letter = "load"
     quantity: Literal["stiffness", "compliance"] = "stiffness"
+    others: Literal["free", "held"] = "free"
     axes: _Axes = "body"
     point: _Three = (0.0, 0.0, 0.0)
     stiffness: Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)] | None = (

@@ -13,6 +13,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from tornado.iostream import StreamClosedError
+from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from cartstiff.errors import CartstiffError, InputError, one_line
@@ -52,12 +53,19 @@ class TabSocket(Guarded, WebSocketHandler):
     """One tab."""
 
     def check_origin(self, origin: str) -> bool:
-        """Only a page of this very server."""
+        """Only a page of this very server, by scheme, name and port."""
         return origin == f"http://{self.request.headers.get('Host', '')}"
 
     def prepare(self) -> None:
-        """Know the page."""
+        """Know the page; refuse a request that is not from a page of this server.
+
+        Every browser says where a page comes from. That is checked here, before tornado looks at
+        the request in its own way.
+        """
         self._page: PageServer = self.application.settings["page"]
+        origins = self.request.headers.get_list("Origin")
+        if len(origins) != 1 or not self.check_origin(origins[0]):
+            raise HTTPError(403)
 
     def open(self, *_: str) -> None:
         """Begin to answer; a tab too many is told so."""

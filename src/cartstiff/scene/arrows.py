@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import Any
 
@@ -16,32 +17,37 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.scene import shapes, theme
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import Label, number
-from cartstiff.scene.scales import Linear, round_number
+from cartstiff.scene.scales import Growing
 
 #: Length of an arrow, about, over the size of the mechanism.
 LONGEST_ARROW = 0.22
+#: Arrows begin to have a length where a load moves the body by this share of the mechanism's size.
+SMALLEST_MOTION = 1e-7
+# Turn (rad) that is drawn as large as a displacement of the longest arrow.
+_TURN = 0.6
+# Of `add_wrench`, which knows no mechanism: forces and moments of 10 have the size asked for.
+_TEN = 10.0
 
 
 class Arrow:
     """A vector at a point, with its size written at the tip."""
 
-    def __init__(
-        self, node: Node, colour: int, scale: Linear, look: theme.Theme, turning: bool = False
-    ) -> None:
-        self.scale = scale
+    def __init__(self, node: Node, colour: int, look: theme.Theme, turning: bool = False) -> None:
         self._node, self._colour, self._turning = node, colour, turning
         self._label, self._body = Label(node["label"], look, colour), node["arrow"]
         self._made = False
 
     def draw(
-        self, vector: Array, point: Array, unit: str, labels: bool = True, fixed: bool = False
+        self,
+        vector: Array,
+        point: Array,
+        unit: str,
+        scale: Callable[[float], float],
+        labels: bool = True,
     ) -> float:
-        """Show a vector (3,) at a point by its scale, `fixed` or not; returns its drawn length."""
+        """Show a vector (3,) at a point, as long as the scale says; returns its drawn length."""
         size = sqrt(vector.dot(vector))
-        sizes = np.array([size])
-        if size and not fixed:
-            self.scale.fit(sizes)
-        length = float(self.scale.length(sizes)[0]) if size else 0.0
+        length = scale(size) if size else 0.0
         if not 0.0 < length < np.inf:
             self.hide()
             return 0.0
@@ -72,12 +78,20 @@ class Arrow:
 
 
 class WrenchPicture:
-    """Force and moment at a point."""
+    """Force and moment at a point.
 
-    def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
-        target = LONGEST_ARROW * size
-        self._force = Arrow(node["force"], look.load, Linear(target), look)
-        self._moment = Arrow(node["moment"], look.load, Linear(target), look, turning=True)
+    Parameters
+    ----------
+    node, look
+        Where, and in which colours.
+    scales : tuple of Growing
+        Of force and moment.
+    """
+
+    def __init__(self, node: Node, look: theme.Theme, scales: tuple[Growing, Growing]) -> None:
+        self._force = Arrow(node["force"], look.load, look)
+        self._moment = Arrow(node["moment"], look.load, look, turning=True)
+        self._scales = scales
 
     def make(self) -> None:
         """Send both arrows, once."""
@@ -90,11 +104,12 @@ class WrenchPicture:
         """Show (moment, force) in the axes of a frame with pose T, at its origin."""
         # Forces that are rounding beside the moment over the size are not shown as arrows.
         R, p = T[:3, :3], T[:3, 3]
+        by_force, by_moment = self._scales
         return {
-            "force": self._force.draw(R @ wrench[3:], p, force, labels),
-            "moment": self._moment.draw(R @ wrench[:3], p, moment, labels),
+            "force": self._force.draw(R @ wrench[3:], p, force, by_force.length, labels),
+            "moment": self._moment.draw(R @ wrench[:3], p, moment, by_moment.length, labels),
             "units": {"force": force, "moment": moment},
-            "scale": {"force": self._force.scale.legend(), "moment": self._moment.scale.legend()},
+            "scale": {"force": by_force.legend(), "moment": by_moment.legend()},
             "wrench": wrench.tolist(),
         }
 
@@ -110,14 +125,14 @@ class DeflectionPicture:
     def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
         self._size = size
         self._frame = node["frame"]
-        self._arrow = Arrow(node["displacement"], theme.DEFLECTION, Linear(size), look)
+        self._arrow = Arrow(node["displacement"], theme.DEFLECTION, look)
         self._made = False
-        self.exaggeration = 0.0
+        self._scale = Growing(1.0, SMALLEST_MOTION / LONGEST_ARROW)
 
     def draw(
         self, twist: Array, T: Array, unit: str, wanted: float | None, labels: bool = True
     ) -> dict[str, Any]:
-        """Show a twist (6,) of the frame with pose T, enlarged by `wanted` or a round factor."""
+        """Show a twist (6,) of the frame with pose T, enlarged by `wanted` or visibly."""
         factor = self._factor(twist) if wanted is None else wanted
         if not self._made:
             self._made = True
@@ -126,8 +141,7 @@ class DeflectionPicture:
         self._frame.set_transform(T @ se3.exp(factor * twist))
         moved = displacement_of_point(twist, np.zeros(3))
         # The arrow's length is the displacement enlarged; its label is the true one.
-        self._arrow.scale.per_length = 1.0 / factor if factor else 1.0
-        self._arrow.draw(T[:3, :3] @ moved, T[:3, 3], unit, labels, fixed=True)
+        self._arrow.draw(T[:3, :3] @ moved, T[:3, 3], unit, lambda size: factor * size, labels)
         turn = float(np.linalg.norm(twist[:3]))
         return {
             "exaggeration": factor,
@@ -138,15 +152,11 @@ class DeflectionPicture:
         }
 
     def _factor(self, twist: Array) -> float:
-        """A round factor that makes the motion visible and keeps it in the picture."""
+        """A factor that makes the motion visible; a larger motion is drawn larger."""
         along = float(np.linalg.norm(twist[3:])) / (LONGEST_ARROW * self._size)
-        turn = float(np.linalg.norm(twist[:3])) / 0.6
+        turn = float(np.linalg.norm(twist[:3])) / _TURN
         largest = max(along, turn)
-        if not 0.0 < largest < np.inf:
-            return self.exaggeration
-        if not (self.exaggeration and 0.25 < largest * self.exaggeration < 1.3):
-            self.exaggeration = round_number(1.0 / largest)
-        return self.exaggeration
+        return self._scale.length(largest) / largest if 0.0 < largest < np.inf else 0.0
 
     def hide(self) -> None:
         """Show nothing."""
@@ -181,7 +191,7 @@ def add_wrench(
     T : array_like, shape (4, 4), optional
         ``T_F_M``; the arrows start at its origin.
     size : float
-        Length of an arrow, about.
+        Length of an arrow of 10; it is a quarter longer for each further factor of ten.
     force, moment : str
         Units for the labels.
     labels, dark : bool
@@ -204,5 +214,6 @@ def add_wrench(
     # Rounding beside the other part is no arrow of its own.
     moments, forces = float(np.abs(W[:3]).max()), float(np.abs(W[3:]).max())
     W = W * np.repeat([moments > _ROUNDING * forces * size, forces * size > _ROUNDING * moments], 3)
-    picture = WrenchPicture(node, size / 0.22, theme.DARK if dark else theme.LIGHT)
+    scale = Growing(size, _TEN / 1e4)
+    picture = WrenchPicture(node, theme.DARK if dark else theme.LIGHT, (scale, scale))
     return picture.draw(W, pose, force, moment, labels)

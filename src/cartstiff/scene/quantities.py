@@ -40,7 +40,8 @@ def why_missing(result: PostureStiffness, look: Look) -> str | None:
     return states[-1] if states else f"K^{look.connection} does not exist here"
 
 
-_PLACES: dict[Freedom, int] = {"translation": 0, "rotation": 1}
+# Of each freedom the block of K and that of C.
+_PLACES: dict[Freedom, tuple[int, int]] = {"translation": (0, 3), "rotation": (1, 2)}
 
 
 class HeldPair:
@@ -56,21 +57,22 @@ class HeldPair:
         Symmetric.
     C : ndarray, shape (6, 6), or None
         Its inverse.
+    is_symmetric : bool, optional
+        Whether the stiffness itself is symmetric: the pair is then that with the others free, too.
     """
 
-    def __init__(self, K: Array, C: Array | None) -> None:
-        self.K, self.C = K, C
+    def __init__(self, K: Array, C: Array | None, is_symmetric: bool = True) -> None:
+        self.K, self.C, self.is_symmetric = K, C, is_symmetric
         self._shapes: dict[Freedom, Ellipsoid] = {}
 
     @cached_property
     def _blocks(self) -> tuple[list[bool], Array, Array]:
-        """Of K_tt, K_rr and C_rr: whether all digits are there, eigenvalues, and eigenvectors."""
+        """Of K_tt, K_rr, C_rr and C_tt: whether all digits are there, values, and vectors."""
         K, C = self.K, self.C
         if C is None:
-            return [False] * 3, K, K
-        stack = np.array(
-            [K[TRANSLATION, TRANSLATION], K[ROTATION, ROTATION], C[ROTATION, ROTATION]]
-        )
+            return [False] * 4, K, K
+        t, r = (TRANSLATION, TRANSLATION), (ROTATION, ROTATION)
+        stack = np.array([K[t], K[r], C[r], C[t]])
         values, vectors = numerics.symmetric_vectors(stack)
         return [*map(numerics.hold_all_digits, values)], values, vectors
 
@@ -83,13 +85,28 @@ class HeldPair:
             As that function.
         """
         if freedom not in self._shapes:
-            at, (is_whole, values, vectors) = _PLACES[freedom], self._blocks
+            (at, _), (is_whole, values, vectors) = _PLACES[freedom], self._blocks
             if is_whole[at]:
                 shape = shape_of(values[at], vectors[at], definiteness(values[at]))
             else:
                 shape = stiffness_ellipsoid(self.K, freedom, "held", None, self.C)
             self._shapes[freedom] = shape
         return self._shapes[freedom]
+
+    def free_ellipsoid(self, freedom: Freedom) -> Ellipsoid:
+        """`cartstiff.analysis.ellipsoids.stiffness_ellipsoid`, the other freedoms free.
+
+        C has to be the symmetric part of the compliance.
+
+        Raises
+        ------
+        UndefinedError
+            As that function.
+        """
+        (_, at), (is_whole, values, vectors) = _PLACES[freedom], self._blocks
+        if is_whole[at] and values[at][0] > 0.0:
+            return shape_of(1.0 / values[at][::-1], vectors[at][:, ::-1], "positive")
+        return stiffness_ellipsoid(self.K, freedom, "free", None, self.C)
 
     @cached_property
     def length(self) -> CharacteristicLength:
@@ -125,6 +142,8 @@ def block_ellipsoid(
         pair = held_pair(here, connection)
         return None if pair is None else pair.ellipsoid(freedom)
     how: Others = "free" if others == "block" else others
+    if is_stiffness and (pair := held_pair(here, connection)) is not None and pair.is_symmetric:
+        return pair.free_ellipsoid(freedom)
     K, C = here.pair(connection, how)
     if is_stiffness:
         return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C)
@@ -135,7 +154,11 @@ def block_ellipsoid(
 def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
     """The pair of a connection with the other freedoms held; None without a stiffness."""
     K, C = here.pair(connection, "held")
-    return None if K is None else HeldPair(K, C)
+    if K is None:
+        return None
+    whole = here.matrices[connection]
+    is_symmetric = whole is not None and numerics.is_about_symmetric(whole)
+    return HeldPair(K, C, is_symmetric)
 
 
 #: Notes that say why a stiffness does not exist.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from math import ceil, floor, isfinite, log10
+from math import ceil, floor, isfinite, log, log1p, log10
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -217,6 +217,32 @@ def _smallest(sizes: list[float], largest: float) -> float:
 Scale = Linear | Root | Logarithmic
 #: By name; the first is that of pictures where nothing else is said.
 SCALES: dict[str, type[Scale]] = {"root": Root, "linear": Linear, "log": Logarithmic}
+
+
+class Growing:
+    """Lengths of arrows: a larger value never has a shorter one, whatever was drawn before.
+
+    Length = `per_decade` log10(1 + value / `zero`): a quarter of `target` for each factor of ten
+    above `zero`, and a proportional length far below it.
+
+    Parameters
+    ----------
+    target : float
+        Length of 10^4 times `zero`.
+    zero : float
+        Where lengths begin.
+    """
+
+    def __init__(self, target: float, zero: float) -> None:
+        self.per_decade, self.zero = target / 4.0, zero
+
+    def length(self, value: float) -> float:
+        """Length of an absolute value."""
+        return self.per_decade * log1p(abs(value) / self.zero) / log(10.0)
+
+    def legend(self) -> dict[str, Any]:
+        """What a length means."""
+        return {"kind": "log", "zero_at": self.zero, "length_per_decade": self.per_decade}
 
 
 class Tension:

@@ -20,14 +20,19 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.scene import theme
-from cartstiff.scene.arrows import LONGEST_ARROW, DeflectionPicture, WrenchPicture
+from cartstiff.scene.arrows import (
+    LONGEST_ARROW,
+    SMALLEST_MOTION,
+    DeflectionPicture,
+    WrenchPicture,
+)
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
 from cartstiff.scene.look import Look as Look
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
 from cartstiff.scene.quantities import block_ellipsoid, load_at, reference, why_missing
-from cartstiff.scene.scales import SCALES, Scale
+from cartstiff.scene.scales import SCALES, Growing, Scale
 from cartstiff.scene.screws import (
     AxesPicture,
     CentresPicture,
@@ -195,7 +200,9 @@ class Scene:
             **self._stage.facts(),
             "radius": _RADIUS * size,
             "map": self._around_map.tolist(),
-            "arrow": LONGEST_ARROW * size,
+            "arrows": dict(
+                zip(("force", "moment"), [s.legend() for s in self._arrow_scales()], strict=True)
+            ),
             "thin": FLAT * size,
             "rings": MOST_RINGS,
             "usual": {f"{q}/{f}": self._usual_values(q, f).tolist() for q, f in kinds},
@@ -242,7 +249,7 @@ class Scene:
         self.notes = self._mechanism.notes
         self._ghost, self._ghost_at = None, None
         self._ellipsoids: dict[tuple[Freedom, Quantity], EllipsoidPicture] = {}
-        self._wrenches = WrenchPicture(node["wrench"], size, look)
+        self._wrenches = WrenchPicture(node["wrench"], look, self._arrow_scales())
         self._deflections = DeflectionPicture(node["deflection"], size, look)
         self._lines = {
             name: AxesPicture(node[name], size, look) for name in ("screws", "axes", "nodal")
@@ -296,6 +303,15 @@ class Scene:
             scale.refer(self._usual_values(quantity, freedom))
             self._scales[key] = scale
         return self._scales[key].copy()
+
+    def _arrow_scales(self) -> tuple[Growing, Growing]:
+        """Of forces and moments, beginning where they hardly move the mechanism."""
+        scales = []
+        for freedom, motion in (("translation", self._stage.size), ("rotation", 1.0)):
+            stiffness = float(np.abs(self._usual_values("stiffness", freedom)).max())
+            smallest = SMALLEST_MOTION * motion * stiffness
+            scales.append(Growing(LONGEST_ARROW * self._stage.size, smallest or SMALLEST_MOTION))
+        return scales[0], scales[1]
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
         """Principal values of K^B in the mechanism's own posture: sizes have no history."""

@@ -4,13 +4,17 @@
 import { byId, el, short, toast } from "./dom.js";
 import { FINE } from "./deflection.js";
 import { Pane } from "./pane.js";
-import { LOOKS, METRES, Store } from "./store.js";
+import { freeness } from "./numbers.js";
+import { LOOKS, METRES, Store, givenLoad } from "./store.js";
 
 const LETTERS = ["A", "B", "C"];
 // A picture that nobody sees.
 const NONE = { reset() {}, apply() {}, wait() {}, holding: false };
 // What another mechanism shares with the one in hand, its posture where its coordinates are the same.
 const SHARED = ["load", "load_axes", "load_kind", "load_at", "point", "axes"];
+
+// What decides which of a row's numbers stand beside those in hand.
+const COMPARED = ["quantity", "connection", "others"];
 
 /** One row: a kept state of the mechanism in hand, or another mechanism. */
 class Row {
@@ -34,7 +38,8 @@ class Row {
   /** Whether its numbers belong to what was wished before. */
   get late() {
     const { store } = this;
-    return this.pending || Boolean(store?.hello && (store.busy !== null || store.wanted));
+    const ofAnother = this.shown && COMPARED.some((key) => this.shown[key] !== this.main.shown[key]);
+    return this.pending || ofAnother || Boolean(store?.hello && (store.busy !== null || store.wanted));
   }
 
   get units() {
@@ -61,8 +66,8 @@ class Row {
     this.pane = node ? new Pane(node, []) : NONE;
     this.store = new Store(this.main.source.beside(this.number), this.pane, true);
     this.store.on("hello", () => Object.assign(this.store.state, this.wished()));
-    this.store.on("numbers", () => this.accept(this.store.numbers));
-    this.store.on("error", (text) => this.accept(null, text));
+    this.store.on("numbers", () => this.accept(this.store.numbers, this.store.shown));
+    this.store.on("error", (text) => this.accept(null, null, text));
     this.store.source.start();
   }
 
@@ -71,8 +76,9 @@ class Row {
     Object.assign(this, { store: null, pane: null, pending: false, asked: null });
   }
 
-  accept(numbers, error = null) {
-    Object.assign(this, { numbers, error });
+  /** Numbers, the state that they are of, or why there are none. */
+  accept(numbers, shown, error = null) {
+    Object.assign(this, { numbers, shown, error });
     this.onchange();
   }
 
@@ -91,14 +97,16 @@ class Row {
     const [numbers, error] = await this.main.ask({ do: "numbers", state }).then((answer) => [answer.numbers, null], ({ message }) => [null, message]);
     if (key !== this.asked) return;
     this.pending = false;
-    this.accept(numbers, error);
+    this.accept(numbers, state, error);
   }
 
   /** The curve of a sweep under this row's load and springs; null if it has no such coordinate. */
   async sweep(coordinate, steps) {
     const hello = (this.store ?? this.main).hello;
     if (!hello || !this.sameUnits || hello.mechanism.coordinates[coordinate]?.name !== this.main.hello.mechanism.coordinates[coordinate].name) return null;
-    const answer = await (this.store ?? this.main).ask({ do: "sweep", coordinate, steps, state: this.wished() });
+    const wished = this.wished();
+    const state = { ...wished, ...givenLoad(wished, this.numbers, hello.mechanism) };
+    const answer = await (this.store ?? this.main).ask({ do: "sweep", coordinate, steps, state });
     return { title: this.title, at: answer.at, rows: answer.rows };
   }
 }
@@ -193,12 +201,13 @@ export function compareCard(store) {
     words.textContent = rows.length ? "× is a row over what is in hand (N). Pictures: one camera, radii as in the legend; dash-dotted curves below are rows." : "";
     table.hidden = !rows.length;
     if (!rows.length || !numbers) return;
-    const stiff = store.state.quantity === "stiffness";
+    const stiff = store.shown.quantity === "stiffness";
     const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
     const units = store.blockUnits();
-    const heads = [["moves", unit], [stiff ? "softest" : "most compliant", units[1][1]], ["in rotation", units[0][0]]];
+    const [moving, turning] = freeness(store.shown);
+    const heads = [["moves", unit], [`${stiff ? "softest" : "most compliant"}, ${moving}`, units[1][1]], [`in rotation, ${turning}`, units[0][0]]];
     const reads = [(x) => x * factor, (x) => store.read(x), (x) => x];
-    const here = values(numbers, store.state);
+    const here = values(numbers, store.shown);
     const line = (name, title, found, note, ...buttons) => el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note), ...buttons),
       ...found);
     const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(reads[k](x), 4), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
@@ -207,7 +216,7 @@ export function compareCard(store) {
       el("tbody", {}, line(el("b", {}, "N"), "What is in hand now", here.map((x, k) => cell(x, k, null)), store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : "now"),
         ...rows.map((row) => {
           const name = row.title;
-          const found = row.numbers && row.sameUnits ? values(row.numbers, store.state) : [null, null, null];
+          const found = row.numbers && row.sameUnits ? values(row.numbers, store.shown) : [null, null, null];
           // Until it is answered, a row keeps its numbers and the ratios that belong to them.
           if (!row.late || !row.cells) row.cells = found.map((x, k) => cell(x, k, x !== null && here[k] ? x / here[k] : null));
           const note = row.error ?? (row.numbers && !row.sameUnits ? "other units" : difference(store, row));

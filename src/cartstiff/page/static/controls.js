@@ -115,8 +115,8 @@ export function controls(store) {
     loadPoint = fields(NAMES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadSection.node.replaceChildren(loadSection.node.firstChild,
-      el("label", { class: "check" }, given, "held by a given wrench"),
-      el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: the load that the springs exert.`),
+      el("label", { class: "check" }, given, "Apply this load"),
+      el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: what the springs of the file exert at this posture, until it is moved.`),
       load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0], el("p", { class: "dim small" }, "Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M."),
       weight.gravity.node, weight.payload.node);
     // A file weighs what it weighed when it was made.

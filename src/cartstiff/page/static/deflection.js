@@ -13,7 +13,7 @@ const EXAMPLE = 100;
 /** Load, weight and what is taken for granted, in a line. */
 function assumptions(store, moved) {
   const { result } = store.numbers;
-  const [m, f] = [0, 3].map((i) => Math.hypot(...(store.state.load ?? result.wrench).slice(i, i + 3)));
+  const [m, f] = [0, 3].map((i) => Math.hypot(...(store.shown.load ?? result.wrench).slice(i, i + 3)));
   const load = [[f, "force"], [m, "moment"]].filter(([x]) => x > 0).map(([x, kind]) => `${short(x, 3)} ${store.unit(kind)}`).join(", ");
   const at = moved.acts_at.some((x) => x) ? `(${moved.acts_at.map((x) => short(x, 3)).join(", ")}) ${store.unit("length")} in M` : "M";
   return `${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
@@ -51,7 +51,7 @@ export function deflectionPanel(store) {
     if (!moved) {
       head.className = "moved-head dim";
       if (!wrench) head.textContent = "no load can be held here";
-      else if (store.state.load?.some((x) => x)) head.textContent = "no compliance exists here: how far the load moves it is not said";
+      else if (store.shown.load?.some((x) => x)) head.textContent = "no compliance exists here: how far the load moves it is not said";
       else head.replaceChildren("no load", ...(store.source.moves && store.hello.mechanism.takes_load ? [" ", example] : []));
       return;
     }
@@ -64,7 +64,7 @@ export function deflectionPanel(store) {
     // A turn that is rounding beside the way is none.
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
     const turned = turn * store.hello.mechanism.size > CLOSE * way ? turn : 0;
-    const what = store.state.point.some((x) => x) ? "the point" : "M";
+    const what = store.shown.point.some((x) => x) ? "the point" : "M";
     head.replaceChildren(`${what} moves `, el("b", {}, length(way)),
       ` and turns `, el("b", {}, `${short(1000 * turned, 3)} mrad`));
     head.title = "To first order, from where the springs rest without this load";

@@ -1,7 +1,7 @@
 // The picture without a server: what `cartstiff.scene` would send for a posture, from its `kit`.
 
-import { block, eigen, general, motion, moved, place, rotation, times } from "./algebra.js";
-import { definiteness, inFrame } from "./living.js";
+import { general, motion, moved, place, rotation, times } from "./algebra.js";
+import { inFrame, principalValues } from "./living.js";
 import { CLOSE, ROUNDING, ZERO } from "./numerics.js";
 
 const ROOT = "/meshcat/cartstiff";
@@ -54,6 +54,9 @@ const SCALES = {
     return MADE.log({ kind: "log", zero_at: Number(`1e${zero}`), length_per_decade: step });
   },
 };
+
+/** A length for each factor of ten above `zero`: see `cartstiff.scene.scales.Growing`. */
+export const growing = (value, perDecade, zero) => perDecade * Math.log1p(Math.abs(value) / zero) / Math.LN10;
 
 const largestOf = (list) => Math.max(0, ...list.map(Math.abs));
 const few = (x) => general(x, 3).replace(/e([+-])0?(\d)/, (_, sign, digit) => `e${sign === "-" ? "-" : ""}${digit}`);
@@ -116,6 +119,7 @@ export class Drawing {
     this.pose("M", m.pose);
     this.ghost(state);
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
+    here.principal = principalValues(here, state);
     const found = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state)).filter(Boolean);
     const arrows = this.arrows(m, here, state);
     const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.kit.scale };
@@ -192,18 +196,15 @@ export class Drawing {
     const [quantity, root] = [state.quantity, `${freedom} ellipsoid`];
     const other = quantity === "stiffness" ? "compliance" : "stiffness";
     this.show(`${root}/${other}`, false);
-    const M = here[quantity][state.connection];
     const at = `${root}/${quantity}`;
-    this.show(at, state[freedom] && M !== null);
+    const called = `${freedom} (${freedom === "translation" ? "rotation" : "translation"} ${state.others})`;
+    const found = here.principal?.[freedom];
+    this.show(at, state[freedom] && found !== undefined);
     if (!state[freedom]) return null;
-    if (!M) return { mark: freedom, text: `${freedom}: not drawn: no ${quantity} exists here` };
-    const { values, vectors } = eigen(block(M, freedom === "translation" ? 3 : 0));
+    if (!found) return { mark: freedom, text: `${called}: not drawn: no ${quantity} exists here` };
+    const { values, definiteness: kind } = found;
     const R = rotation(here.pose);
-    const upright = (v) => (v.reduce((most, x) => (Math.abs(x) > Math.abs(most) ? x : most), 0) < 0 ? v.map((x) => -x) : v);
-    const [a, b] = vectors.slice(0, 2).map(upright);
-    const third = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-    const axes = [a, b, third].map((v) => times(R, v));
-    const kind = definiteness(values);
+    const axes = found.axes.map((v) => times(R, v));
     const solid = kind === "positive";
     const unit = kit.units[`${quantity}/${freedom}`];
     const kept = state.measures?.[freedom];
@@ -232,12 +233,12 @@ export class Drawing {
     }
     const words = solid ? scale.words(unit, this.scene.units.length)
       : `not drawn: ${kind}: the smallest principal value is ${number(values[0], "")}, and no ellipsoid belongs to it`;
-    return { mark: freedom, text: `${freedom}: ${words}` };
+    return { mark: freedom, text: `${called}: ${words}` };
   }
 
   arrows(m, here, state) {
     const W = this.living.shownWrench(m, here.wrench);
-    const scales = [];
+    const lines = [];
     [["force", W.slice(3)], ["moment", W.slice(0, 3)]].forEach(([kind, vector]) => {
       const size = Math.hypot(...vector);
       const path = `wrench/${kind}`;
@@ -245,15 +246,15 @@ export class Drawing {
       this.show(path, shown);
       if (!shown) return;
       const unit = this.scene.units[kind];
-      const scale = SCALES.linear([size], [], this.kit.arrow);
-      const length = scale.length(size);
+      const { length_per_decade: per, zero_at: zero } = this.kit.arrows[kind];
+      const length = growing(size, per, zero);
       const [along, centre] = [times(rotation(here.pose), vector), place(here.pose)];
       this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
       if (state.labels) this.write(`${path}/label`, number(size, unit), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
       else this.show(`${path}/label`, false);
-      scales.push(`${kind} ${few(scale.per)} ${unit} per ${this.scene.units.length}`);
+      lines.push({ mark: kind, text: `${kind}: ${few(per)} ${this.scene.units.length} for each factor of ten above ${few(zero)} ${unit}` });
     });
-    return scales.length ? [{ mark: "force", text: `arrows: ${scales.join(", ")}` }] : [];
+    return lines;
   }
 
   // -- how much room ------------------------------------------------------------------------------

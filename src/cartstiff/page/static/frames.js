@@ -93,7 +93,7 @@ export class FramesSource extends FileSource {
 
   rows(indices, state) {
     return indices.map((i) => {
-      if (i === null) return null;
+      if (i === null) return { reason: "this posture is not reached" };
       const frame = this.data.frames[i];
       return rowOf(this.numbers(frame, state), frame.result.q);
     });

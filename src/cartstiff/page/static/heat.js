@@ -18,6 +18,7 @@ const FEWEST = 3;
 // Wait (ms) for curves that are asked for.
 const PAUSE = 30;
 export const CLOSER = 1.25;
+const NOTHING = { reason: "the server did not answer" };
 
 const hue = (share) => {
   const at = clamp(share, 0, 1) * (STOPS.length - 1);
@@ -30,7 +31,7 @@ export function heat(store, what) {
   const { svg } = what;
   const select = el("select", { "aria-label": "And along what", title: "A second coordinate: the values become colours", onchange: () => what.choose(select.value) });
   const plot = svg("svg", { role: "img", class: "plot heat", "aria-label": "no values yet" });
-  let map = null; // {key, first, second, xs, ys, rows}
+  let map = null; // {key, state, first, second, xs, ys, rows}
   let asked = null;
   let timer = null;
   let [width, height] = [0, 0];
@@ -42,7 +43,7 @@ export function heat(store, what) {
 
   const on = () => select.value !== "" && what.along() !== null;
   const second = () => Number(select.value);
-  const valueOf = (row) => what.shown().values(row)?.[0] ?? null;
+  const valueOf = (row) => what.shown(map.state).values(row)?.[0] ?? null;
   const times = (i) => (store.hello.mechanism.coordinates[i].is_length || store.angle === "rad" ? 1 : 180 / Math.PI);
   const word = (i, x) => `${short(x * times(i), 3)}${times(i) === 1 ? ` ${store.hello.mechanism.coordinates[i].unit}` : "°"}`;
 
@@ -54,8 +55,9 @@ export function heat(store, what) {
   /** What the values depend on, besides the coordinates that run. */
   function wanted() {
     const { mechanism } = store.hello;
-    const rest = mechanism.sliders.filter((i) => i !== what.along() && i !== second()).map((i) => store.state.q[i]);
-    return JSON.stringify([what.key(), what.along(), second(), rest]);
+    const state = { ...store.state, ...store.given() };
+    const rest = mechanism.sliders.filter((i) => i !== what.along() && i !== second()).map((i) => state.q[i]);
+    return JSON.stringify([what.key(state), what.along(), second(), rest]);
   }
 
   /** Whether all values are here, and of what is shown. */
@@ -76,16 +78,16 @@ export function heat(store, what) {
     const ys = Array.from({ length: LINES }, (_, k) => lower + ((upper - lower) * k) / (LINES - 1));
     const { lower: low, upper: high } = store.hello.mechanism.coordinates[i];
     const xs = Array.from({ length: COLUMNS }, (_, k) => low + ((high - low) * k) / (COLUMNS - 1));
-    const found = { key, first: i, second: j, ys, xs, rows: [] };
-    // By the page's own arithmetic, where it has any for this state.
-    const { gravity, payload, command } = store.state;
-    const own = gravity || payload || command ? null : store.source.local ?? (store.source.row ? store.source : null);
+    const from = structuredClone({ ...store.state, ...store.given() });
+    const found = { key, state: from, first: i, second: j, ys, xs, rows: [] };
+    const own = store.source.local ?? (store.source.row ? store.source : null);
     for (const y of ys) {
-      const state = { ...store.state, q: store.state.q.with(j, y), moved: j };
-      if (own) {
-        found.rows.push(found.xs.map((x) => own.row(state.q.with(i, x), state)));
-        await new Promise((done) => setTimeout(done));
-      } else found.rows.push((await swept(i, state, key)) ?? found.xs.map(() => null));
+      const state = { ...from, q: from.q.with(j, y), moved: j };
+      // By the page's own arithmetic; what that does not cover the server answers, if there is one.
+      let line = own?.row ? found.xs.map((x) => own.row(state.q.with(i, x), state)) : null;
+      if (line) await new Promise((done) => setTimeout(done));
+      if (!line || store.source.live && line.some((row) => row.reason)) line = await swept(i, state, key) ?? line ?? found.xs.map(() => NOTHING);
+      found.rows.push(line);
       if (asked !== key) return;
       map = found;
       draw();
@@ -109,6 +111,9 @@ export function heat(store, what) {
     }
     return null;
   }
+
+  /** Why a cell has no colour. */
+  const why = (row) => (valueOf(row) === null ? what.shown(map.state).why(row) : "not above zero");
 
   const values = () => map.rows.map((line) => line.map((row) => {
     const x = valueOf(row);
@@ -147,7 +152,7 @@ export function heat(store, what) {
     const share = (x) => (high === low ? 0.5 : isLog ? Math.log(x / low) / Math.log(high / low) : (x - low) / (high - low));
     const [x0, x1, y0, y1] = ends();
     const [across, down] = [(width - EDGE.left - EDGE.right) / (x1 - x0), (height - EDGE.top - EDGE.bottom) / (y1 - y0)];
-    const { unit, title } = what.shown();
+    const { unit, title } = what.shown(map.state);
     plot.replaceChildren(svg("defs", {}, svg("clipPath", { id: "seen-cells" },
       svg("rect", { x: EDGE.left, y: EDGE.top, width: width - EDGE.left - EDGE.right, height: height - EDGE.top - EDGE.bottom }))));
     const cells = svg("g", { "clip-path": "url(#seen-cells)" });
@@ -208,7 +213,7 @@ export function heat(store, what) {
   plot.addEventListener("pointermove", (event) => {
     const found = under(event);
     const value = found && valueOf(found.row);
-    what.read(event, found && `${word(map.first, found.x)}, ${word(map.second, found.y)}: ${value === null ? "nothing exists here" : `${short(value, 5)} ${what.shown().unit}`}`);
+    what.read(event, found && `${word(map.first, found.x)}, ${word(map.second, found.y)}: ${value === null ? why(found.row) : `${short(value, 5)} ${what.shown(map.state).unit}`}`);
   });
   plot.addEventListener("pointerleave", () => what.read(null, null));
   plot.addEventListener("click", (event) => {
@@ -219,12 +224,15 @@ export function heat(store, what) {
   /** The map as a file. */
   function keep(kind, name) {
     const { coordinates } = store.hello.mechanism;
-    const { title, unit } = what.shown();
-    const lines = provenance(store, `${title} [${unit}] along ${coordinates[map.first].name} and ${coordinates[map.second].name}`);
-    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines, ["colours as in the bar; grey: nothing exists, or the value is not above zero; ring: the posture"]));
+    const { title, unit } = what.shown(map.state);
+    const lines = provenance(store, map.state, `${title} [${unit}] along ${coordinates[map.first].name} and ${coordinates[map.second].name}`);
+    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines, ["colours as in the bar; grey: no value, or one that is not above zero; ring: the posture"]));
     const head = [map.first, map.second].map((i) => `${coordinates[i].name} [${coordinates[i].unit}]`);
-    const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => [x, y, map.rows[j] ? valueOf(map.rows[j][i]) : null]));
-    download(`${name}.csv`, table(lines, [...head, `value [${unit}]`], rows), "text/csv");
+    const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => {
+      const value = valueOf(map.rows[j][i]);
+      return [x, y, value, value === null ? why(map.rows[j][i]) : null];
+    }));
+    download(`${name}.csv`, table(lines, [...head, `value [${unit}]`, "why there is no value"], rows), "text/csv");
   }
 
   store.on("hello", ({ mechanism }) => {

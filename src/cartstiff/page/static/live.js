@@ -56,7 +56,7 @@ export class LiveSource {
     requestAnimationFrame(() => {
       this.waits = false;
       if (store.busy === null || !store.wanted || !this.local) return;
-      const { state } = store;
+      const state = structuredClone(store.state);
       let found;
       try {
         const m = this.local.living.solve(state);
@@ -64,7 +64,7 @@ export class LiveSource {
       } catch {
         return; // the server says what there is to say
       }
-      store.pass(found[0], found[1].filter(({ type }) => type === "set_transform"));
+      store.pass(state, found[0], found[1].filter(({ type }) => type === "set_transform"));
     });
   }
 

@@ -150,7 +150,7 @@ export class Living {
     const notes = this.notes(m, state);
     const answer = {
       result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose), angles: angles(m.pose), frame: T,
-      stiffness: null, compliance: null, wrench: here.wrench, principal: this.principal(shown[state.connection]), indices: numbers,
+      stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state), indices: numbers,
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m), moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
       verdict: this.verdict(numbers?.definiteness, notes, state),
@@ -174,17 +174,6 @@ export class Living {
     const m = this.solve(state);
     const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.J.length ? m.J : null, compliance: this.matrices(m.C) };
     delete found.stored_energy; // gravity's part is not told apart here
-    return found;
-  }
-
-  principal(M) {
-    if (!M) return null;
-    const found = {};
-    for (const [name, first] of [["translation", 3], ["rotation", 0]]) {
-      const { values, vectors } = eigen(block(M, first));
-      const [x, y] = vectors.slice(0, 2).map(upright);
-      found[name] = { values, axes: [x, y, cross(x, y)], definiteness: definiteness(values) };
-    }
     return found;
   }
 
@@ -352,6 +341,27 @@ export function inFrame(m, T) {
   }
   const both = (table) => ({ ...table, "+": table.A && transposed(table.A) });
   return { stiffness: both(stiffness), compliance: both(compliance), wrench, pose: T ? product(m.pose, T) : m.pose };
+}
+
+/** Principal values of translation and of rotation with their axes, the other freedoms free or held; null without a matrix. */
+export function principalValues(here, { quantity, connection, others }) {
+  const M = here[quantity][connection];
+  if (!M) return null;
+  // With the others free they are those of a block of the compliance, else of one of the stiffness.
+  const free = others === "free";
+  const inverted = free === (quantity === "stiffness");
+  const of = inverted ? here[free ? "compliance" : "stiffness"][connection] : M;
+  const found = {};
+  for (const [name, first] of [["translation", 3], ["rotation", 0]]) {
+    let { values, vectors } = eigen(block(of, first));
+    if (inverted) {
+      const order = values.map((x, i) => [1 / x, vectors[i]]).sort(([x], [y]) => x - y);
+      [values, vectors] = [order.map(([x]) => x), order.map(([, v]) => v)];
+    }
+    const [x, y] = vectors.slice(0, 2).map(upright);
+    found[name] = { values, axes: [x, y, cross(x, y)], definiteness: definiteness(values) };
+  }
+  return found;
 }
 
 function asymmetry(M) {

@@ -43,8 +43,8 @@ export function connectionPanel(store) {
     meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
   });
   store.on("numbers", () => {
-    const { numbers, state } = store;
-    const found = numbers.symmetric[state.connection];
+    const { numbers, shown } = store;
+    const found = numbers.symmetric[shown.connection];
     for (const button of connections.children) {
       button.classList.toggle("absent", numbers.symmetric[button.dataset.value] === null);
     }
@@ -148,8 +148,8 @@ export function matrixPanel(store) {
     }
     const [i, j] = read;
     const unit = store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
-    const stiff = store.state.quantity === "stiffness";
-    const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}` : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}`;
+    const stiff = store.shown.quantity === "stiffness";
+    const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}, other motions held` : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}, no other load`;
     readout.replaceChildren(el("b", {}, `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`), ` ${words}`);
     readout.title = words;
   }
@@ -157,7 +157,7 @@ export function matrixPanel(store) {
 
   /** A compliance of legs is inverted: what that costs is said from the twelfth digit on. */
   function lostDigits() {
-    const C = store.state.quantity === "compliance" && store.numbers.legs && store.matrix(store.state.connection);
+    const C = store.shown.quantity === "compliance" && store.numbers.legs && store.matrix(store.shown.connection);
     const error = C ? sureOfInverse(C) : 0;
     return error > ROUNDING ? `ill-conditioned: known to ${short(error, 2)} of its largest entry` : "";
   }
@@ -166,13 +166,14 @@ export function matrixPanel(store) {
   const scaled = (M) => M && M.map((row, i) => row.map((x, j) => (i > 2 && j > 2 ? store.read(x) : x)));
 
   function chosen() {
-    const M = scaled(store.matrix(store.state.connection));
+    const { connection } = store.shown;
+    const M = scaled(store.matrix(connection));
     if (!M) return null;
     const map = (f) => M.map((row, i) => row.map((x, j) => f(x, i, j)));
     if (view === "symmetric") return map((x, i, j) => (x + M[j][i]) / 2);
     if (view === "antisymmetric") return map((x, i, j) => (x - M[j][i]) / 2);
     if (view === "difference") {
-      const N = other === "posture" ? store.pinned?.numbers && store.matrix(store.state.connection, store.pinned.numbers) : store.matrix(other);
+      const N = other === "posture" ? store.beside && store.matrix(connection, store.beside) : store.matrix(other);
       const other6 = scaled(N);
       return other6 && map((x, i, j) => x - other6[i][j]);
     }
@@ -181,7 +182,7 @@ export function matrixPanel(store) {
 
   function update() {
     if (!store.numbers) return;
-    const { connection, quantity } = store.state;
+    const { connection, quantity, point, axes } = store.shown;
     const symbol = `${quantity === "stiffness" ? "K" : "C"}${sup(connection)}`;
     chooseView(view);
     views.firstChild.textContent = quantity === "stiffness" ? "K" : "C";
@@ -193,12 +194,12 @@ export function matrixPanel(store) {
     const minus = other === "posture" ? "posture A" : `${quantity === "stiffness" ? "K" : "C"}${sup(other)}`;
     title.textContent = { whole: symbol, symmetric: `sym ${symbol}`, antisymmetric: `anti ${symbol}`, difference: `${symbol} − ${minus}` }[view];
     const frame = store.hello.mechanism.frame;
-    const moved = store.state.point.some((x) => x !== 0);
-    place.textContent = `in ${frame}${moved ? " + offset" : ""}${store.state.axes === "inertial" ? ", room axes" : ""}`;
+    const moved = point.some((x) => x !== 0);
+    place.textContent = `in ${frame}${moved ? " + offset" : ""}${axes === "inertial" ? ", room axes" : ""}`;
     const stiff = quantity === "stiffness";
     rowHeads.forEach((head, i) => { head.textContent = (stiff ? WRENCH : MOTION)[i]; });
     columnHeads.forEach((head, j) => { head.textContent = (stiff ? MOTION : WRENCH)[j]; });
-    const names = store.blockUnits(quantity);
+    const names = store.blockUnits();
     units.forEach((pair, a) => pair.forEach((cell, b) => { cell.textContent = names[a][b]; }));
 
     shown = chosen();
@@ -237,8 +238,8 @@ function blockWords(store) {
 }
 
 function reason(store, symbol) {
-  const { numbers, state } = store;
-  if (state.quantity === "stiffness") {
+  const { numbers, shown } = store;
+  if (shown.quantity === "stiffness") {
     const instead = numbers.has_compliance && !numbers.result.stiffness.B;
     return `${symbol} does not exist here: ${numbers.verdict.title}.${instead ? " The compliance does." : ""}`;
   }

@@ -1,6 +1,6 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
-import { byId, chop, clamp, el, sure, short } from "./dom.js";
+import { byId, chop, choice, clamp, el, sure, short } from "./dom.js";
 import { BLANK, NEAR, RANK } from "./numerics.js";
 
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
@@ -21,7 +21,7 @@ export function verdictLine(store) {
   function doubt() {
     const { source } = store.hello.mechanism;
     const assumed = store.numbers.result.notes.find(({ code }) => code === "stiffness-assumed");
-    const words = assumed ? "stiffness assumed" : store.state.stiffness ? "" : /illustrative/i.test(source) ? "stiffness illustrative" : "";
+    const words = assumed ? "stiffness assumed" : store.shown.stiffness ? "" : /illustrative/i.test(source) ? "stiffness illustrative" : "";
     chip.hidden = !words;
     chip.textContent = words;
     chip.dataset.level = "warning";
@@ -39,7 +39,14 @@ export function verdictLine(store) {
     set(level, title, [title, ...notes].join("\n"));
     doubt();
   });
+  store.on("refused", (reason) => {
+    document.body.classList.toggle("refused", reason !== null);
+    if (reason !== null) set("bad", `No answer: ${reason}`, `${reason}\nThe numbers and the picture are of the last state that has an answer.`);
+  });
 }
+
+/** What the other freedoms do in the principal values of translation, and in those of rotation. */
+export const freeness = ({ others }) => [`rotation ${others}`, `translation ${others}`];
 
 export function numbersPanel(store) {
   const head = el("h2", {}, "Principal values");
@@ -58,15 +65,20 @@ export function numbersPanel(store) {
   const high = el("th", { scope: "col" });
   const principal = el("table", { class: "principal" },
     el("thead", {}, el("tr", {}, el("td"), low, el("td"), high)), body);
+  const [others, chooseOthers] = choice("The other freedoms",
+    [["free", "others free", "Principal values of translation while the body may turn, of rotation while it may move: nothing loads the other freedoms"],
+      ["held", "others held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: the diagonal blocks of the stiffness matrix"]],
+    (value) => store.change({ others: value }));
+  store.on("state", () => chooseOthers(store.state.others));
 
   const condition = fact("Condition number");
-  const blocks = fact("… of translation, rotation");
+  const blocks = fact("… of translation (rotation held), of rotation (translation held)");
   const pose = fact("Position");
   const meters = el("div", { class: "meters" });
   const notes = el("ul", { class: "notes", "aria-label": "Notes" });
   const facts = el("dl", { class: "facts" }, ...condition.nodes, ...blocks.nodes, ...pose.nodes);
   byId("right").append(
-    el("div", { class: "card" }, el("div", { class: "row" }, head, el("span", { class: "grow" }),
+    el("div", { class: "card" }, el("div", { class: "row" }, head, others, el("span", { class: "grow" }),
       el("button", { type: "button", class: "quiet", title: "Everything that the matrix says (i)", onclick: () => showReport(store) }, "Full analysis")),
     principal, facts, meters),
     el("div", { class: "card notes-card" }, notes));
@@ -79,15 +91,16 @@ export function numbersPanel(store) {
   const reading = (kind, x) => (kind === "translation" ? store.read(x) : x);
 
   function update() {
-    const { numbers, state } = store;
+    const { numbers, shown } = store;
     if (!numbers) return;
-    const stiff = state.quantity === "stiffness";
+    const stiff = shown.quantity === "stiffness";
     head.textContent = stiff ? "Principal stiffness" : "Principal compliance";
     low.textContent = stiff ? "softest" : "stiffest";
     high.textContent = stiff ? "stiffest" : "softest";
     const units = store.blockUnits();
-    const before = store.pinned?.numbers?.principal;
-    for (const [kind, unit] of [["translation", units[1][1]], ["rotation", units[0][0]]]) {
+    const before = store.beside?.principal;
+    const [free, turned] = freeness(shown);
+    for (const [kind, unit] of [["translation", `${units[1][1]}, ${free}`], ["rotation", `${units[0][0]}, ${turned}`]]) {
       const { name, cells, ratios, compare } = rows[kind];
       name.lastElementChild.textContent = unit;
       const found = numbers.principal?.[kind];

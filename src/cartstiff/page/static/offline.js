@@ -55,8 +55,8 @@ export class LivingSource extends FileSource {
     try {
       const m = this.living.solve({ ...state, q });
       return rowOf(this.living.numbers({ ...state, q, mode: null }, m), q);
-    } catch {
-      return null;
+    } catch ({ message }) {
+      return { reason: message };
     }
   }
 

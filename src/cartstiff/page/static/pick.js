@@ -162,7 +162,7 @@ export function words(store, what) {
     const unit = store.blockUnits()[i][i];
     const values = what.kind === "axis" ? [found.values[what.index]] : found.values;
     const along = what.kind === "axis" ? ` along (${found.axes[what.index].map((c) => short(c, 3)).join(", ")})` : "";
-    return `${what.freedom}, ${store.state.quantity}: ${values.map((x) => short(what.freedom === "translation" ? store.read(x) : x, 5)).join(", ")} ${unit}${along}`;
+    return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) => short(what.freedom === "translation" ? store.read(x) : x, 5)).join(", ")} ${unit}${along}`;
   }
   if (what.kind === "joint") {
     const { name, is_length: isLength, unit } = mechanism.coordinates[what.index];

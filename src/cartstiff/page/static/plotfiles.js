@@ -8,10 +8,9 @@ const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "f
 const ROW = 14;
 
 /** What a plot is of: mechanism, state and program, in lines. */
-export function provenance(store, title) {
-  const { state, hello } = store;
+export function provenance({ hello }, state, title) {
   const { mechanism } = hello;
-  const q = mechanism.coordinates.map(({ name }, i) => `${name}=${store.numbers.result.q[i].toPrecision(6)}`).join(" ");
+  const q = mechanism.coordinates.map(({ name }, i) => `${name}=${state.q[i].toPrecision(6)}`).join(" ");
   const load = state.load ? `, load (${state.load.join(", ")}) ${state.load_kind}, ${state.load_axes === "body" ? "tool" : "room"} axes` : "";
   const springs = state.stiffness ? `, springs (${state.stiffness.map((k) => k ?? "rigid").join(", ")})` : "";
   return [
@@ -55,9 +54,9 @@ export const safeCell = (text) => text.replace(/\s+/g, " ").replace(/(^|[,;])(\s
 
 /** Rows of numbers, every digit, under comments and a line of names. */
 export function table(lines, names, rows) {
-  const name = (text) => (/[",;]/.test(text) ? `"${safeCell(text).replaceAll('"', '""')}"` : safeCell(text));
-  const cell = (x) => (x === null || x === undefined ? "" : full(x).replace("\u2212", "-"));
-  return [...lines.map((line) => `# ${safeCell(line)}`), names.map(name).join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
+  const words = (text) => (/[",;]/.test(text) ? `"${safeCell(text).replaceAll('"', '""')}"` : safeCell(text));
+  const cell = (x) => (x === null || x === undefined ? "" : typeof x === "string" ? words(x) : full(x).replace("\u2212", "-"));
+  return [...lines.map((line) => `# ${safeCell(line)}`), names.map(words).join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
 }
 
 export async function saveDrawing(kind, name, { text, width, height }) {

@@ -16,6 +16,7 @@ export function posePanel(store) {
   let letGo = null;
   const list = el("div", { class: "sliders" });
   const legs = el("div", { class: "legs" });
+  const meaning = el("p", { class: "dim small" });
   const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint", "aria-label": "Find a joint", hidden: true,
     oninput: () => narrow() });
   const unitButton = el("button", {
@@ -34,7 +35,7 @@ export function posePanel(store) {
       zero,
       random,
       el("span", { class: "grow" }), back, pin),
-    filter, list, legs);
+    filter, list, legs, meaning);
   byId("left").append(panel);
 
   function button(text, title, onclick) {
@@ -77,6 +78,9 @@ export function posePanel(store) {
 
   function update() {
     for (const row of rows) row.set(store.state.q[row.index]);
+    meaning.textContent = store.hello.mechanism.takes_load
+      ? `The sliders move the drives: the springs' rest positions follow, and the load stays as it is under Load.${store.given().load ? " Until something is moved, the springs rest as in the file." : ""}`
+      : "The sliders move the mechanism against its potentials: it has no drives with springs.";
   }
 
   function showLegs() {

@@ -3,7 +3,7 @@
 import { byId, copy, download, el, toast } from "./dom.js";
 
 // Of the state, what an address holds; the kind of each is that of the first state.
-const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
+const KEYS = ["q", "connection", "quantity", "others", "axes", "point", "stiffness", "load", "load_axes",
   "load_kind", "load_at", "gravity", "payload", "command", "ghost",
   "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map", "mode"];
 const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "gravity", "payload", "command", "ghost"]);
@@ -14,7 +14,7 @@ const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflectio
 const FIXED = new Set(["gravity", "payload", "command"]);
 
 const WORDS = {
-  connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
+  connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], others: ["free", "held"], axes: ["body", "inertial"],
   load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["root", "linear", "log"],
 };
 // Of the plot: names in an address, and in `store.plot`.

@@ -1,6 +1,8 @@
-// What the page shows now: the state that is asked for, and the newest answer to it.
+// What is wanted (`state`), and what is shown: the newest answer and the state that it answers (`shown`).
+// Words about numbers are read from `shown`, never from `state`.
 // One question is in flight; while it is, only the newest state is kept.
 
+import { cross, rotation, times } from "./algebra.js";
 import { LOST } from "./dom.js";
 
 // Steps that can be taken back, and the time (ms) within which changes of one kind are one step.
@@ -17,11 +19,13 @@ export class Store {
     this.state = null; // what is wanted, see state.py
     this.hello = null;
     this.numbers = null; // what is shown
+    this.shown = null; // the state that `numbers` are of
+    this.refused = null; // why there are no numbers of what is wanted
     this.legend = null;
     this.pinned = null; // posture A: {q, numbers}
     this.angle = "deg";
     this.error = null;
-    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [], units: [], angles: [], rows: [], local: [], plot: [], replot: [] };
+    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], refused: [], pose: [], units: [], angles: [], rows: [], local: [], plot: [], replot: [] };
     this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;
@@ -39,8 +43,15 @@ export class Store {
     this.listeners[event].push(listener);
   }
 
+  /** A listener that fails is reported, and keeps nothing from the others. */
   tell(event, detail) {
-    for (const listener of this.listeners[event]) listener(detail);
+    for (const listener of this.listeners[event]) {
+      try {
+        listener(detail);
+      } catch (error) {
+        reportError(error);
+      }
+    }
   }
 
   /** Keep the state, to come back to it; changes of one kind in quick succession are one. */
@@ -76,13 +87,25 @@ export class Store {
   reach(towards) {
     this.sticky = false;
     this.towards = towards;
+    const given = this.given();
+    if (given.load) {
+      Object.assign(this.state, given);
+      this.tell("state", given);
+      if (this.pinned) this.refreshPinned();
+    }
     this.state.moved = null;
     this.draw();
+  }
+
+  /** What of the state another posture needs changed: see `givenLoad`. */
+  given() {
+    return this.state.load === null && this.shown?.load === null ? givenLoad(this.state, this.numbers, this.hello.mechanism) : {};
   }
 
   /** Change what is wanted, and ask for it. */
   change(patch) {
     if (!this.state) return;
+    if (patch.q && !("load" in patch) && String(patch.q) !== String(this.state.q)) patch = { ...this.given(), ...patch };
     const kinds = Object.keys(patch).filter((key) => key !== "theme" && JSON.stringify(patch[key]) !== JSON.stringify(this.state[key]));
     if (kinds.length && this.numbers) this.remember(`${kinds.filter((key) => key !== "moved")} ${patch.moved ?? ""}`);
     this.apply(patch);
@@ -117,11 +140,11 @@ export class Store {
     }
     this.wanted = false;
     this.busy = this.number++;
-    this.sentQ = this.state.q;
+    this.sent = structuredClone(this.state);
     const { towards } = this;
     this.towards = null;
     this.say("sent", this.busy);
-    this.source.ask({ id: this.busy, do: "draw", state: this.state, ...(towards?.lengths ? towards : towards ? { towards } : {}) });
+    this.source.ask({ id: this.busy, do: "draw", state: this.sent, ...(towards?.lengths ? towards : towards ? { towards } : {}) });
   }
 
   /** Ask something else; resolves with the answer, rejects with the reason in words. */
@@ -148,9 +171,12 @@ export class Store {
     if (data.id === 0 && data.error) this.fail(data);
     if (data.id !== this.busy) return;
     this.busy = null;
-    if (data.error) this.fail(data);
-    else this.accept(data, commands);
-    if (this.wanted) this.draw();
+    try {
+      if (data.error) this.fail(data);
+      else this.accept(data, commands);
+    } finally {
+      if (this.wanted) this.draw();
+    }
   }
 
   greet(data, commands) {
@@ -173,7 +199,7 @@ export class Store {
     if (this.busy !== null) return;
     // What is wanted may be what the picture shows already.
     if (data.first && JSON.stringify(this.state) === JSON.stringify(data.state)) {
-      this.sentQ = this.state.q;
+      this.sent = structuredClone(this.state);
       this.accept({ id: data.id, ...data.first }, []);
     } else {
       this.draw();
@@ -185,7 +211,9 @@ export class Store {
     const { numbers } = data;
     this.error = null;
     this.numbers = numbers;
+    this.shown = this.sent;
     this.legend = data.legend;
+    this.refuse(null);
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
     // What drives are told is added to the coordinates that they had before, "q" of the numbers.
     const before = numbers.q ?? numbers.result.q;
@@ -197,7 +225,7 @@ export class Store {
       this.state.q = q;
     }
     this.tell("numbers", data);
-    if (!this.wanted) this.source.saySnapped?.(this.sentQ, before, this.state.moved);
+    if (!this.wanted) this.source.saySnapped?.(this.sent.q, before, this.state.moved);
     this.say("table", data.id);
     this.beforePicture?.();
     this.pane.apply(commands, () => this.say("rendered", data.id));
@@ -208,10 +236,19 @@ export class Store {
     if (!this.quiet) document.dispatchEvent(new CustomEvent(`cartstiff:${what}`, { detail }));
   }
 
-  /** Numbers and places that pass: the server's answer follows. */
-  pass(numbers, commands) {
+  /** Say, or no longer say, that what is wanted has no answer: what is shown is of another state. */
+  refuse(reason) {
+    if (this.refused === reason) return;
+    this.refused = reason;
+    this.tell("refused", reason);
+  }
+
+  /** Numbers and places of a state that pass: the server's answer follows. */
+  pass(state, numbers, commands) {
     const { modes, weighed } = this.numbers;
     this.numbers = { ...numbers, modes, weighed };
+    this.shown = structuredClone(state);
+    this.refuse(null);
     this.tell("numbers", { numbers: this.numbers, legend: this.legend, followed: null, passing: true });
     this.pane.move(commands);
   }
@@ -231,7 +268,7 @@ export class Store {
       this.sticky = true; // the reason stays until something else is wished
       this.state = { ...structuredClone(this.hello.state), theme: this.state.theme };
       this.wanted = true;
-    }
+    } else this.refuse(data.error);
     this.tell("error", data.error);
   }
 
@@ -255,8 +292,9 @@ export class Store {
     const pinned = this.pinned;
     if (!pinned) return;
     try {
-      const state = { ...this.state, q: pinned.q, moved: null };
+      const state = { ...structuredClone(this.state), q: pinned.q, moved: null };
       pinned.numbers = (await this.ask({ do: "numbers", state })).numbers;
+      pinned.shown = state;
     } catch {
       pinned.numbers = null;
     }
@@ -264,7 +302,7 @@ export class Store {
   }
 
   pin() {
-    this.pinned = this.numbers && { q: this.numbers.result.q.slice(), numbers: this.numbers, state: structuredClone(this.state) };
+    this.pinned = this.numbers && { q: this.numbers.result.q.slice(), numbers: this.numbers, shown: this.shown, state: structuredClone(this.shown) };
     this.change({ ghost: this.pinned ? this.pinned.q : null });
     this.tell("pinned", this.pinned);
   }
@@ -275,8 +313,14 @@ export class Store {
     this.tell("pinned", null);
   }
 
+  /** The numbers of posture A that can be set beside those that are shown; null while there are none. */
+  get beside() {
+    const { pinned, shown } = this;
+    return pinned?.numbers && [...SHOWN].every((key) => JSON.stringify(pinned.shown[key]) === JSON.stringify(shown[key])) ? pinned.numbers : null;
+  }
+
   /** The shown matrix of a connection, at the reference point: 6 rows, or null. */
-  matrix(name, numbers = this.numbers, quantity = this.state.quantity) {
+  matrix(name, numbers = this.numbers, quantity = this.shown.quantity) {
     const table = numbers && (numbers[quantity] ?? numbers.result[quantity]);
     if (!table) return null;
     if (name === "load" && !("load" in table)) return numbers.result.load[quantity] ?? null;
@@ -290,7 +334,7 @@ export class Store {
   }
 
   /** Units of the four blocks [[rr, rt], [tr, tt]] as they are read; `read` gives the last one's numbers. */
-  blockUnits(quantity = this.state.quantity) {
+  blockUnits(quantity = this.shown.quantity) {
     const [l, f, m] = ["length", "force", "moment"].map((kind) => this.unit(kind));
     const fine = this.fine ?? l;
     return quantity === "stiffness"
@@ -305,10 +349,10 @@ export class Store {
   }
 
   /** A translational stiffness or compliance of the answer as it is read. */
-  read(x) {
+  read(x, quantity = this.shown.quantity) {
     if (x === null || !this.fine) return x;
     const times = 10 ** (METRES[this.unit("length")] - METRES[this.fine]);
-    return this.state.quantity === "stiffness" ? x / times : x * times;
+    return quantity === "stiffness" ? x / times : x * times;
   }
 
   /** Read translations in a unit of length. */
@@ -318,13 +362,30 @@ export class Store {
   }
 }
 
+/** Another posture moves the drives and leaves the load: the patch of a state that says so.
+ *
+ * Where the file says how springs rest, they exert a load of their own: it is given from then on,
+ * along the room's axes unless it turns with the tool.
+ */
+export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
+  const W = numbers?.result.wrench;
+  if (!mayBe || state.load !== null || !W) return {};
+  const at = state.load_at ?? [0, 0, 0];
+  const force = W.slice(3);
+  const moment = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
+  const turns = state.load_kind === "follower";
+  const along = (v) => (turns ? v : times(rotation(numbers.result.pose), v));
+  const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
+  return { load, load_at: at, load_axes: turns ? "body" : "inertial" };
+}
+
 // Powers of ten.
 export const METRES = { m: 0, cm: -2, mm: -3, "µm": -6 };
 // What changes the numbers of a posture without moving it.
-const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
+const SHOWN = new Set(["connection", "quantity", "others", "axes", "point", "stiffness", "load", "load_axes",
   "load_kind", "load_at", "gravity", "payload"]);
 
 /** Of a state what says how numbers and picture are shown. */
 export const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
-  connection, mode }) =>
-  ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection, mode });
+  connection, others, mode }) =>
+  ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection, others, mode });

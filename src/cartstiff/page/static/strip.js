@@ -1,6 +1,6 @@
 // A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
-import { CURVES, shown } from "./curves.js";
+import { CURVES, plotted } from "./curves.js";
 import { LOST, SUPERSEDED, byId, clamp, download, el, short, toast } from "./dom.js";
 import { CLOSER, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
@@ -27,21 +27,22 @@ export function strip(store) {
   const usual = { of: "translation", along: "", and: "", seen: null };
   store.plot = { ...usual };
   store.usualPlot = usual;
-  const now = () => shown(store, store.plot.of);
+  // Words, units and values are of the state that the rows are of, whatever is wished meanwhile.
+  const now = (state = series.state) => plotted(store, store.plot.of, state);
 
-  const what = el("select", { "aria-label": "Along what", onchange: () => plotted({ along: what.value, seen: null }) });
-  const quantity = el("select", { "aria-label": "Values of", title: "What the curves show", onchange: () => plotted({ of: quantity.value }) },
+  const what = el("select", { "aria-label": "Along what", onchange: () => showPlot({ along: what.value, seen: null }) });
+  const quantity = el("select", { "aria-label": "Values of", title: "What the curves show", onchange: () => showPlot({ of: quantity.value }) },
     ...CURVES.map(({ key, words }) => el("option", { value: key }, words)));
   const map = heat(store, {
-    svg, shown: now, zoom: (seen) => plotted({ seen }), choose: (and) => plotted({ and, seen: null }),
+    svg, shown: now, zoom: (seen) => showPlot({ seen }), choose: (and) => showPlot({ and, seen: null }),
     along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
-    key: () => OF.map((name) => store.state[name]), busy: () => asked !== null,
+    key: (state) => OF.map((name) => state[name]), busy: () => asked !== null,
     toggle: (on) => { plot.style.display = on ? "none" : ""; }, computed: () => write(),
     read: (event, words) => tell(event, words),
   });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
   const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time", title: "+ and \u2212 zoom the curves here" });
-  const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => plotted({ seen: null }) }, "whole");
+  const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => showPlot({ seen: null }) }, "whole");
   const label = el("span", { class: "num small time-label" });
   const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
   const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep() },
@@ -66,7 +67,7 @@ export function strip(store) {
     event.preventDefault();
     zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER, under(event));
   }, { passive: false });
-  plot.addEventListener("dblclick", () => plotted({ seen: null }));
+  plot.addEventListener("dblclick", () => showPlot({ seen: null }));
   plot.addEventListener("pointerdown", (event) => {
     if (!series) return;
     plot.setPointerCapture(event.pointerId);
@@ -88,9 +89,9 @@ export function strip(store) {
   function read(event) {
     if (!series) return tell(event, null);
     const k = nearest(event);
-    const { values, unit } = now();
+    const { values, unit, why } = now();
     const found = values(series.rows[k]);
-    tell(event, `${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}` : "nothing exists here"}`);
+    tell(event, `${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}` : why(series.rows[k])}`);
   }
 
   /** Words beside a pointer, or none. */
@@ -104,7 +105,7 @@ export function strip(store) {
   }
 
   /** Show something else. */
-  function plotted(change) {
+  function showPlot(change) {
     Object.assign(store.plot, change);
     [what.value, quantity.value, map.select.value] = [store.plot.along, store.plot.of, store.plot.and];
     whole.hidden = !store.plot.seen;
@@ -137,13 +138,13 @@ export function strip(store) {
   }
 
   function keepCurves(kind, name) {
-    const { title, lines: names, unit, values, legend } = now();
-    const lines = provenance(store, `${title} [${unit}] along ${along()}`);
+    const { title, lines: names, unit, values, legend, why } = now();
+    const lines = provenance(store, series.state, `${title} [${unit}] along ${along()}`);
     if (kind === "csv") {
       const first = series.kind === "sweep" ? `${along()} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
         : store.hello.trajectory.timed ? "time [s]" : "posture";
-      const rows = series.at.map((x, k) => [x, ...(values(series.rows[k]) ?? names.map(() => null))]);
-      return download(`${name}.csv`, table(lines, [first, ...names.map((word) => `${word} [${unit}]`)], rows), "text/csv");
+      const rows = series.at.map((x, k) => (values(series.rows[k]) ? [x, ...values(series.rows[k]), null] : [x, ...names.map(() => null), why(series.rows[k])]));
+      return download(`${name}.csv`, table(lines, [first, ...names.map((word) => `${word} [${unit}]`), "why there is no value"], rows), "text/csv");
     }
     if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ title: of }) => of).join(", ")}`);
     saveDrawing(kind, name, drawing(plot, lines, legend));
@@ -157,7 +158,7 @@ export function strip(store) {
     const [[low, high], [first, last]] = [ends(), [series.at[0], series.at.at(-1)]];
     const size = Math.max(LEAST_SEEN * (last - first), (high - low) / times);
     const start = clamp(at - ((at - low) * size) / (high - low), first, last - size);
-    plotted({ seen: size < last - first ? [start, start + size] : null });
+    showPlot({ seen: size < last - first ? [start, start + size] : null });
   }
 
   /** Where along the series a pointer is. */
@@ -182,7 +183,7 @@ export function strip(store) {
     if (!series) return;
     position = clamp(Math.round(index), 0, series.at.length - 1);
     const row = series.rows[position];
-    if (!row) {
+    if (!row.q) {
       if (series.kind === "sweep") store.move(series.coordinate, series.at[position]);
     } else if (series.kind === "sweep") {
       const q = row.q.slice();
@@ -199,7 +200,7 @@ export function strip(store) {
 
   /** What the curves depend on, besides the coordinate that runs. */
   function key() {
-    const { state } = store;
+    const state = { ...store.state, ...store.given() };
     const [kind, index] = what.value.split(":");
     const rows = kind === "series" ? [] : store.rows.map((row) => [row.letter, row.state]);
     const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index)).map((i) => state.q[i]);
@@ -221,6 +222,7 @@ export function strip(store) {
   }
 
   async function compute(wanted) {
+    const state = structuredClone({ ...store.state, ...store.given() });
     const own = asked = { wanted }; // asked for again after something else, it is another question
     const [kind, index] = what.value.split(":");
     plot.classList.add("computing");
@@ -228,10 +230,10 @@ export function strip(store) {
     try {
       let seconds = 0;
       for (const refined of kind === "sweep" && store.source.live ? [false, true] : [true]) { // the first look need not wait
-        const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61, refined });
+        const answer = await store.ask(kind === "series" ? { do: "series", state } : { do: "sweep", coordinate: Number(index), steps: 61, refined, state });
         if (asked !== own) return;
-        series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
-        if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) plotted({ seen: null });
+        series = { kind, state, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
+        if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) showPlot({ seen: null });
         slow = (seconds += answer.seconds) > QUICK;
         again.hidden = true;
         time.max = series.at.length - 1;
@@ -300,7 +302,7 @@ export function strip(store) {
 
   function draw() {
     if (!series || width < 80 || height < 40) return;
-    const { values: valuesOf, unit, nothing, title: heading, lines: names } = now();
+    const { values: valuesOf, unit, why, title: heading, lines: names } = now();
     const curves = names.map((_, k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
     // Of what is compared with the least value, dashed.
     const overlaid = series.others.map(({ title, at, rows }) => ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
@@ -312,7 +314,7 @@ export function strip(store) {
     plot.replaceChildren();
     if (!positive.length) {
       plot.append(svg("text", { x: width / 2, y: height / 2, class: "nothing", "text-anchor": "middle" }));
-      plot.lastChild.textContent = nothing;
+      plot.lastChild.textContent = why(series.rows.find((row) => row.q) ?? series.rows[0]);
       plot.append(cursor);
       return showCursor();
     }
@@ -382,7 +384,7 @@ export function strip(store) {
   function replot() {
     const wishes = { ...usual, ...store.wishedPlot };
     const has = (select, value) => [...select.options].some((option) => option.value === value);
-    plotted({ ...wishes, of: has(quantity, wishes.of) ? wishes.of : usual.of, along: has(what, wishes.along) ? wishes.along : usual.along,
+    showPlot({ ...wishes, of: has(quantity, wishes.of) ? wishes.of : usual.of, along: has(what, wishes.along) ? wishes.along : usual.along,
       and: has(map.select, wishes.and) ? wishes.and : "" });
   }
   store.on("replot", replot);

@@ -2,17 +2,13 @@
 
 import { cross, identity, inverse, motion, plus, product, times, transposed } from "./algebra.js";
 import { el, short, toast } from "./dom.js";
-import { Drawing } from "./drawing.js";
+import { Drawing, growing } from "./drawing.js";
 
-// How far the point goes at most, over the mechanism's size, and the time (ms) of one way there and back.
+// How far the point goes, about, over the mechanism's size, the share at which it begins to be seen,
+// and the time (ms) of one way there and back.
 const WIDEST = 0.06;
+const LEAST = 1e-7;
 const SWAY_TIME = 2600;
-
-/** The largest of 1, 2, 5 times a power of ten below x. */
-function roundedDown(x) {
-  const power = 10 ** Math.floor(Math.log10(x));
-  return power * ([5, 2].find((step) => x >= step * power) ?? 1);
-}
 
 /** A place on the way: `share` 0 is where the load acts, 1 the enlarged way to where it does not. */
 function along(living, m, share) {
@@ -51,7 +47,9 @@ export function sway(store) {
     }
     const size = Math.hypot(...store.numbers.moved.displacement);
     const angle = Math.hypot(...store.numbers.moved.rotation);
-    const enlarged = roundedDown(WIDEST * Math.min(data.living.reach / Math.max(size, Number.MIN_VALUE), 4 / Math.max(angle, Number.MIN_VALUE)));
+    // A larger motion is drawn larger.
+    const share = Math.max(size / data.living.reach, angle / 4);
+    const enlarged = growing(share, WIDEST / 4, LEAST) / share;
     const drawing = new Drawing(living, data.kit, data.scene);
     const put = (share) => store.pane.move(drawing.places(along(living, m, share * enlarged)));
     button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
