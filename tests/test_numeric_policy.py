@@ -30,6 +30,7 @@ ALLOWED = {
     "identify/sessions.py": "how rarely chance may speak for other axes",
     "parsing.py": "the largest number that is read",
     "report/exchange/geometry.py": "limits that stand for none",
+    "scene/arrows.py": "the smallest loads and motions that are drawn",
     "scene/ellipsoids.py": "the thinnest body that is drawn",
     "scene/look.py": "the largest exaggeration that is drawn",
     "scene/stage.py": "units",

@@ -124,7 +124,7 @@ def test_titles_are_of_the_answer_that_is_shown(opened):
 def test_what_is_wished_for_names_nothing_that_is_shown(opened):
     """Connection, point, axes and held freedoms, too; and a plot's words are of its rows."""
     page = opened("ur5")
-    page.wait_for_selector("#strip svg.plot path")
+    page.wait_for_selector("#strip svg.plot path", state="attached")
     before = page.evaluate(SHOWN)
     label = page.get_attribute("#strip svg.plot", "aria-label")
     read = "() => ['.place', '.badge'].map((one) => document.querySelector(one).textContent)"
@@ -263,7 +263,7 @@ def test_curves_of_a_spring_loaded_platform_are_of_its_load_before_anything_is_m
     page = opened("stewart-gough")
     platform = cartstiff.load("stewart-gough")
     load = cartstiff.analyse(platform).wrench
-    page.wait_for_selector("#strip svg.plot path")
+    page.wait_for_selector("#strip svg.plot path", state="attached")
     page.select_option("[aria-label='Values of']", "leg_force")
     page.select_option("[aria-label='Along what']", "sweep:2")
     with page.expect_download() as download:
@@ -280,7 +280,7 @@ def test_curves_of_a_spring_loaded_platform_are_of_its_load_before_anything_is_m
 
 def test_a_sweep_that_moves_another_motor_has_gaps_with_the_reason(serve, pages):
     page = pages.open(serve("five-bar").url)
-    page.wait_for_selector("#strip svg.plot path")
+    page.wait_for_selector("#strip svg.plot path", state="attached")
     found = swept(page, 0, 61)
     other = cartstiff.load("five-bar").q[2]
     missing = [row for row in found["rows"] if "reason" in row]

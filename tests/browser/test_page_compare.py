@@ -42,8 +42,8 @@ def expected(elastic, q, times=1.0):
     wrench = [times * x for x in LOAD]
     result = cartstiff.analyse(elastic, q, wrench=wrench, load_axes="world")
     moved = np.linalg.solve(result.tangent, result.wrench)
-    K = 0.5 * (result.tangent + result.tangent.T)
-    soft = [np.linalg.eigvalsh(K[i : i + 3, i : i + 3])[0] for i in (3, 0)]
+    C = np.linalg.inv(result.tangent)
+    soft = [1 / np.linalg.eigvalsh((0.5 * (C + C.T))[i : i + 3, i : i + 3])[-1] for i in (3, 0)]
     return np.array([1e3 * np.linalg.norm(moved[3:]), *soft])
 
 

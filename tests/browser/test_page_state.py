@@ -490,7 +490,7 @@ def test_load_and_weight_are_typed_into_their_fields(serve, pages):
             field.press("Enter")
             settled(page)
 
-    page.check("text=held by a given wrench")
+    page.check("text=Apply this load")
     page.click("[aria-label='Axes of the load'] [data-value=inertial]")
     page.click("[aria-label='The load acts at'] [data-value=own]")
     typed(mx=3, fx=40, fy=-50, fz=60, load_at_x=0.02, load_at_z=0.1)

@@ -72,8 +72,9 @@ def test_analysis_page_picture_and_map_read_the_same(loaded):
             names = [f"{prefix}{freedom}_{others}_{end}" for end in ("min", "max")]
             found = evaluate(choose_quantities(names, settings, loaded.elastic), arrays, settings)
             assert [found[n][0] for n in names] == pytest.approx(values[[0, 2]], rel=1e-8)
-        for quantity, others in (("stiffness", "held"), ("compliance", "free")):
-            page = shown_numbers(loaded, ViewState(connection="load", quantity=quantity))
+        for quantity, others in truth:
+            state = ViewState(connection="load", quantity=quantity, others=others)
+            page = shown_numbers(loaded, state)
             assert page["principal"][freedom]["values"] == pytest.approx(
                 truth[quantity, others], rel=1e-8
             )

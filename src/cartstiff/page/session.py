@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.arrays import checked_pose
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
@@ -57,7 +58,7 @@ from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
 # A coordinate that differs from the one asked for by more, over 1 or its size, has moved.
-_REACHED = 1e-6
+_REACHED = numerics.CLOSE
 # A sweep is refined to this share of its first step.
 _FINEST = 64
 

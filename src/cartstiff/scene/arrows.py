@@ -26,7 +26,7 @@ SMALLEST_MOTION = 1e-7
 # Turn (rad) that is drawn as large as a displacement of the longest arrow.
 _TURN = 0.6
 # Of `add_wrench`, which knows no mechanism: forces and moments of 10 have the size asked for.
-_TEN = 10.0
+_SMALLEST_LOAD = 1e-3
 
 
 class Arrow:
@@ -214,6 +214,6 @@ def add_wrench(
     # Rounding beside the other part is no arrow of its own.
     moments, forces = float(np.abs(W[:3]).max()), float(np.abs(W[3:]).max())
     W = W * np.repeat([moments > _ROUNDING * forces * size, forces * size > _ROUNDING * moments], 3)
-    scale = Growing(size, _TEN / 1e4)
+    scale = Growing(size, _SMALLEST_LOAD)
     picture = WrenchPicture(node, theme.DARK if dark else theme.LIGHT, (scale, scale))
     return picture.draw(W, pose, force, moment, labels)

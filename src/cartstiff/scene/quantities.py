@@ -157,7 +157,7 @@ def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
     if K is None:
         return None
     whole = here.matrices[connection]
-    is_symmetric = whole is not None and numerics.is_about_symmetric(whole)
+    is_symmetric = whole is not None and bool(numerics.is_about_symmetric(whole))
     return HeldPair(K, C, is_symmetric)
 
 

@@ -203,6 +203,7 @@ class Scene:
             "arrows": dict(
                 zip(("force", "moment"), [s.legend() for s in self._arrow_scales()], strict=True)
             ),
+            "smallest_motion": SMALLEST_MOTION,
             "thin": FLAT * size,
             "rings": MOST_RINGS,
             "usual": {f"{q}/{f}": self._usual_values(q, f).tolist() for q, f in kinds},
@@ -307,7 +308,7 @@ class Scene:
     def _arrow_scales(self) -> tuple[Growing, Growing]:
         """Of forces and moments, beginning where they hardly move the mechanism."""
         scales = []
-        for freedom, motion in (("translation", self._stage.size), ("rotation", 1.0)):
+        for freedom, motion in zip(_FREEDOMS, (self._stage.size, 1.0), strict=True):
             stiffness = float(np.abs(self._usual_values("stiffness", freedom)).max())
             smallest = SMALLEST_MOTION * motion * stiffness
             scales.append(Growing(LONGEST_ARROW * self._stage.size, smallest or SMALLEST_MOTION))

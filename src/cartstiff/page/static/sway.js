@@ -4,10 +4,8 @@ import { cross, identity, inverse, motion, plus, product, times, transposed } fr
 import { el, short, toast } from "./dom.js";
 import { Drawing, growing } from "./drawing.js";
 
-// How far the point goes, about, over the mechanism's size, the share at which it begins to be seen,
-// and the time (ms) of one way there and back.
+// How far the point goes, about, over the mechanism's size, and the time (ms) of one way there and back.
 const WIDEST = 0.06;
-const LEAST = 1e-7;
 const SWAY_TIME = 2600;
 
 /** A place on the way: `share` 0 is where the load acts, 1 the enlarged way to where it does not. */
@@ -49,7 +47,7 @@ export function sway(store) {
     const angle = Math.hypot(...store.numbers.moved.rotation);
     // A larger motion is drawn larger.
     const share = Math.max(size / data.living.reach, angle / 4);
-    const enlarged = growing(share, WIDEST / 4, LEAST) / share;
+    const enlarged = growing(share, WIDEST / 4, data.kit.smallest_motion) / share;
     const drawing = new Drawing(living, data.kit, data.scene);
     const put = (share) => store.pane.move(drawing.places(along(living, m, share * enlarged)));
     button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
