@@ -16,7 +16,7 @@ import cartstiff
 #: Of most tests: software draws few pictures a second, and fewer of larger ones.
 VIEWPORT = {"width": 1100, "height": 560}
 #: Milliseconds: only what never ends takes longer, on the busiest machine too.
-_PATIENCE = 60_000
+_PATIENCE = 300_000
 # Short messages go away; a test that is late still finds what they said.
 _HEARD = """
 window.heard = [];

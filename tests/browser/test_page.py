@@ -269,7 +269,7 @@ def test_a_cell_says_nine_digits(ur5):
     K = cartstiff.analyse(cartstiff.load("ur5")).matrices["K"]
     words = ur5.inner_text(".readout").replace("\u2212", "-")
     assert abs(float(words.split(" ")[0]) - K[3, 1]) < 1e-8 * np.abs(K).max()
-    assert words.endswith("N/rad force along x per rotation about y")
+    assert words.endswith("N/rad force along x per rotation about y, other motions held")
     ur5.focus('.cell[data-row="0"][data-column="0"]')
     ur5.keyboard.press("ArrowDown")
     assert "moment about y per rotation about x" in ur5.inner_text(".readout")

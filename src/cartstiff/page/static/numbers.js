@@ -66,13 +66,13 @@ export function numbersPanel(store) {
   const principal = el("table", { class: "principal" },
     el("thead", {}, el("tr", {}, el("td"), low, el("td"), high)), body);
   const [others, chooseOthers] = choice("The other freedoms",
-    [["free", "others free", "Principal values of translation while the body may turn, of rotation while it may move: nothing loads the other freedoms"],
-      ["held", "others held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: the diagonal blocks of the stiffness matrix"]],
+    [["free", "free", "Principal values of translation while the body may turn, of rotation while it may move: nothing loads the other freedoms"],
+      ["held", "held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: the diagonal blocks of the stiffness matrix"]],
     (value) => store.change({ others: value }));
   store.on("state", () => chooseOthers(store.state.others));
 
   const condition = fact("Condition number");
-  const blocks = fact("… of translation (rotation held), of rotation (translation held)");
+  const blocks = fact("… of translation, rotation (held)");
   const pose = fact("Position");
   const meters = el("div", { class: "meters" });
   const notes = el("ul", { class: "notes", "aria-label": "Notes" });
