@@ -345,7 +345,7 @@ def check_posture(name, load, distance, decades, seed):
     # A stiffness alone is a state where its note says that soft directions are lost.
     if at_origin.tangent is not None and many.is_regular[1]:
         alone = analyse_many(elastic, [q], wrench=many_wrench, outputs=("stiffness_load",))
-        is_lost = max(lost, _promised(at_origin, "stiffness")) > numerics.LOST
+        is_lost = max(lost, _promised(at_origin, "stiffness")) > numerics.LOST_ERROR
         assert alone.counts() == {"ill-conditioned" if is_lost else "regular": 1}
     # Held values are those of K's own digits, the others of the compliance's.
     tolerance = max(SAME, 100.0 * lost)
@@ -454,7 +454,7 @@ def check_posture(name, load, distance, decades, seed):
         off = float((np.abs(C - expected).max(axis=0) / size).max())
         rounded = 64.0 * numerics.EPSILON / reach  # of the coordinates
         if name == "closed chain" and is_near:  # of the motors, which move by this share
-            rounded = max(rounded, min(numerics.LOST, 0.5 * rounded / distance))
+            rounded = max(rounded, min(numerics.LOST_ERROR, 0.5 * rounded / distance))
         if off <= max(DIFFERENCES, 10.0 * lost, 4.0 * unsure, rounded):
             return
     assert refused, f"differences: {off:.2g}, {unsure:.2g}"

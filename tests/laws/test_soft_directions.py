@@ -86,8 +86,8 @@ def test_the_verdict_is_on_the_safe_side_and_rarely_needless(seed):
     errors = np.array([*map(error_of_soft_directions, matrices, inverses)])
     with np.errstate(all="ignore"):  # a pivot may vanish: that is one of the doubts
         verdicts = np.array([holds_soft_directions(K, ["stiffness_B"]) for K in matrices])
-    assert not np.any((verdicts == PLAIN) & (errors > numerics.LOST))
-    clear = errors < numerics.LOST / 3
+    assert not np.any((verdicts == PLAIN) & (errors > numerics.LOST_ERROR))
+    clear = errors < numerics.LOST_ERROR / 3
     assert clear.sum() > len(clear) // 4
     assert np.count_nonzero(verdicts[clear] != PLAIN) <= clear.sum() // 100
 

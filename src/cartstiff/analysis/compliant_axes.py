@@ -84,7 +84,7 @@ def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array 
     if not found:
         return None
     error, G = min(found, key=lambda each: each[0])
-    if error > numerics.LOST:
+    if error > numerics.LOST_ERROR:
         raise UndefinedError(
             "how turning and moving are coupled is lost in the rounding of the stiffest directions",
             code="ill-conditioned",

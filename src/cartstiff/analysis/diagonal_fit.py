@@ -169,8 +169,8 @@ def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
         start,
         jac=slope,
         bounds=(0.0, np.inf),
-        xtol=numerics.FINEST,
-        ftol=numerics.FINEST,
-        gtol=numerics.FINEST,
+        xtol=numerics.ATTAINABLE_PRECISION,
+        ftol=numerics.ATTAINABLE_PRECISION,
+        gtol=numerics.ATTAINABLE_PRECISION,
     )
     return np.asarray(unit * minimum.x, float)

@@ -233,6 +233,6 @@ def best_conditioned_length(
         # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
         cost = np.where(smallest[:, 0] > 0.0, numerics.condition(smallest), np.inf)
         least = int(np.argmin(cost))
-        if high - low <= numerics.SETTLED:
+        if high - low <= numerics.NEGLIGIBLE_STEP:
             return float(start * np.exp(t[least])), float(cost[least])
         low, high = float(t[max(least - 1, 0)]), float(t[min(least + 1, 32)])

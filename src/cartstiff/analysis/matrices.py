@@ -280,7 +280,7 @@ def lost_digits(values: Array, what: str) -> UndefinedError:
         f"{what} has principal values so far apart that neither it nor its inverse knows those "
         "between",
         code="ill-conditioned",
-        values={"known": numerics.LOST, "unknown": int(np.isnan(values).sum())},
+        values={"known": numerics.LOST_ERROR, "unknown": int(np.isnan(values).sum())},
     )
 
 
@@ -299,11 +299,11 @@ def stiffness_of_motion(twist: Array, stiffness: Array, is_singular: bool = Fals
     value, size = float(twist @ stiffness @ twist), np.abs(twist)
     terms = float(size @ np.abs(stiffness) @ size)
     rounding = numerics.EPSILON * terms
-    if rounding <= numerics.TELLING * abs(value):
+    if rounding <= numerics.REPORTED_ERROR * abs(value):
         return value
     if is_singular and abs(value) <= numerics.ZERO * terms:
         return 0.0
-    return value if rounding <= numerics.LOST * abs(value) else None
+    return value if rounding <= numerics.LOST_ERROR * abs(value) else None
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:

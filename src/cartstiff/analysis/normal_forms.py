@@ -77,7 +77,7 @@ def _checked_pair(stiffness: ArrayLike, compliance: ArrayLike | None) -> tuple[A
     K = as_symmetric(stiffness)
     C = None if compliance is None else as_symmetric(compliance, "compliance")
     error = 0.0 if C is None else error_of_soft_directions(K, C)
-    if error > numerics.LOST:
+    if error > numerics.LOST_ERROR:
         raise UndefinedError(
             "the stiffness matrix does not hold its softer directions, in no frame",
             code="ill-conditioned",

@@ -199,7 +199,7 @@ def _roots_of_indefinite(K: Array, C: Array | None, length: float) -> tuple[Arra
     inverses, others = np.linalg.eig(with_angles_times(C, length) @ SWAP_FORM)
     large, small = np.argsort(-np.abs(roots)), np.argsort(np.abs(inverses))
     taken, error = numerics.number_of_large(np.abs(roots[large]), 1.0 / np.abs(inverses[small]))
-    if error > numerics.LOST:
+    if error > numerics.LOST_ERROR:
         raise lost_digits(np.full(6, np.nan), "the stiffness matrix")
     large, small = large[:taken], small[taken:]
     return (

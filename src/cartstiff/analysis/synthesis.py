@@ -274,7 +274,7 @@ def _require_digits(springs: tuple[Spring, ...], back: Array) -> None:
     """Refuse springs that miss K along a motion: ``back^T K back = 1`` for K, (6, r)."""
     sums = sum(s.stiffness * np.outer(back.T @ s.wrench, back.T @ s.wrench) for s in springs)
     missed = float(np.abs(sums - np.eye(back.shape[1])).max(initial=0.0))
-    if missed > numerics.LOST:
+    if missed > numerics.LOST_ERROR:
         raise UndefinedError(
             "springs in parallel add up to this stiffness only along its stiffer directions: "
             "their digits do not hold the softer ones",

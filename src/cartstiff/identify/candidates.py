@@ -250,6 +250,8 @@ def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
             return None
         # Where motors or links had to give way, they do not stand there unstressed.
         return (
-            closed if np.abs(closed[held] - q[held]).max(initial=0.0) < numerics.TELLING else None
+            closed
+            if np.abs(closed[held] - q[held]).max(initial=0.0) < numerics.REPORTED_ERROR
+            else None
         )
     return q

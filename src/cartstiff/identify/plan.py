@@ -357,7 +357,7 @@ def _exchanged(G: Array, start: Array, chosen: list[int], cost: Cost) -> list[in
         for i, old in enumerate(chosen):
             costs = cost(M - G[old] + G) + _taken([*chosen[:i], *chosen[i + 1 :]], len(G))
             best = int(np.argmin(costs))
-            if costs[best] < now - numerics.TELLING * abs(now):
+            if costs[best] < now - numerics.REPORTED_ERROR * abs(now):
                 M, chosen[i], now = M - G[old] + G[best], best, float(costs[best])
         if not now < before:
             break
@@ -425,7 +425,7 @@ def _refined(
                 mine = np.flatnonzero(owner == i)
                 mine = mine[_apart(near, mine, np.delete(at, i))]
                 costs = way(M - G[at[i]] + G[mine])
-                if mine.size and costs.min() < now - numerics.TELLING * abs(now):
+                if mine.size and costs.min() < now - numerics.REPORTED_ERROR * abs(now):
                     to = int(mine[np.argmin(costs)])
                     M, at[i], now = M - G[at[i]] + G[to], to, float(costs.min())
         rows = near.taken(at.tolist())

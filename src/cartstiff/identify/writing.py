@@ -275,7 +275,7 @@ def _put_links(
             K: Array = potential.matrix[se3.SWAP][:, se3.SWAP]
             if "superelement" in entry:
                 spring = FlexibleModel.model_validate(entry, context={"folder": folder})
-                if np.allclose(K, spring.stiffness or K, rtol=numerics.TELLING):
+                if np.allclose(K, spring.stiffness or K, rtol=numerics.REPORTED_ERROR):
                     continue  # the files still hold
                 if spring.mass is not None:
                     raise InputError(

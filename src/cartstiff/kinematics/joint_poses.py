@@ -83,7 +83,7 @@ class Kinematics:
             placed = np.concatenate([np.eye(4)[None], frames, at_zero.pose[None]])
             self._between = se3.inverse(placed[:-1]) @ placed[1:]
             # Rounding of what is zero would be work.
-            self._between[np.abs(self._between) < numerics.STILL] = 0.0
+            self._between[np.abs(self._between) < numerics.SMALLEST_STEP] = 0.0
 
     def at(self, q: Array) -> ManyPoses:
         """Kinematics at coordinates (N, n)."""

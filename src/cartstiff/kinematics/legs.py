@@ -96,7 +96,7 @@ class Branches(np.ndarray):
 
 # Motions along a self-motion, in the natural sizes of the coordinates: the first that is tried,
 # the longest, and the one at which a posture counts as settled; how often, at most.
-_FIRST_STEP, _LONGEST_STEP, _SETTLED_STEP, _SETTLING = 0.2, 0.5, numerics.SETTLED, 200
+_FIRST_STEP, _LONGEST_STEP, _SETTLED_STEP, _SETTLING = 0.2, 0.5, numerics.NEGLIGIBLE_STEP, 200
 # A slope that has become less by so much, or is so small beside the cost, is none; and how often a
 # posture begins anew on one that is left.
 _FLAT, _NO_SLOPE, _TRIES = 1e-3, numerics.NO_SLOPE, 3

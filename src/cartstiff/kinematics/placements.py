@@ -76,7 +76,7 @@ class Placements:
                 held @ self.moved({name: x + s}).at(self.posture.q).residual for s in (step, -step)
             )
             parted = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
-            if parted > numerics.SETTLED * max(1.0, length):
+            if parted > numerics.NEGLIGIBLE_STEP * max(1.0, length):
                 names.append(name)
         return tuple(names)
 

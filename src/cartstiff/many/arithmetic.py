@@ -24,7 +24,7 @@ from cartstiff.many.algebra import (
     zeros,
 )
 from cartstiff.many.tape import Scalar, absolute, larger, pick
-from cartstiff.numerics import EPSILON, NEAR, TELLING
+from cartstiff.numerics import EPSILON, NEAR, REPORTED_ERROR
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
@@ -87,7 +87,9 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     grown: Scalar = (1.0 / sizes) @ ((L * L) @ _absolute(pivots))
     known = squares_over(congruence(X, np.diag(inverses)), 1.0 / sizes)
     softest = pick(grown * grown * known, (_MISSED / EPSILON) ** 2, known, most * most)
-    return limited(squares_over(K, sizes) * softest, (_KNOWN_TO * numerics.LOST / EPSILON) ** 2)
+    return limited(
+        squares_over(K, sizes) * softest, (_KNOWN_TO * numerics.LOST_ERROR / EPSILON) ** 2
+    )
 
 
 def _absolute(values: Array) -> Array:
@@ -151,7 +153,7 @@ def noteworthy(
     lost: Scalar = 0.0
     for pair in pairs:
         squares, others = equilibrated_squares(*pair)
-        lost = larger(lost, squares * others * (margin * EPSILON / TELLING) ** 2)
+        lost = larger(lost, squares * others * (margin * EPSILON / REPORTED_ERROR) ** 2)
         lost = larger(lost, squares / _UNEVEN)
     return np.array([squared_condition * (1.01 * NEAR) ** 2, lost], object)
 

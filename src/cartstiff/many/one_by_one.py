@@ -43,7 +43,7 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     for note in notes:
         if (
             note.code == "ill-conditioned"
-            and np.asarray(note.values["relative_error"]) > numerics.LOST
+            and np.asarray(note.values["relative_error"]) > numerics.LOST_ERROR
             # Beside a compliance a stiffness need not hold its softer directions.
             and (note.values["matrix"] == "compliance" or "compliance" not in kinds)
         ):

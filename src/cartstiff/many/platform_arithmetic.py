@@ -51,7 +51,7 @@ from cartstiff.many.tape import Scalar, Tape, cosine, larger, pick, sine, square
 _SHORT = numerics.SHORTEST
 #: Product of the condition numbers of lines and stiffness up to which a compliance has its digits,
 #: one to spare.
-_KNOWN = 0.1 * numerics.LOST / numerics.EPSILON
+_KNOWN = 0.1 * numerics.LOST_ERROR / numerics.EPSILON
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         t = _chosen_tensions(decomposition, inverse_R, missing, present)
         if case.unilateral:
             # Of more than six cables the engine keeps each taut, if it can.
-            least = largest(t) * numerics.UNFELT if m > 6 else -numerics.TINY
+            least = largest(t) * numerics.NEGLIGIBLE_FORCE if m > 6 else -numerics.TINY
             for tension in t:
                 verdict = larger(verdict, pick(least, tension, PLAIN, ENGINE))
         energy = energy + ((t * t / k).sum()) * 0.5

@@ -129,7 +129,7 @@ def _held_on_axis(s: Stacks, block: slice, u: Array) -> Array:
     values: Array = np.einsum("ni,nij,nj->n", twists, s.K, twists)
     size = np.abs(twists)
     terms = numerics.EPSILON * np.einsum("ni,nij,nj->n", size, np.abs(s.K), size)
-    for i in np.flatnonzero(terms > numerics.TELLING * np.abs(values)):
+    for i in np.flatnonzero(terms > numerics.REPORTED_ERROR * np.abs(values)):
         is_singular = not np.isfinite(s.C[i]).all()
         value = stiffness_of_motion(twists[i], s.K[i], is_singular)
         values[i] = np.nan if value is None else value

@@ -34,7 +34,14 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
-from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, NEARBY, ROUNDING, STILL
+from cartstiff.numerics import (
+    ATTAINABLE_PRECISION,
+    CLOSE,
+    LEAST_EFFORT,
+    NEARBY,
+    ROUNDING,
+    SMALLEST_STEP,
+)
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 
 
@@ -403,14 +410,16 @@ class Chain(Mechanism):
             best = min(best, (size, posture), key=lambda pair: pair[0])
             unit = max(1.0, posture.length)
             # Accepted at rounding level, or within tolerance once steps no longer help.
-            if size <= FINEST * unit or (size <= tolerance * unit and size > 0.1 * before):
+            if size <= ATTAINABLE_PRECISION * unit or (
+                size <= tolerance * unit and size > 0.1 * before
+            ):
                 break
             columns = posture.coordinate_lengths * movable
             A = closure.jacobian * columns
             step = np.linalg.lstsq(A, -residual, rcond=LEAST_EFFORT)[0]
             largest = float(np.abs(step).max())
             # Whole steps that do not help lead to where the gap is least, not to where it shuts.
-            if not largest > STILL or (futile >= FUTILE and largest < LONGEST_STEP):
+            if not largest > SMALLEST_STEP or (futile >= FUTILE and largest < LONGEST_STEP):
                 break
             posture = self.at(posture.q + columns * step * min(1.0, LONGEST_STEP / largest))
         size, posture = best

@@ -442,10 +442,8 @@ class ElasticMechanism(ShownInLines):
         return self._carrying(springs._with_rest(q)) if isinstance(springs, JointSprings) else self
 
     def _carrying(self, springs: JointSprings | LineSprings | None) -> ElasticMechanism:
-        """The same mechanism with other springs; once per posture, so without `replace`'s work."""
-        elastic = object.__new__(type(self))
-        vars(elastic).update(vars(self), springs=springs)
-        return elastic
+        """The same mechanism with other springs."""
+        return replace(self, springs=springs)
 
     def _balanced_springs(
         self, posture: MechanismPosture, wrench: Array | None, others: Evaluation | None

@@ -603,7 +603,7 @@ class Platform(Mechanism):
             error = float(np.abs(residual).max())
             # Stop at rounding level: once below 1e-9 the next step no longer helps.
             if error <= numerics.TWO_UNITS * float(wanted.max()) or (
-                error < numerics.SHARP * float(wanted.max()) and error >= previous
+                error < numerics.EQUILIBRIUM_TOLERANCE * float(wanted.max()) and error >= previous
             ):
                 return self.coordinates_of(T)
             previous = error

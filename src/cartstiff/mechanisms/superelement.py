@@ -136,7 +136,7 @@ def superelement_mass(
     rest = own - share.T @ whole @ share
     sizes = np.sqrt(np.maximum(np.diagonal(own), numerics.TINY))
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T) / np.outer(sizes, sizes))
-    if values[0] < -numerics.TELLING:
+    if values[0] < -numerics.REPORTED_ERROR:
         raise InputError(
             "the mass matrix gives a motion negative energy",
             expected="no negative eigenvalue",
@@ -164,7 +164,7 @@ def _ordered(matrix: ArrayLike, n: int, order: Order, what: str) -> Array:
         swap = (6 * np.arange(n)[:, None] + se3.SWAP).ravel()
         K = K[np.ix_(swap, swap)]
     size = np.sqrt(np.abs(np.diagonal(K)))
-    if np.any(np.abs(K - K.T) > numerics.LOST * np.outer(size, size)):
+    if np.any(np.abs(K - K.T) > numerics.LOST_ERROR * np.outer(size, size)):
         raise InputError(f"{what} must be symmetric")
     return np.asarray(0.5 * (K + K.T))
 
@@ -185,11 +185,11 @@ def _sorted(
     rigid = _rigid(points)
     left, terms = np.abs(K @ rigid), np.abs(K) @ np.abs(rigid)
     worst = float(np.max(left / np.where(terms > 0.0, terms, 1.0)))
-    if worst > numerics.LOST:
+    if worst > numerics.LOST_ERROR:
         raise InputError(
             "the superelement resists a motion as a whole: the nodes' unit or the order of the "
             "rows is another one, or it is held somewhere",
-            expected=f"forces below {numerics.LOST:g} of their terms",
+            expected=f"forces below {numerics.LOST_ERROR:g} of their terms",
             got=f"{worst:.2g}",
         )
     rows = slice(6 * tip, 6 * tip + 6)
@@ -213,14 +213,14 @@ def _static_modes(K: Array, parts: _Parts) -> Array:
         inner = K[np.ix_(r, r)]
         sizes = numerics.equilibration(inner)
         least = float(np.linalg.eigvalsh(inner / np.outer(sizes, sizes))[0])
-        if least < -numerics.LOST:
+        if least < -numerics.LOST_ERROR:
             raise InputError(
                 "nodes between base and tip are pushed away from rest",
                 expected="a positive definite matrix of their freedoms",
                 got=f"{least:.2g} of their stiffness along a motion",
             )
         inverse = numerics.invert(inner)
-        if inverse is None or inverse.error > numerics.LOST:
+        if inverse is None or inverse.error > numerics.LOST_ERROR:
             raise InputError(
                 "nodes between base and tip can move without a force, or so stiff a "
                 "part is among them that the digits of the soft ones are lost",
@@ -245,11 +245,11 @@ def _body_of(whole: Array) -> tuple[float, Array, Array]:
     ideal = np.block([[whole[:3, :3], mass * turned], [-mass * turned, mass * np.eye(3)]])
     sizes = np.sqrt(np.abs(np.diagonal(ideal)))
     worst = float(np.max(np.abs(whole - ideal) / np.where(sizes > 0, sizes, 1) / sizes[3]))
-    if worst > numerics.LOST:
+    if worst > numerics.LOST_ERROR:
         raise InputError(
             "the mass matrix is that of no body: the nodes' unit or the order of the rows is "
             "another one, or the mass differs by direction",
-            expected=f"a misfit below {numerics.LOST:g}",
+            expected=f"a misfit below {numerics.LOST_ERROR:g}",
             got=f"{worst:.2g}",
         )
     inertia = whole[:3, :3] + mass * turned @ turned

@@ -50,7 +50,7 @@ USUAL_RANK: Final = 1e-8
 # -- what counts --------------------------------------------------------------------------------
 
 #: A force, or what is unsure of one, below this share of those beside it is not felt.
-UNFELT: Final = 1e-6
+NEGLIGIBLE_FORCE: Final = 1e-6
 #: Shares of the mean tension that every cable keeps, if it can: the first that is possible.
 TAUT_SHARES: Final = (0.1, 0.01, 1e-3, 1e-5, 0.0)
 #: A printed number below this share of the largest beside it is printed as 0.
@@ -69,9 +69,9 @@ PLAIN_BLOCK: Final = 1e4
 # -- searches -----------------------------------------------------------------------------------
 
 #: Residual of an equilibrium that ends the search at once, and
-SHARP: Final = 1e-13
+EQUILIBRIUM_TOLERANCE: Final = 1e-13
 #: the one that is accepted once it falls no more.
-ENOUGH: Final = 1e-9
+ACCEPTED_RESIDUAL: Final = 1e-9
 #: Share of the fall that a slope promises which a step must bring [NocedalWright]_.
 SUFFICIENT: Final = 1e-4
 #: The fall of an energy is trusted down to this share of the energies added up.
@@ -91,15 +91,15 @@ LEAST_EASE: Final = 1e-7
 #: Below this share of the stiffest a motion is as good as free.
 AS_GOOD_AS_FREE: Final = 1e-30
 #: A step, of searches whose result is looked at or refined, below this share is none.
-SETTLED: Final = 1e-6
+NEGLIGIBLE_STEP: Final = 1e-6
 #: An iteration that comes no nearer has converged within this share.
 CONVERGED: Final = 1e-11
 #: Inverse kinematics and constraints: a pose is reached, a closure met, within this share.
 REACHED: Final = 1e-10
 #: A few units in the last place: no iteration, bisection or fit can do better.
-FINEST: Final = 1e-15
+ATTAINABLE_PRECISION: Final = 1e-15
 #: A step, or a coordinate, below this does not change numbers of size 1.
-STILL: Final = 1e-16
+SMALLEST_STEP: Final = 1e-16
 #: Directions in which closures move by less than this share are left where they are.
 LEAST_EFFORT: Final = 1e-9
 #: Steps of central differences in rad and characteristic lengths: the error goes with the square,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.numerics.policy import (
     EPSILON,
     INVERTIBLE,
-    TELLING,
+    REPORTED_ERROR,
     WELL_CONDITIONED,
     Array,
     is_symmetric,
@@ -21,7 +21,7 @@ from cartstiff.numerics.small import inverted
 # Entries that are one or two digits larger than the diagonal cost no more digits than that.
 _EVEN = 10.0
 # Square of the condition up to which a sum is inverted as it is.
-_NO_LOSS = (1e-3 * TELLING / EPSILON) ** 2
+_NO_LOSS = (1e-3 * REPORTED_ERROR / EPSILON) ** 2
 
 
 def equilibration(matrix: ArrayLike) -> Array:
@@ -136,7 +136,7 @@ def plain_inverses(matrices: Array) -> tuple[Array, list[float]] | None:
 def error_of_inverting(matrix: Array, inverse: Array) -> float:
     """The error that `invert` would give, by way of a known inverse.
 
-    NaN where it may be told (`TELLING`), or where the diagonal alone may not give the sizes.
+    NaN where it may be told (`REPORTED_ERROR`), or where the diagonal alone may not give the sizes.
     """
     s = np.sqrt(np.abs(matrix.diagonal()))
     if not all(s.tolist()):
@@ -145,7 +145,7 @@ def error_of_inverting(matrix: Array, inverse: Array) -> float:
     scaled, other = matrix / sizes, inverse * sizes
     squares = float(np.vdot(scaled, scaled))
     error = EPSILON * float(squares * np.vdot(other, other)) ** 0.5
-    return error if squares <= _EVEN**2 and error < 0.5 * TELLING else float("nan")
+    return error if squares <= _EVEN**2 and error < 0.5 * REPORTED_ERROR else float("nan")
 
 
 def _inverted_one_by_one(matrices: Array) -> tuple[Array, list[float]]:

@@ -45,15 +45,15 @@ BALANCE: Final = 1e-8
 #: the characteristic length) in the coordinates.
 ROUNDING: Final = 1e-12
 #: A relative error above this is told to the reader: it is more than a few digits.
-TELLING: Final = 1e-9
+REPORTED_ERROR: Final = 1e-9
 #: Squares of frequencies nearer to each other than this share are those of one subspace: within it
 #: any motion has the same frequency to six digits, and single directions are chance.
 REPEATED: Final = 1e-6
 #: A number with a relative error above this is none: four digits are the fewest that tell.
-LOST: Final = 1e-4
+LOST_ERROR: Final = 1e-4
 #: Up to this condition number a stiffness and its inverse together hold all principal values: the
 #: worst stand in the middle and lose its root, 3e5 of 4e15.
-PAIRED: Final = 1e11
+LARGEST_PAIRED_CONDITION: Final = 1e11
 #: Up to this product of the norms of an equilibrated matrix and its inverse nothing is to be gained
 #: from another way to the inverse: it is known to twelve digits.
 WELL_CONDITIONED: Final = 4e3

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.numerics.criteria import PLAIN_BLOCK
-from cartstiff.numerics.policy import EPSILON, LOST, ZERO, Array
+from cartstiff.numerics.policy import EPSILON, LOST_ERROR, ZERO, Array
 from cartstiff.numerics.small import right_angled, symmetric_values, symmetric_vectors
 
 # Sums over the components of turning, and of moving.
@@ -39,12 +39,12 @@ def eigenvalues(
     losses : tuple of float
         Relative errors of matrix and inverse, each over `EPSILON`: what is a difference knows less.
     doubtful : bool
-        Return what is known to less than `LOST`, too.
+        Return what is known to less than `LOST_ERROR`, too.
 
     Returns
     -------
     ndarray, shape (..., n)
-        NaN where neither is known, and where one of the values is known to less than `LOST`.
+        NaN where neither is known, and where one of the values is known to less than `LOST_ERROR`.
     """
     a = _of_symmetric(matrix)
     if inverse is None:
@@ -54,7 +54,7 @@ def eigenvalues(
     b = _of_symmetric(inverse)
     if a.ndim == 1 and a.size and not np.isnan(a).any() and not np.isnan(b).any():
         of_one = _parted(a, b, losses)
-        if of_one.error > LOST and not doubtful:
+        if of_one.error > LOST_ERROR and not doubtful:
             return np.full(len(a), np.nan)
         return np.array(sorted(of_one.values))
     alone = _cleaned(a)
@@ -81,7 +81,7 @@ def eigenpairs(
         return a, u
     b, v = symmetric_vectors(0.5 * (inverse + inverse.T))
     parts = _parted(a, b, losses)
-    if parts.error > LOST:
+    if parts.error > LOST_ERROR:
         return np.full(len(a), np.nan), u
     # From two sources, so that they are at right angles only about.
     vectors = right_angled(np.concatenate((u[:, parts.of_a], v[:, parts.of_c]), axis=1))
@@ -182,7 +182,7 @@ def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> 
     if doubtful or not a.shape[-1]:
         return merged
     # What neither knows may have any sign, and stand anywhere among the others.
-    merged[_errors(np.abs(a), np.abs(c), k, losses) > LOST] = np.nan
+    merged[_errors(np.abs(a), np.abs(c), k, losses) > LOST_ERROR] = np.nan
     return merged
 
 

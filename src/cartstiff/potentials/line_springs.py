@@ -350,7 +350,7 @@ class LineSprings(PosePotential):
 
 def are_taut(tensions: Array) -> bool:
     """Whether every cable pulls, or none: what is less than rounding beside the largest is none."""
-    least = numerics.UNFELT * float(np.abs(tensions).max(initial=0.0))
+    least = numerics.NEGLIGIBLE_FORCE * float(np.abs(tensions).max(initial=0.0))
     return bool(tensions.min(initial=np.inf) > least or least == 0.0)
 
 

@@ -126,7 +126,7 @@ def crossings(
     if len(points):
         low, high = (np.abs(signed(moved(x[:, None] * directions[ray]))) for x in (near, far))
         there = np.abs(signed(moved(steps[ray, step][:, None] * directions[ray])))
-        points = points[np.maximum(low, high) <= numerics.LOST * there]
+        points = points[np.maximum(low, high) <= numerics.LOST_ERROR * there]
     return points
 
 
@@ -170,7 +170,7 @@ def nearest_singular(
         size = np.linalg.norm(step, axis=1)
         x = x + step * np.minimum(1.0, 0.2 * length / np.maximum(size, h))[:, None]
         best = np.where((size <= h)[:, None], x, best)
-        if (size <= numerics.TELLING * length).all():
+        if (size <= numerics.REPORTED_ERROR * length).all():
             break
     size = np.linalg.norm(best, axis=1)
     ends = crossings(signed, at, best / size[:, None], 1.05 * size, 64)

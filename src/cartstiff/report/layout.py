@@ -14,7 +14,7 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 
 #: Size that components of unit vectors are shown beside: one below 1e-9 tells nothing.
-COSINES = numerics.TELLING / numerics.BLANK
+COSINES = numerics.REPORTED_ERROR / numerics.BLANK
 
 
 def note_lines(notes: Iterable[Note]) -> list[str]:

@@ -86,7 +86,7 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
         if unloaded is not None:
             bare = unloaded.frequencies[i] if i < len(unloaded.frequencies) else np.nan
             change = f / bare - 1.0 if bare else None
-            if change is not None and abs(change) < numerics.TELLING:
+            if change is not None and abs(change) < numerics.REPORTED_ERROR:
                 change = 0.0  # two eigenvalue problems agree to no more
             cells += [_hertz(bare), percent(change)]
         if masses is not None and total is not None:

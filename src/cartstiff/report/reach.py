@@ -75,7 +75,7 @@ def _table(modes: AssemblyModes) -> list[str]:
         row = [
             str(i + 1),
             *(number(x) for x in _place(mode, modes.elastic)),
-            number(mode.residual if mode.residual > numerics.FINEST else 0.0, 2),
+            number(mode.residual if mode.residual > numerics.ATTAINABLE_PRECISION else 0.0, 2),
         ]
         row += [number(mode.eigenvalue), _STABLE[mode.stable]]
         row += [number(mode.determinant, 4)] * of_legs

@@ -39,7 +39,7 @@ from cartstiff.notes import Note
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
-from cartstiff.statics.newton import ENOUGH, SHARP, solve
+from cartstiff.statics.newton import solve
 from cartstiff.statics.problem import Balance, Point, System, spectrum
 from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, Vibrations, divergence, vibrations
 from cartstiff.stiffness.applied_load import checked_load
@@ -189,7 +189,9 @@ class LoadPath:
                 best, kept = balance.residual, (q, factor)
             else:
                 stalled += 1
-            if best <= SHARP or (best <= ENOUGH and stalled):
+            if best <= numerics.EQUILIBRIUM_TOLERANCE or (
+                best <= numerics.ACCEPTED_RESIDUAL and stalled
+            ):
                 return self.state(*kept, direction, iteration)
             if balance.free is not None:
                 push = balance.free.T @ push
@@ -206,7 +208,7 @@ class LoadPath:
 
 
 # Share of f_N along the mode below which the load does not excite it: then curves cross.
-_UNFELT = numerics.UNFELT
+_UNFELT = numerics.NEGLIGIBLE_FORCE
 _BISECTIONS = 100
 
 Kind = Literal["limit", "bifurcation", "flutter"]
@@ -308,7 +310,7 @@ def _onset(
     a, b = 0.0, size
     for _ in range(_BISECTIONS):
         middle = 0.5 * (a + b)
-        if b - a <= numerics.FINEST * size or middle in (a, b):
+        if b - a <= numerics.ATTAINABLE_PRECISION * size or middle in (a, b):
             break
         try:
             state = path.step(start, middle)
@@ -342,7 +344,7 @@ def _located(
     small = numerics.LAST_DIGITS * max(abs(value_a), abs(value_b))
     best = start if abs(value_a) < abs(value_b) else end
     for iteration in range(_BISECTIONS):
-        if b - a <= numerics.FINEST * size or value_a == value_b:
+        if b - a <= numerics.ATTAINABLE_PRECISION * size or value_a == value_b:
             break
         middle = 0.5 * (a + b)
         if iteration % 3 != 2:
@@ -508,7 +510,7 @@ class LoadCurve(Result):
         return csv_text(np.column_stack([self.factors, q, moved, linear, self.eigenvalue]), names)
 
 
-_SMALLEST = numerics.SETTLED
+_SMALLEST = numerics.NEGLIGIBLE_STEP
 _START = "at the start: "
 # Neighbouring directions must agree to this cosine, or the step is halved.
 _COSINE = 0.9

@@ -30,8 +30,6 @@ from cartstiff.statics.problem import (
 )
 from cartstiff.stiffness.posture_notes import near_type_2
 
-#: Residual that ends the iteration at once, and the one that is accepted once it falls no more.
-SHARP, ENOUGH = numerics.SHARP, numerics.ENOUGH
 # Ratio of stiffnesses up to which a failure is not laid to rounding.
 _RESOLVED = numerics.RESOLVED
 _ITERATIONS = 200
@@ -141,7 +139,7 @@ class _Iteration:
             if residual < best:
                 best, kept = residual, (self.point, self.balance)
             stalled = iteration - best_at >= 2
-            if best <= SHARP or (stalled and self._is_enough(best, kept)):
+            if best <= numerics.EQUILIBRIUM_TOLERANCE or (stalled and self._is_enough(best, kept)):
                 if kept is not None:
                     self.point, self.balance = kept
                 best, kept = np.inf, None
@@ -170,7 +168,7 @@ class _Iteration:
 
     @staticmethod
     def _is_enough(best: float, kept: tuple[Point, Balance] | None) -> bool:
-        return best <= ENOUGH or (kept is not None and kept[1].is_rounding)
+        return best <= numerics.ACCEPTED_RESIDUAL or (kept is not None and kept[1].is_rounding)
 
     def _is_far(self) -> bool:
         if self.met_saddle or self.predicted is None:
@@ -277,7 +275,7 @@ class _Iteration:
         fuzzy = _ROUNDING * self.point.energies
         before = b.merit
         # At rounding level shorter steps do not help.
-        for halving in range(_HALVINGS if b.residual > ENOUGH else 2):
+        for halving in range(_HALVINGS if b.residual > numerics.ACCEPTED_RESIDUAL else 2):
             trial = self._trial(t * step)
             if trial is None:
                 t *= 0.5
@@ -294,7 +292,7 @@ class _Iteration:
                     if halving == 0 and capped:
                         self.cap = min(2.0 * self.cap, _LARGEST_CAP)
                     elif halving > 0:
-                        self.cap = max(2.0 * t * largest, numerics.SETTLED)
+                        self.cap = max(2.0 * t * largest, numerics.NEGLIGIBLE_STEP)
                     self.point, self.balance = point, balance
                     return True
                 self.contacts = old
@@ -402,7 +400,7 @@ class _Iteration:
             for r, c in zip(self.reactions(), self.contacts, strict=True)
         ]
         worst = int(np.argmax(pulls))
-        if pulls[worst] <= numerics.ENOUGH:
+        if pulls[worst] <= numerics.ACCEPTED_RESIDUAL:
             return False
         self.contacts = tuple(c for i, c in enumerate(self.contacts) if i != worst)
         self.balance = self._balanced(self.point)

@@ -654,14 +654,16 @@ class System:
             residual, to_constraints, units = constraints
             missed = residual / units
             size = float(np.abs(missed).max(initial=0.0))
-            if size <= numerics.FINEST or (size <= numerics.ROUNDING and size >= 0.5 * best):
+            if size <= numerics.ATTAINABLE_PRECISION or (
+                size <= numerics.ROUNDING and size >= 0.5 * best
+            ):
                 return q
             best = min(best, size)
             columns = posture.coordinate_lengths
             A = to_constraints.jacobian * columns / units[:, None]
             step = -weights * np.linalg.lstsq(A * weights, missed, rcond=RANK)[0]
             largest = float(np.abs(step).max(initial=0.0))
-            if not np.isfinite(largest) or largest < numerics.STILL:
+            if not np.isfinite(largest) or largest < numerics.SMALLEST_STEP:
                 break
             q = mechanism.moved(q, columns * step * min(1.0, _PULL / largest))
         if size <= numerics.REACHED:

@@ -130,7 +130,7 @@ def chosen_forces(
 
 
 # A force that is unsure by more than this share of the largest one is named.
-_COUNTS = numerics.UNFELT
+_COUNTS = numerics.NEGLIGIBLE_FORCE
 _NEUTRAL = (
     "a motion costs no energy to second order, or too little to be seen beside the stiffest "
     "spring: definiteness does not decide stability here"
@@ -278,7 +278,7 @@ def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list
     unsure = give if balance.free is None else np.abs(balance.free) @ give
     most = float(unsure.max())
     away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
-    if most <= max(numerics.ROUNDING, numerics.LOST * float(away.max())):
+    if most <= max(numerics.ROUNDING, numerics.LOST_ERROR * float(away.max())):
         return []
     known = "are not known at all"
     if most < 1.0:

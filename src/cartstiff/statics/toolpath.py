@@ -144,7 +144,7 @@ class CompensatedPath:
 
 
 # What springs cannot balance, as a share of what acts, above which a posture is refused.
-_UNBALANCED = numerics.TELLING
+_UNBALANCED = numerics.REPORTED_ERROR
 # Where the check of a command starts, as a share of the way that the mechanism gave.
 _ASIDE = 0.1
 

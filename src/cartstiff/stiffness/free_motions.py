@@ -117,7 +117,7 @@ class FreeMotions:
             terms = self._terms + np.abs(J.T) @ each @ np.abs(J)
             idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
             errors[:count] = np.where(idle, np.inf, errors[:count]).tolist()
-        if max(errors) > numerics.TELLING and self._apart is not None:
+        if max(errors) > numerics.REPORTED_ERROR and self._apart is not None:
             return self._better(inverses, errors, changes, other, self._apart)
         return inverses, errors
 

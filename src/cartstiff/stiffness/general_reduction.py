@@ -135,7 +135,7 @@ def reduce_any(
         # Rates that should be zero are rounded, too, beside the others.
         rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(asked).sum() + np.abs(g).max())
         unfelt = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
-        if np.all(np.abs(missed) <= numerics.UNFELT * size + unfelt):
+        if np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + unfelt):
             w = asked
         else:
             states.append(

@@ -105,7 +105,7 @@ def plain_inverses(
 def _of_chart(K_F: Array, chart: Array | None, free: FreeMotions) -> Array | None:
     """C^F where legs are nearly dependent while their load holds the body: its sizes are others."""
     (C,), (error,) = numerics.invert_each(K_F)
-    if error <= numerics.TELLING:
+    if error <= numerics.REPORTED_ERROR:
         return np.asarray(0.5 * (C + C.T))
     other = free.compliances(other=chart)[-1]
     return None if other is None else other.matrix

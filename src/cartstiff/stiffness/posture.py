@@ -299,9 +299,13 @@ class PostureStiffness(ShownInLines):
         plain = self._plain_inverses
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
         error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])
-        if error > numerics.TELLING and not self.is_loaded:
+        if error > numerics.REPORTED_ERROR and not self.is_loaded:
             error = 0.0
-        if error <= numerics.TELLING and plain and (plain.has_load or not self._load_is_given):
+        if (
+            error <= numerics.REPORTED_ERROR
+            and plain
+            and (plain.has_load or not self._load_is_given)
+        ):
             return []
         change = self.change_by_load if self._load_is_given else None
         known = compliance(), self._natural, change, error

@@ -63,7 +63,7 @@ def notes_on_digits(
         loaded = reduction.free.compliance(change)
     errors = [inverse.error for inverse in (compliance, loaded) if inverse is not None]
     error = max(*errors, error_of_forces) if errors else 0.0
-    if error > numerics.TELLING:
+    if error > numerics.REPORTED_ERROR:
         notes.append(
             Note(
                 "ill-conditioned",
@@ -74,7 +74,7 @@ def notes_on_digits(
         )
     if K is not None and compliance is not None:
         error = error_of_soft_directions(K, compliance.matrix)
-        if error > numerics.TELLING:
+        if error > numerics.REPORTED_ERROR:
             is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR
             words = "so near to a singularity" if is_near else "with springs so far apart"
             known = "not at all"
@@ -147,7 +147,7 @@ def error_of_chosen_forces(
     sizes[sizes == 0.0] = 1.0
     share = inverse.dot(added) * sizes[:, None] / sizes
     error = numerics.EPSILON / ratio * norm(share)
-    if error > numerics.TELLING:  # by what is quickly found, and is no less
+    if error > numerics.REPORTED_ERROR:  # by what is quickly found, and is no less
         error = numerics.EPSILON / ratio * float(np.linalg.norm(share, 2))
     return error
 
@@ -174,7 +174,7 @@ def near_constraint(reduction: Reduction) -> list[Note]:
     """
     values = np.zeros(0) if reduction.closures is None else reduction.closures
     shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
-    doubtful = shares[(shares > numerics.LAST_DIGITS) & (shares < numerics.LOST)]
+    doubtful = shares[(shares > numerics.LAST_DIGITS) & (shares < numerics.LOST_ERROR)]
     if not doubtful.size:
         return []
     held, least = int((doubtful > numerics.RANK).sum()), float(doubtful.min())

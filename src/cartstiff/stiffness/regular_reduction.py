@@ -26,7 +26,7 @@ def _is_carried(J: Array, force: Array, energy: Evaluation) -> bool:
         return True
     size = np.abs(J.T) @ np.abs(force) + np.abs(energy.gradient)
     rounding = numerics.ROUNDING * np.abs(energy.hessian).max(axis=0, initial=0.0)
-    return bool(np.all(np.abs(missed) <= numerics.UNFELT * size + rounding))
+    return bool(np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + rounding))
 
 
 def reduce_square(

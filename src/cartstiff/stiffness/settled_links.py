@@ -21,7 +21,7 @@ from cartstiff.stiffness.applied_load import LoadKind
 STEPS = 60
 #: Natural units: the largest step taken at once, and the one that ends the search. One that is
 #: somewhat longer in the last step of all is rounding.
-LONGEST, LAST, ROUNDED = 0.2, numerics.SHARP, 1e3 * numerics.SHARP
+LONGEST, LAST, ROUNDED = 0.2, numerics.EQUILIBRIUM_TOLERANCE, 1e3 * numerics.EQUILIBRIUM_TOLERANCE
 
 
 def settled_coordinates(elastic: ElasticMechanism) -> Array:

@@ -59,14 +59,14 @@ from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_roo
 from cartstiff.numerics import BALANCE, ROUNDING
 
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
-_SHARE = numerics.LOST
+_SHARE = numerics.LOST_ERROR
 #: Most that factors of mixed signs may exceed the entries of their row.
 _GROWTH = 100.0
 #: Most that one step of Newton's method may change an inverse: it leaves the square of that.
 _LOST_TO_PIVOTS = numerics.LAST_DIGITS**0.5
 #: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
 #: largest entry, that are trusted.
-_PIVOT = numerics.LOST
+_PIVOT = numerics.LOST_ERROR
 
 
 @lru_cache(maxsize=64)

@@ -45,7 +45,7 @@ from cartstiff.many.chains.tree_twists import TreeConstants, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 
 #: Condition of the closures up to which their motions are known to all but four digits.
-_CLOSED = 1.0 / numerics.LOST
+_CLOSED = 1.0 / numerics.LOST_ERROR
 
 
 @dataclass(frozen=True)
@@ -313,7 +313,7 @@ class ClosedChainNumbers(ChainNumbers):
         near, lost = noteworthy(larger(serial, spread), outer, margin=100.0)
         both = self.columns * self.columns[:, None]
         size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
-        lost = larger(lost, size * (self.n * numerics.EPSILON / numerics.TELLING) ** 2)
+        lost = larger(lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2)
         return np.array([near, lost], object)
 
     def pose(self) -> Array:

@@ -163,8 +163,9 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
     By what is "left", and the residual `before`.
     """
     unit = np.maximum(1.0, length)
-    return (size <= numerics.FINEST * unit) | (
-        (size <= numerics.ROUNDING * unit) & ((size > 0.1 * before) | (step <= numerics.STILL))
+    return (size <= numerics.ATTAINABLE_PRECISION * unit) | (
+        (size <= numerics.ROUNDING * unit)
+        & ((size > 0.1 * before) | (step <= numerics.SMALLEST_STEP))
     )
 
 
@@ -183,7 +184,9 @@ def _close(
         is_closed[which[done]] = taken < STEPS
         futile = np.where(size < 0.9 * best, 0, futile + 1)
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
-        vain = goes_on & ((step <= numerics.STILL) | (futile >= FUTILE) & (step < LONGEST_STEP))
+        vain = goes_on & (
+            (step <= numerics.SMALLEST_STEP) | (futile >= FUTILE) & (step < LONGEST_STEP)
+        )
         is_vain[which[vain]] = True
         goes_on &= ~vain
         which, before, futile = which[goes_on], size[goes_on], futile[goes_on]

@@ -100,7 +100,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     H, J = chain.lagrangian(W)[np.ix_(free, free)], chain.J[:, free]
     L, inverses, pivots = positive_factor(H)
     for a, pivot in enumerate(pivots):
-        verdict = larger(verdict, pick(H[a, a] * numerics.LOST, pivot, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(H[a, a] * numerics.LOST_ERROR, pivot, PLAIN, ENGINE))
     reached = below(L, np.column_stack([-left[free], J.T]))
     y, reach = reached[:, 0], reached[:, 1:]
     # With C = J H^-1 J^T it is (H + J^T D J)^-1 = (1 - H^-1 J^T D (1 + C D)^-1 J) H^-1.

@@ -42,10 +42,10 @@ from cartstiff.many.tape import Scalar, absolute, larger, pick, square_root
 from cartstiff.stiffness.applied_load import LoadKind
 
 #: Less what two ways to find a condition number may differ by.
-_PAIRED = 0.99 * numerics.PAIRED
+_PAIRED = 0.99 * numerics.LARGEST_PAIRED_CONDITION
 #: Least pivot of a positive matrix of such a condition number, as a share of its diagonal entry,
 #: that rounding does not make.
-_POSITIVE = 0.1 / numerics.PAIRED
+_POSITIVE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
 _BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 
 
@@ -225,7 +225,7 @@ def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
     if others == "free":
         return 1.0 / on_axis
     terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
-    rounding = absolute(on_axis) * (numerics.TELLING / numerics.EPSILON)
+    rounding = absolute(on_axis) * (numerics.REPORTED_ERROR / numerics.EPSILON)
     r.require(pick(terms, rounding, PLAIN, ENGINE))
     return on_axis
 

@@ -61,7 +61,7 @@ def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Sc
         H = H + congruence(J, (D + D.T) * 0.5)
     L, inverses, pivots = positive_factor(H)
     for pivot, entry in zip(pivots, H.diagonal(), strict=True):
-        verdict = larger(verdict, pick(entry * numerics.LOST, pivot, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(entry * numerics.LOST_ERROR, pivot, PLAIN, ENGINE))
     roots = np.array([square_root(x) for x in inverses], object)
     slow = below(L, below(L, M).T) * np.multiply.outer(roots, roots)
     if number == 1:

@@ -4,11 +4,11 @@
 
 import { adjoint, angles, back, block, blocks, changed, cholesky, clean, congruence, cross, dot, eigen, general, identity,
   inverse, largest, motion, moved, place, plus, product, rotation, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
-import { EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, TELLING, ZERO } from "./numerics.js";
+import { EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
-const UNSURE = 10 * TELLING ** 0.5;
+const UNSURE = 10 * REPORTED_ERROR ** 0.5;
 
 export class Living {
   constructor(data, programs) {
@@ -112,7 +112,7 @@ export class Living {
     const sizes = M.map((row, i) => Math.sqrt(Math.abs(row[i])));
     const one = squares(M.map((row, i) => row.map((x, j) => x / sizes[i] / sizes[j])));
     const two = squares(other.map((row, i) => row.map((x, j) => x * sizes[i] * sizes[j])));
-    if (!(one * two * ((2 * EPSILON) / TELLING) ** 2 < 1)) throw new Error(NOT_PLAIN);
+    if (!(one * two * ((2 * EPSILON) / REPORTED_ERROR) ** 2 < 1)) throw new Error(NOT_PLAIN);
   }
 
   /** K^load - K^B: see `cartstiff.stiffness.applied_load`. */

@@ -8,6 +8,6 @@ export const NEAR = 0.05;
 export const RANK = 1e-10;
 export const ROUNDING = 1e-12;
 export const SYMMETRY = 1e-9;
-export const TELLING = 1e-9;
+export const REPORTED_ERROR = 1e-9;
 export const UNCOUPLED = 1e-10;
 export const ZERO = 1e-13;
