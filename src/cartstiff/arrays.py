@@ -342,6 +342,13 @@ def checked_number(value: object, what: str, *, where: str | None = None) -> flo
     return float(checked_array(value, (), what, where=where, copy=False))  # type: ignore[arg-type]
 
 
+def checked_seed(value: object) -> int:
+    """Seed of random numbers: NumPy follows a list that contains itself until the process ends."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 0:
+        raise InputError("seed cannot be used", expected="0 or more", got=one_line(value))
+    return int(value)
+
+
 def checked_flag(value: object, what: str) -> bool:
     """True or False: text such as "no" would count as true."""
     if not isinstance(value, (bool, np.bool_)):

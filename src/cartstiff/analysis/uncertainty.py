@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_number, read_only
+from cartstiff.arrays import checked_array, checked_number, checked_seed, read_only
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 
@@ -328,7 +328,7 @@ def propagate_monte_carlo(
     _check(tolerances, level)
     if samples < 2:
         raise InputError("too few samples", expected="at least 2", got=samples)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed(seed))
     draws = _draws(tolerances, rng, samples, correlation)
     names: tuple[str, ...] | None = None
     rows: list[Array] = []

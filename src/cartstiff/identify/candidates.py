@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import Array
+from cartstiff.arrays import Array, checked_seed
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.columns import MEASURED, TURN
 from cartstiff.identify.measurements import Measurements
@@ -74,7 +74,7 @@ def candidates(
                 got=repr(name),
                 expected=", ".join(n for n in MEASURED if n not in TURN),
             )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed(seed))
     low, high = _ranges(elastic, ranges or {})
     box = dict(within or {})
     for axis in box:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cartstiff.arrays import Array
+from cartstiff.arrays import Array, checked_seed
 from cartstiff.errors import InputError
 from cartstiff.identify.columns import MEASURED, POSITION, TURN
 from cartstiff.identify.loaded_model import model_of
@@ -61,7 +61,7 @@ def simulated(
                 got=repr(name),
                 expected=", ".join(n for n in MEASURED if n not in TURN),
             )
-    N, rng = len(settings), np.random.default_rng(seed)
+    N, rng = len(settings), np.random.default_rng(checked_seed(seed))
     nothing = {name: np.zeros(N) for name in deviations}
     spread = {name: np.full(N, s) for name, s in deviations.items()}
     blank = replace(settings, values=nothing, deviations=spread, session=())

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_flag, is_pose
+from cartstiff.arrays import checked_array, checked_flag, checked_seed, is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free as Free
@@ -154,7 +154,7 @@ def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:
     if isinstance(starts, (int, np.integer)) and not isinstance(starts, bool):
         if starts < 0:
             raise InputError("number of starts must not be negative", got=int(starts))
-        begin = solver.random_starts(int(starts), np.random.default_rng(seed))
+        begin = solver.random_starts(int(starts), np.random.default_rng(checked_seed(seed)))
     else:
         begin = checked_array(starts, ("N", n), "array of starts")
     begin = np.vstack([solver.start, begin])

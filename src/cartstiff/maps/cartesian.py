@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import is_pose
+from cartstiff.arrays import checked_seed, is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -105,7 +105,7 @@ class CartesianGrid(Sampling):
             raise InputError("orientation is not a rotation", got=self.orientation.tolist())
         self.base = np.array(posture.q)
         self.free, self.redundancy = free, redundancy
-        self.branches, self.count, self.seed = int(branches), int(starts), int(seed)
+        self.branches, self.count, self.seed = int(branches), int(starts), checked_seed(seed)
         #: Legs that are searched one by one; 0 where the mechanism is searched as a whole.
         self.legs = len(legs_of(elastic) or ())
         self.dims = (*_NAMES, "branch")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_vector, real_array
+from cartstiff.arrays import checked_array, checked_seed, checked_vector, real_array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
@@ -219,13 +219,11 @@ class RandomPostures(Sampling):
     def __init__(self, count: int, seed: int, lower: ArrayLike, upper: ArrayLike) -> None:
         if count < 1:
             raise InputError("no postures were asked for", expected="1 or more", got=count)
-        if seed < 0:
-            raise InputError("seed cannot be used", expected="0 or more", got=seed)
         self.lower = checked_array(lower, ("n",), "lower limits of random postures")
         self.upper = checked_vector(upper, len(self.lower), "upper limits of random postures")
         if np.any(self.upper < self.lower):
             raise InputError("limits of random postures must rise")
-        self.count, self.seed = int(count), int(seed)
+        self.count, self.seed = int(count), checked_seed(seed)
         self.dims, self.shape = ("posture",), (self.count,)
 
     @classmethod

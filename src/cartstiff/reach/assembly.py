@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_vector
+from cartstiff.arrays import checked_flag, checked_seed, checked_vector
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -56,7 +56,7 @@ def closed_from(
     """
     held = list(chain.actuated or ())
     solver = JointPoses(elastic, limits=False)
-    begin = solver.random_starts(starts, np.random.default_rng(seed))
+    begin = solver.random_starts(starts, np.random.default_rng(checked_seed(seed)))
     begin = np.vstack([q, begin])
     begin[:, chain.held] = q[chain.held]
     fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))

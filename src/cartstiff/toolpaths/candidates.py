@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from cartstiff import numerics
+from cartstiff.arrays import checked_seed
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -238,7 +239,7 @@ def layers(
 
     At the first point each cell has `starts` random starts. `advance` is called after each point.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed(seed))
     layers: list[Layer] = []
     for pose in poses:
         cells = _Cells(solver, grid, grid.targets(pose), tolerance)

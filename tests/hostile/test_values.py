@@ -1,0 +1,43 @@
+"""Values that would end the process: each is refused in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+CALLS = {
+    "inverse kinematics": "cartstiff.inverse_kinematics(arm, np.eye(4), seed=VALUE)",
+    "starts": "cartstiff.inverse_kinematics(arm, np.eye(4), starts=VALUE)",
+    "poses": "cartstiff.inverse_kinematics(arm, VALUE)",
+    "random postures": "RandomPostures(3, VALUE, [0], [1])",
+    "posture": "cartstiff.analyse(arm, VALUE)",
+}
+CODE = """
+import sys
+import numpy as np
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.maps.sampling import RandomPostures
+itself = []
+itself.append(itself)
+mixed = [0.0] * 5 + [itself]
+arm = cartstiff.load("<robot name='r'><link name='a'/><link name='b'/><joint name='j' "
+    "type='continuous'><parent link='a'/><child link='b'/></joint></robot>")
+for value in (itself, mixed, [[itself]], "1", -1, 1.5, True, {"a": itself}):
+    try:
+        CALL
+    except InputError as error:
+        assert "\\n" not in str(error)
+    else:
+        assert not isinstance(value, list), value
+print("alive")
+"""
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_list_that_contains_itself_ends_no_process(name):
+    code = CODE.replace("CALL", CALLS[name].replace("VALUE", "value"))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "alive\n", done.stderr
