@@ -15,7 +15,7 @@ SMALL, LARGE = 1e-3, 1e5
 ALLOWED = {
     "cli/export.py": "bytes to megabytes",
     "cli/report.py": "bytes to megabytes",
-    "identify/columns.py": "units",
+    "loading/tables.py": "units",
     "loading/defaults.py": "joints without limits",
     "loading/mesh_worker.py": "metres of which no robot has so many",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",

@@ -108,10 +108,10 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.cli.requests import map as map_request
     from cartstiff.cli.requests import target_file
     from cartstiff.loading import (
-        csv_file,
         mesh_worker,
         meshes,
         robot_description,
+        tables,
         urdf,
         xacro_worker,
         yaml_file,
@@ -124,7 +124,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.statics import problem as effort
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
-    assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2
+    assert yaml_file.LARGEST == tables.LARGEST == target_file._LARGEST == 1024**2
     assert mjcf_worker._MEGABYTES == 2048
     shown = {
         "1 GiB": map_request._LARGEST_FILE / 1024**3,

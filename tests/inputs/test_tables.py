@@ -13,7 +13,7 @@ from cartstiff.arrays import csv_rows, csv_text
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.cli.main import main
 from cartstiff.errors import CartstiffError, InputError
-from cartstiff.loading.csv_file import read_rows
+from cartstiff.loading.tables import read_rows
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.robot_table import CONTROLLERS, orientation_of
 

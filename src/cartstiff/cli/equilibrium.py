@@ -238,7 +238,7 @@ def _compensate(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.loading.tables import read_rows
     from cartstiff.report.figures_statics import draw_error_along_path
     from cartstiff.report.output import write_files
     from cartstiff.report.statics import describe_path

@@ -38,7 +38,7 @@ def command(request: MechanismRequest, table: Path, controller: str, output: Pat
     """
     elastic = request.at_posture()
 
-    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.report.output import write_whole
     from cartstiff.report.robot_table import robot_table

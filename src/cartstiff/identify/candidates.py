@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_seed
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
-from cartstiff.identify.columns import MEASURED, TURN
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import MEASURED, TURN, Measurements
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
-from cartstiff.identify.columns import POSITION, TURN
 from cartstiff.identify.fitting import Fit
 from cartstiff.identify.linear_model import LinearModel, Model
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import POSITION, TURN, Measurements
 from cartstiff.identify.unknowns import Unknowns
 
 #: A test speaks where its probability under the model is below this.

@@ -5,15 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.arrays import Array, csv_line
-from cartstiff.identify.columns import LOAD, MEASURED, UNITS
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.arrays import Array
+
+LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
+DISPLACEMENT: Final = ("dx", "dy", "dz")
+ROTATION: Final = ("drx", "dry", "drz")
+POSITION: Final = ("x", "y", "z")
+TURN: Final = ("roll", "pitch", "yaw")
+#: What can be measured, with its kind.
+MEASURED: Final[Mapping[str, str]] = {
+    **dict.fromkeys((*DISPLACEMENT, "d", *POSITION), "length"),
+    **dict.fromkeys((*ROTATION, *TURN), "angle"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,60 +123,3 @@ def _groups(table: Array) -> NDArray[np.intp]:
     known: dict[bytes, int] = {}
     rows = np.ascontiguousarray(table) + 0.0  # -0.0 becomes 0.0
     return np.array([known.setdefault(row.tobytes(), len(known)) for row in rows], np.intp)
-
-
-def table_text(
-    measured: Measurements, elastic: ElasticMechanism, columns: Sequence[str] = ()
-) -> str:
-    """Rows under a line of names: postures, loads, and what was measured.
-
-    Parameters
-    ----------
-    measured : Measurements
-        The rows.
-    elastic : ElasticMechanism
-        Whose joints name the columns.
-    columns : sequence of str
-        Columns that stand empty, to be filled in.
-    """
-    own = elastic.units
-    in_length = own.length if own.length in UNITS["length"] else SI.length
-    in_angle, turn = own.shown_angle, np.pi / 180.0 if own.shown_angle == "deg" else 1.0
-    length, force = convert_length(Units(in_length), own)
-    mechanism = elastic.mechanism
-    table: dict[str, Array] = {}
-    hidden = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
-    for j, c in enumerate(mechanism.coordinates):
-        if j not in hidden:
-            unit, size = (in_length, length) if c.is_length else (in_angle, turn)
-            name = f"q_{c.name}" if c.name in MEASURED else c.name
-            table[f"{name} [{unit}]"] = measured.q[:, j] / size
-    moment = "N mm" if in_length == "mm" else "N m"
-    lever = length if moment == "N mm" else convert_length(SI, own)[0]
-    loads = measured.wrench / np.repeat([force * lever, force], 3)
-    units = (moment, "N")
-    for i, name in enumerate(LOAD):
-        if loads[:, i].any():
-            table[f"{name} [{units[i // 3]}]"] = loads[:, i]
-    if measured.mass.any():
-        table["mass [kg]"] = measured.mass
-    if measured.mass0.any():
-        table["mass0 [kg]"] = measured.mass0
-    empty = np.full(len(measured), np.nan)
-    for name in MEASURED:
-        values = empty if name in columns else measured.values.get(name)
-        if values is None:
-            continue
-        is_length = MEASURED[name] == "length"
-        unit, factor = (in_length, length) if is_length else (in_angle, turn)
-        table[f"{name} [{unit}]"] = values / factor
-        if name == "d":
-            table |= dict(zip(("nx", "ny", "nz"), measured.direction.T, strict=True))
-        spread = measured.deviations.get(name)
-        if spread is not None and not np.isnan(spread).all() and name not in columns:
-            table[f"sd_{name} [{unit}]"] = spread / factor
-    lines = [
-        ",".join("" if np.isnan(x) else f"{x:.10g}" for x in row)
-        for row in zip(*table.values(), strict=True)
-    ]
-    return csv_line(table) + "\n".join(lines) + "\n"

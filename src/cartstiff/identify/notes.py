@@ -9,9 +9,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError
-from cartstiff.identify.columns import POSITION, ROTATION, TURN
 from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import LoadedModel, needs_equilibrium
+from cartstiff.identify.measurements import POSITION, ROTATION, TURN
 from cartstiff.identify.observations import EARTH
 from cartstiff.identify.writing import written_values
 from cartstiff.notes import Note

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.identify.columns import DISPLACEMENT, POSITION, ROTATION, TURN
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import DISPLACEMENT, POSITION, ROTATION, TURN, Measurements
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 #: m/s^2, where the mechanism names no gravity: that a hung mass pulls with.

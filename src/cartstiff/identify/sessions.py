@@ -24,12 +24,11 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
-from cartstiff.identify.columns import DISPLACEMENT, POSITION, ROTATION, TURN
 from cartstiff.identify.fitting import Fit, fitted
 from cartstiff.identify.least_squares import Noise
 from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import needs_equilibrium
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import DISPLACEMENT, POSITION, ROTATION, TURN, Measurements
 from cartstiff.identify.observations import Observations
 from cartstiff.identify.unknowns import Unknowns
 from cartstiff.notes import Note

@@ -9,9 +9,8 @@ import numpy as np
 
 from cartstiff.arrays import Array, checked_seed
 from cartstiff.errors import InputError
-from cartstiff.identify.columns import MEASURED, POSITION, TURN
 from cartstiff.identify.loaded_model import model_of
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import MEASURED, POSITION, TURN, Measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 

@@ -1,34 +1,38 @@
-"""A table of measurements (CSV) into numbers in the mechanism's units."""
+"""Tables of measurements (CSV): read into numbers in the mechanism's units, and written."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import Array
-from cartstiff.errors import ConvergenceError, InputError, UndefinedError, one_line
+from cartstiff.arrays import Array, csv_line
+from cartstiff.errors import (
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+    one_line,
+)
 from cartstiff.geometry import se3
-from cartstiff.identify.columns import (
+from cartstiff.identify.measurements import (
     DISPLACEMENT,
     LOAD,
     MEASURED,
-    OF_PATH,
     POSITION,
     ROTATION,
     TURN,
-    Column,
-    column_of,
-    kinds_of,
-    without_paths,
+    Measurements,
 )
-from cartstiff.identify.measurements import Measurements
-from cartstiff.loading.csv_file import Cells, read_cells
+from cartstiff.loading.tables import UNITS, Cells, head_of, in_brackets, read_cells
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.parsing import LARGEST
@@ -40,6 +44,136 @@ _GAVE_WAY = numerics.NEARBY
 # Undeclared numbers that cannot be SI: displacements beyond this share of the mechanism's size,
 # positions beyond this many of it, small rotations and joint angles beyond these [rad].
 _FAR, _AWAY, _TILTED, _TURNS = 0.2, 20.0, 0.5, 4.0 * math.pi
+
+
+_OTHERS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(LOAD[:3], "moment"),
+    **dict.fromkeys(LOAD[3:], "force"),
+    "mass": "mass",
+    "mass0": "mass",
+    **dict.fromkeys(("nx", "ny", "nz"), "number"),
+    "session": "text",
+    "time": "time",
+    "comment": "text",
+}
+#: A column that only tables of `cartstiff path` have; their wrenches are along the body's axes.
+OF_PATH: Final = "singular_ratio"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    name : str
+        Without its unit.
+    kind : str
+        A key of `UNITS`.
+    factor : float
+        To SI.
+    declared : bool
+        Whether the header or an option names the unit.
+    """
+
+    name: str
+    kind: str
+    factor: float
+    declared: bool
+
+
+def posture_columns(elastic: ElasticMechanism) -> dict[str, str]:
+    """Columns that say where the mechanism stands, and their kinds.
+
+    Joints by name, or with "q" and an underscore before it; of a closed chain its actuated joints
+    must be given, and others may. A platform's pose is "q_x" to "q_yaw".
+    """
+    mechanism = elastic.mechanism
+    columns = {}
+    virtual = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
+    for j, coordinate in enumerate(mechanism.coordinates):
+        if j not in virtual:
+            kind = "length" if coordinate.is_length else "angle"
+            columns[f"q_{coordinate.name}"] = kind
+            if coordinate.name not in MEASURED:
+                columns[coordinate.name] = kind
+    return columns
+
+
+def kinds_of(elastic: ElasticMechanism) -> dict[str, str]:
+    """Every column that a table for this mechanism may have, and its kind."""
+    own = {**posture_columns(elastic), **_OTHERS, **MEASURED}
+    return own | {f"sd_{name}": kind for name, kind in MEASURED.items()}
+
+
+def without_paths(cells: Cells, kinds: Mapping[str, str]) -> tuple[Cells, tuple[str, ...]]:
+    """A table of `cartstiff path` or `equilibrium --path` without what only they know, and that.
+
+    Other tables stay as they are: an unknown column of theirs is a slip, and so is a name that is
+    nearly one of `kinds`.
+    """
+    names = [head.split("[")[0].strip() for head in cells.names]
+    of_path, of_commands = OF_PATH in names, any(name.startswith("command_") for name in names)
+    unused = [
+        i
+        for i, name in enumerate(names)
+        if name not in kinds
+        and (
+            (of_commands and name.startswith(("command_", "before_", "after_")))
+            or (of_path and not get_close_matches(name, kinds))
+        )
+    ]
+    if not unused:
+        return cells, ()
+    kept = [i for i in range(len(names)) if i not in unused]
+    rows = [[row[i] for i in kept] for row in cells.rows]
+    left = cells._replace(names=tuple(cells.names[i] for i in kept), rows=rows)
+    return left, tuple(names[i] for i in unused)
+
+
+def column_of(
+    head: str, kinds: Mapping[str, str], default: Mapping[str, str], where: str
+) -> Column:
+    """Name and unit of one column from its head, "name" or "name [unit]".
+
+    Parameters
+    ----------
+    head : str
+        The cell of the first line.
+    kinds : mapping of str to str
+        From `kinds_of`.
+    default : mapping of str to str
+        Units by kind, for heads without one.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no column.
+    InputError
+        For a unit that does not fit it.
+    """
+    name = in_brackets(head).split("[")[0].strip()
+    if not name:
+        raise InputError(
+            "column head cannot be read",
+            where=where,
+            expected="name or name [unit]",
+            got=repr(head),
+        )
+    if name not in kinds:
+        raise UnknownNameError("column", name, _shown(kinds), where=where)
+    kind = kinds[name]
+    _, of, factor = head_of(head, where, kind)
+    if of is None and kind in default:
+        return Column(name, kind, UNITS[kind][default[kind]], True)
+    return Column(name, kind, factor, of is not None)
+
+
+def _shown(kinds: Iterable[str]) -> list[str]:
+    """Names as users know them: those with q_ and sd_ last."""
+    return sorted(kinds, key=lambda name: name.startswith(("q_", "sd_")))
 
 
 def read_measurements(
@@ -396,3 +530,60 @@ def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: C
         raise InputError(
             words, where=one_line(cells.place), expected="columns fx, fy, fz, mx, my, mz or mass"
         )
+
+
+def table_text(
+    measured: Measurements, elastic: ElasticMechanism, columns: Sequence[str] = ()
+) -> str:
+    """Rows under a line of names: postures, loads, and what was measured.
+
+    Parameters
+    ----------
+    measured : Measurements
+        The rows.
+    elastic : ElasticMechanism
+        Whose joints name the columns.
+    columns : sequence of str
+        Columns that stand empty, to be filled in.
+    """
+    own = elastic.units
+    in_length = own.length if own.length in UNITS["length"] else SI.length
+    in_angle, turn = own.shown_angle, np.pi / 180.0 if own.shown_angle == "deg" else 1.0
+    length, force = convert_length(Units(in_length), own)
+    mechanism = elastic.mechanism
+    table: dict[str, Array] = {}
+    hidden = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
+    for j, c in enumerate(mechanism.coordinates):
+        if j not in hidden:
+            unit, size = (in_length, length) if c.is_length else (in_angle, turn)
+            name = f"q_{c.name}" if c.name in MEASURED else c.name
+            table[f"{name} [{unit}]"] = measured.q[:, j] / size
+    moment = "N mm" if in_length == "mm" else "N m"
+    lever = length if moment == "N mm" else convert_length(SI, own)[0]
+    loads = measured.wrench / np.repeat([force * lever, force], 3)
+    units = (moment, "N")
+    for i, name in enumerate(LOAD):
+        if loads[:, i].any():
+            table[f"{name} [{units[i // 3]}]"] = loads[:, i]
+    if measured.mass.any():
+        table["mass [kg]"] = measured.mass
+    if measured.mass0.any():
+        table["mass0 [kg]"] = measured.mass0
+    empty = np.full(len(measured), np.nan)
+    for name in MEASURED:
+        values = empty if name in columns else measured.values.get(name)
+        if values is None:
+            continue
+        is_length = MEASURED[name] == "length"
+        unit, factor = (in_length, length) if is_length else (in_angle, turn)
+        table[f"{name} [{unit}]"] = values / factor
+        if name == "d":
+            table |= dict(zip(("nx", "ny", "nz"), measured.direction.T, strict=True))
+        spread = measured.deviations.get(name)
+        if spread is not None and not np.isnan(spread).all() and name not in columns:
+            table[f"sd_{name} [{unit}]"] = spread / factor
+    lines = [
+        ",".join("" if np.isnan(x) else f"{x:.10g}" for x in row)
+        for row in zip(*table.values(), strict=True)
+    ]
+    return csv_line(table) + "\n".join(lines) + "\n"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.csv_file import named_unit, read_cells, read_rows
+from cartstiff.loading.tables import named_unit, read_cells, read_rows
 from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits

@@ -15,7 +15,7 @@ _VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?
 
 def units_of(text: str | None) -> dict[str, str]:
     """Default units by kind of quantity, from "mm,deg"."""
-    from cartstiff.identify.columns import UNITS
+    from cartstiff.loading.tables import UNITS
 
     of_kind: dict[str, str] = {}
     for unit in (text or "").split(",") if text is not None else ():
@@ -45,7 +45,8 @@ def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:
 
 def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, float]:
     """Standard deviations by column in SI, from "dx=0.02 mm"."""
-    from cartstiff.identify.columns import MEASURED, UNITS
+    from cartstiff.identify.measurements import MEASURED
+    from cartstiff.loading.tables import UNITS
 
     deviations = {}
     for name, text in _pairs(texts, "--sd").items():

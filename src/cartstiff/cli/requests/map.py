@@ -199,7 +199,7 @@ def sampling_from_options(
 
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line."""
-    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
 
     rows = read_rows(

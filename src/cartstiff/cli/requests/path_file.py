@@ -62,7 +62,7 @@ def read_path_file(
     import numpy as np
 
     from cartstiff.geometry import se3
-    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.contract import SI
     from cartstiff.toolpaths.tool_path import ToolPath
 

@@ -78,9 +78,8 @@ class PlanRequest:
         import numpy as np
 
         from cartstiff.identify.candidates import beside, candidates
-        from cartstiff.identify.measurements import table_text
         from cartstiff.identify.plan import plan
-        from cartstiff.identify.table import read_measurements
+        from cartstiff.identify.table import read_measurements, table_text
         from cartstiff.identify.unknowns import unknowns_of
         from cartstiff.report.identification import describe_plan
         from cartstiff.report.output import write_files
@@ -136,9 +135,8 @@ class PlanRequest:
         """Measurements as the mechanism would show them."""
         import numpy as np
 
-        from cartstiff.identify.measurements import table_text
         from cartstiff.identify.synthetic import simulated
-        from cartstiff.identify.table import read_measurements
+        from cartstiff.identify.table import read_measurements, table_text
         from cartstiff.report.output import write_files
 
         if self.csv is None:
@@ -174,7 +172,7 @@ class PlanRequest:
 
 def _deviations(spreads: dict[str, float], elastic: Any) -> dict[str, float]:
     """Standard deviations of --sd in the mechanism's units."""
-    from cartstiff.identify.columns import MEASURED
+    from cartstiff.identify.measurements import MEASURED
     from cartstiff.mechanisms.contract import SI, convert_length
 
     if not spreads:

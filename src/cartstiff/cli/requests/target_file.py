@@ -133,6 +133,7 @@ def read_target(path: Path, order: str | None) -> Target:
     import numpy as np
 
     from cartstiff.arrays import checked_array
+    from cartstiff.loading.tables import read_rows
     from cartstiff.loading.yaml_file import read_bytes
 
     where = f"--target {one_line(str(path))}"
@@ -157,7 +158,7 @@ def read_target(path: Path, order: str | None) -> Target:
             # The comment that our own files begin with names the order.
             named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
             fields = {"order": named[0]} if text.startswith("#") and named else {}
-            content = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
+            content = read_rows(path, "rows", _LARGEST).values
         else:
             content = json.loads(data)
     except unusable as error:

@@ -1,4 +1,9 @@
-"""Tables of numbers in text files, one row a line, with units in the head."""
+"""The one reader of tables in text files: one row a line, with units in the head.
+
+Cells are separated by commas, semicolons or tabs; between semicolons and tabs a comma is the
+decimal one. Units are in square or round brackets: ``elbow [deg]``, ``x (mm)``. Empty lines and
+lines that start with # are left out.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +11,10 @@ import csv
 import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
+from math import pi
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -94,45 +100,67 @@ class Cells(NamedTuple):
 
 
 def read_cells(
-    path: Path, what: str, largest: int = LARGEST, joints: tuple[str, ...] = ()
+    path: Path,
+    what: str,
+    largest: int = LARGEST,
+    joints: tuple[str, ...] = (),
+    *,
+    nameless: bool = False,
 ) -> Cells:
-    """Rows of text under a line of names; for tables in which not every cell is a number.
-
-    Cells are separated as in `read_rows`; decimal commas of numbers come back as points.
+    """Rows of text under a line of names; decimal commas of numbers come back as points.
 
     Parameters
     ----------
-    path, what, largest, joints
-        As in `read_rows`.
+    path : Path
+        UTF-8 text.
+    what : str
+        What a row is, in the plural.
+    largest : int
+        Bytes that are read at most.
+    joints : tuple of str
+        Names of the joints in order: heads may call all of them q1, q2, ... instead.
+    nameless : bool
+        Whether the line of names may be missing, and rows are rows of numbers, counted later.
 
     Raises
     ------
     InputError
         With file and line: no line of names, no rows, a row of another length.
     """
-    lines = _lines(path, largest)
-    begin, first = next(lines, (one_line(str(path)), ""))
-    separator = _separator(first)
-    names = _names(first, begin, separator)
-    if names is None:
-        raise InputError("no line of names", where=begin, expected="names of the columns first")
-    rows, places = list[list[str]](), list[str]()
-    for place, line in lines:
+    where, separator = one_line(str(path)), ","
+    names: tuple[str, ...] | None = None
+    begin, rows, places = where, list[list[str]](), list[str]()
+    for n, (place, line) in enumerate(_lines(path, largest)):
+        if n == 0:
+            begin, separator = place, _separator(line)
+            names = _names(line, place, separator)
+            if names is not None:
+                continue
+            if not nameless:
+                raise InputError(
+                    "no line of names", where=begin, expected="names of the columns first"
+                )
         cells = _cells(line, separator)
         if separator != ",":
             cells = _with_points(cells, place)
-        _refuse_doubled(line, separator, place, len(names))
-        if len(cells) != len(names):
+        width = len(names) if names else len(rows[0]) if rows else len(cells)
+        if separator == "," and line.count(",") == 2 * width - 1 > 1:
             raise InputError(
-                "wrong count", where=place, expected=f"{len(names)} cells", got=str(len(cells))
+                "commas between numbers and in them, it seems",
+                where=place,
+                expected="semicolons between numbers with decimal commas",
+                got=repr(line),
+            )
+        if len(cells) != width:
+            kind = "numbers" if nameless else "cells"
+            raise InputError(
+                "wrong count", where=place, expected=f"{width} {kind}", got=str(len(cells))
             )
         rows.append(cells)
         places.append(place)
     if not rows:
-        raise InputError(
-            f"no {what}", where=one_line(str(path)), expected="one a line, comma-separated"
-        )
-    return Cells(_numbered(names, joints), rows, places, begin)
+        raise InputError(f"no {what}", where=where, expected="one a line, comma-separated")
+    return Cells(_numbered(names or (), joints), rows, places, begin)
 
 
 def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
@@ -164,17 +192,6 @@ def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...
         return heads
     pairs = zip(heads, bare, strict=True)
     return tuple(head.replace(name, called.get(name, name), 1) for head, name in pairs)
-
-
-def _refuse_doubled(line: str, separator: str, place: str, width: int | None) -> None:
-    """Refuse twice as many commas as there can be."""
-    if separator == "," and width is not None and line.count(",") == 2 * width - 1:
-        raise InputError(
-            "commas between numbers and in them, it seems",
-            where=place,
-            expected="semicolons between numbers with decimal commas",
-            got=repr(line),
-        )
 
 
 def _separator(line: str) -> str:
@@ -215,66 +232,32 @@ def read_rows(
     factors: Mapping[str, float] = MappingProxyType({}),
     joints: tuple[str, ...] = (),
 ) -> Rows:
-    """Rows of numbers from a file.
-
-    Words in the first line are the names of the columns, with units in square brackets where they
-    are not rad and those of `units`: ``elbow [deg]``, ``x [mm]``. Cells are separated by commas,
-    semicolons or tabs; between semicolons and tabs a comma is the decimal one. Empty lines and
-    lines that start with # are left out.
+    """Rows of numbers from a file; words in the first line are the names of the columns.
 
     Parameters
     ----------
-    path : Path
-        UTF-8 text.
-    what : str
-        What a row is, in the plural.
-    largest : int
-        Bytes that are read at most.
+    path, what, largest, joints
+        As in `read_cells`.
     units : Units
         What lengths and forces come in.
     factors : mapping of str to float
         By name, of columns whose head has no unit: pi/180 for angles that are in degrees.
-    joints : tuple of str
-        Names of the joints in order: heads may call all of them q1, q2, ... instead.
 
     Raises
     ------
     InputError
         With file and line.
     """
-    where = one_line(str(path))
-    names: tuple[str, ...] | None = None
-    begin, rows, sizes, separator = where, list[list[float]](), list[float](), ","
-    for place, line in _lines(path, largest):
-        if names is None and not rows:
-            separator = _separator(line)
-            begin, names = place, _names(line, place, separator)
-            if names is not None:
-                heads = _numbered(names, joints)
-                both = [named_unit(cell, units, place) for cell in heads]
-                names = tuple(n for n, _ in both)
-                sizes = [factors.get(n, 1.0) if f is None else f for n, f in both]
-                _refuse_twice(names, place)
-                continue
-        width = len(names) if names else len(rows[0]) if rows else None
-        rows.append(_numbers(line, separator, place, width))
-    if not rows:
-        raise InputError(f"no {what}", where=where, expected="one a line, comma-separated")
-    return Rows(np.array(rows) * (sizes or 1.0), names, begin, factors)
-
-
-def _numbers(line: str, separator: str, place: str, width: int | None) -> list[float]:
-    if separator != ",":
-        if "," in line and "." in line:
-            raise InputError(
-                "decimal commas and points in one line",
-                where=place,
-                expected="one of them",
-                got=repr(line),
-            )
-        line = line.replace(",", ".").replace(separator, ",")
-    _refuse_doubled(line, separator, place, width)
-    return parse_numbers(line, place, width)
+    cells = read_cells(path, what, largest, joints, nameless=True)
+    heads = [named_unit(head, units, cells.place) for head in cells.names]
+    names = tuple(name for name, _ in heads) or None
+    _refuse_twice(names or (), cells.place)
+    sizes = [factors.get(n, 1.0) if f is None else f for n, f in heads]
+    rows = [
+        parse_numbers(",".join(row), place, len(row))
+        for row, place in zip(cells.rows, cells.places, strict=True)
+    ]
+    return Rows(np.array(rows) * (sizes or 1.0), names, cells.place, factors)
 
 
 _ROUND = re.compile(
@@ -282,17 +265,31 @@ _ROUND = re.compile(
 )
 # The first line of some spreadsheets' tables.
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
-#: Signs in units: of degrees, and two that stand for micro.
-SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
-_PLAIN = {
-    "": 1.0,
-    "1": 1.0,
-    "-": 1.0,
-    "rad": 1.0,
-    "mrad": 1e-3,
-    "deg": np.pi / 180,
-    "s": 1.0,
-    "ms": 1e-3,
+_HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
+# Signs in units: of degrees, and two that stand for micro.
+_SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
+#: Factors to SI, by kind of quantity.
+UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "number": {"": 1.0, "1": 1.0, "-": 1.0},
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "urad": 1e-6,
+        "deg": pi / 180.0,
+        "arcmin": pi / 10800.0,
+        "arcsec": pi / 648000.0,
+    },
+    "length": LENGTHS,
+    "force": FORCES,
+    "moment": {
+        f"{f}{gap}{u}": a * b
+        for gap in (" ", "", "*")
+        for f, a in FORCES.items()
+        for u, b in LENGTHS.items()
+    },
+    "mass": {"kg": 1.0, "g": 1e-3, "lb": 0.45359237},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "text": {},
 }
 
 
@@ -301,34 +298,57 @@ def in_brackets(head: str) -> str:
     return _ROUND.sub(r"[\1]", head)
 
 
+def head_of(cell: str, place: str, kind: str | None = None) -> tuple[str, str | None, float]:
+    """Name of a column, the kind of its unit (None: it names no unit), and the factor to SI.
+
+    Parameters
+    ----------
+    cell : str
+        "name" or "name [unit]".
+    place : str
+        For messages.
+    kind : str, optional
+        A key of `UNITS` that the unit must belong to; default any.
+
+    Raises
+    ------
+    InputError
+        For a head that cannot be read, or another unit.
+    """
+    match = _HEAD.fullmatch(in_brackets(cell))
+    if match is None:
+        raise InputError(
+            "column head cannot be read",
+            where=place,
+            expected="name or name [unit]",
+            got=repr(cell),
+        )
+    name = match[1]
+    if match[2] is None:
+        return name, None, 1.0
+    unit = " ".join(match[2].translate(_SIGNS).split())
+    for of, sizes in UNITS.items():
+        if unit in sizes and kind in (None, of):
+            return name, of, sizes[unit]
+    some = [*LENGTHS, *FORCES, "N m", "deg", "rad", "s"]
+    raise InputError(
+        f"column {name!r} has an unknown unit",
+        where=place,
+        got=repr(unit),
+        expected=", ".join(some if kind is None else list(UNITS[kind])[:12]) or "no unit",
+    )
+
+
 def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
     """Name of a column, and the factor that takes its numbers to radians, seconds and `units`.
 
     None where the cell names no unit.
     """
-    match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", cell)
-    if match is None:
-        return cell, None
-    name, unit = match[1], " ".join(match[2].translate(SIGNS).split())
-    if unit in _PLAIN:
-        return name, float(_PLAIN[unit])
+    name, kind, size = head_of(cell, place)
+    if kind is None:
+        return name, None
     length, force = convert_length(SI, units)
-    known = {u: size * length for u, size in LENGTHS.items()}
-    known |= {u: size * force for u, size in FORCES.items()}
-    known |= {
-        f"{f}{gap}{u}": a * force * b * length
-        for f, a in FORCES.items()
-        for u, b in LENGTHS.items()
-        for gap in ("", " ", "*")
-    }
-    if unit not in known:
-        raise InputError(
-            f"column {name!r} has an unknown unit",
-            where=place,
-            got=repr(unit),
-            expected=f"{', '.join([*LENGTHS, *FORCES])}, N m, deg, rad, s",
-        )
-    return name, known[unit]
+    return name, size * {"length": length, "force": force, "moment": force * length}.get(kind, 1.0)
 
 
 def _refuse_twice(names: tuple[str, ...], place: str) -> None:
