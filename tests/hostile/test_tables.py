@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cartstiff.loading.tables import read_rows
 
 import cartstiff
 from cartstiff.arrays import csv_rows, csv_text, safe_cell, unsafe_cell
 from cartstiff.cli.main import main
+from cartstiff.loading.tables import read_rows
 
 FORMULAS = [
     "=1+1",
