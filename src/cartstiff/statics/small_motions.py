@@ -1,8 +1,15 @@
 r"""Small undamped vibrations: ``K x = omega^2 M x`` on the motions that constraints leave.
 
-M is singular where a motion moves no mass. Motions without mass that stiffness holds follow the
-others at once: with Z a basis of them, ``x + Z z``, ``Z^T K (x + Z z) = 0`` (static condensation).
-One that nothing holds either has no equation of motion: it is named and left out.
+M is singular where a motion moves no mass. These motions are the ones with mu = 0 of
+
+    M x = mu P x,    omega^2 = 1 / mu where P = K,
+
+P a positive definite metric of stiffness: K itself, with the sizes of its eigenvalues where a
+motion is unstable or free. So stiffness tells what a small inertia is worth, and no root of a
+diagonal entry of M, which may be rounding, is ever divided by. Motions without mass that stiffness
+holds follow the others at once: with Z a basis of them, ``x + Z z``, ``Z^T K (x + Z z) = 0``
+(static condensation). One that nothing holds either has no equation of motion: it is named and
+left out.
 
 A load that turns with the body makes the tangent K unsymmetric, and its definiteness then proves
 nothing. The equilibrium is left by oscillations that grow (flutter) where a pair of omega^2 is
@@ -201,7 +208,7 @@ def spectrum_of(
         The same for M; default M itself.
     """
     f = len(mass)
-    T, Z = _massive(mass, np.diag(mass if mass_terms is None else mass_terms))
+    T, Z = _massive(stiffness, terms, mass, np.abs(mass) if mass_terms is None else mass_terms)
     loose, coupled = np.zeros((f, 0)), False
     quick = np.zeros((f, f))
     if Z.shape[1]:
@@ -232,19 +239,35 @@ def spectrum_of(
     return Spectrum(squares, vectors, left, Z, quick, loose, coupled)
 
 
-def _massive(mass: Array, size: Array) -> tuple[Array, Array]:
-    """Motions (f, r) in which M is the identity, and a basis (f, z) of those without mass."""
-    own = np.diag(mass)
-    # Below these a moment of inertia is what rounding has left of the others.
-    has = own > numerics.ZERO * size + numerics.EPSILON * float(own.max(initial=0.0))
-    sizes = np.sqrt(np.where(has, own, 1.0))
-    mass = mass * np.outer(has, has)
-    inertias, axes = np.linalg.eigh(mass / sizes[:, None] / sizes)
-    has = inertias > numerics.RANK * max(float(inertias[-1]) if inertias.size else 0.0, 0.0)
-    axes = axes / sizes[:, None]
-    if has.all():
-        return axes / np.sqrt(inertias), axes[:, :0]
-    return axes[:, has] / np.sqrt(inertias[has]), axes[:, ~has]
+def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[Array, Array]:
+    """Motions (f, r) in which M is the identity, and a basis (f, z) of those without mass.
+
+    The rank of M is found in decades: among the motions that are left, the ones that carry most
+    mass per stiffness are taken out, so that those with less are seen without their rounding.
+    """
+    left, found = _metric(stiffness, terms), []
+    # Rounding of M: of each sum, and of what cancels where an axis runs through a body's centre.
+    size = size + np.diag(np.full(len(mass), float(np.diag(mass).max(initial=0.0))))
+    while left.shape[1]:
+        inertias, axes = np.linalg.eigh(left.T @ mass @ left)
+        own = left @ axes
+        noise = np.einsum("ij,ik,kj->j", np.abs(own), size, np.abs(own))
+        heavy = inertias > numerics.NEARBY * inertias[-1]
+        heavy &= inertias > len(mass) * numerics.EPSILON * noise
+        if not heavy.any():
+            break
+        found.append(own[:, heavy] / np.sqrt(inertias[heavy]))
+        left = own[:, ~heavy]
+    return np.hstack([left[:, :0], *found]), left
+
+
+def _metric(stiffness: Array, terms: Array) -> Array:
+    """Motions (f, f) in columns, orthonormal in the sizes of the eigenvalues of K."""
+    size = np.sqrt(np.where((own := np.diag(terms)) > 0.0, own, 1.0))
+    scaled = stiffness / size[:, None] / size
+    values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    values = np.abs(values)
+    return axes / np.sqrt(np.where(values > numerics.IDLE, values, 1.0)) / size[:, None]
 
 
 def _held(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array]:
@@ -268,7 +291,7 @@ def _symmetric_pairs(
     reduced = 0.5 * (reduced + reduced.T)
     values, y = np.linalg.eigh(reduced)
     size = np.abs(values)
-    if size.size and size.min() < _GRADED * size.max() and T.shape[0] == T.shape[1]:
+    if size.size and size.min() < _GRADED * size.max():
         inverse = numerics.invert(stiffness)
         if inverse is not None:
             back = mass @ T
