@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.identify.neighbours import neighbours
 from tests.mechanisms.machines import write_file
+from tests.mechanisms.oracle import ROBOTS
 from tests.support import loaded_arm
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 from tests.vibration.test_modes_command import run
@@ -218,3 +220,69 @@ def test_flutter_has_no_sensitivities():
     W = [0.0, 0.0, 0.0, -3.0 * K / LENGTH, 0.0, 0.0]
     with pytest.raises(UndefinedError, match="flutter"):
         sensitivities(modes(column(), wrench=W, load_kind="follower"))
+
+
+@pytest.mark.parametrize("wrench", [None, [0.0, 0.0, 0.0, 200.0, -300.0, 0.0]])
+def test_more_springs_than_freedoms_share_the_load_as_analyse_does(tmp_path, wrench):
+    """Open rest positions of a closed chain: differences of whole answers, masses and springs."""
+    text = (ROBOTS / "five-bar.yaml").read_text("utf-8")
+    more = "\n  left_elbow: {stiffness: 300}\n  right_elbow: {stiffness: 200}\ngravity: [0,-9.81,0]"
+    last = "  right_motor: {stiffness: 800}"
+    assert last in text
+    text = text.replace(last, last + more).replace("five-bar.urdf", str(ROBOTS / "five-bar.urdf"))
+    (tmp_path / "five.yaml").write_text(text)
+    elastic = load(tmp_path / "five.yaml")
+    known = sensitivities(analyse(elastic, wrench=wrench))
+    masses = elastic.mechanism.masses()
+
+    def squares(group, name, value):
+        if group == "mass":
+            other = replace(elastic, mechanism=elastic.mechanism.with_masses({name: value}))
+        else:
+            other = elastic.with_springs(stiffness={name: value})
+        return modes(other, wrench=wrench).squares
+
+    seen = 0
+    for i, name in enumerate(known.names):
+        group, _, what = name.partition(".")
+        if group not in ("mass", "stiffness"):
+            continue
+        x = masses[what] if group == "mass" else known.values[i]
+        ends = [squares(group, what, x * (1 + h)) for h in (1e-4, -1e-4)]
+        slope = (ends[0] - ends[1]) / (2e-4 * x)
+        assert known.squares[i] == pytest.approx(slope, rel=1e-6), name
+        seen += 1
+    assert seen == 8
+
+
+def test_more_lines_than_motions_share_the_load_as_analyse_does(tmp_path):
+    """Eight lines whose rest lengths are open: the preload of least norm changes with a spring."""
+    rng = np.random.default_rng(3)
+    anchors, points = rng.uniform(-1, 1, (8, 3)), 0.2 * rng.uniform(-1, 1, (8, 3))
+
+    def lines(anchors, points, stiffness):
+        data = {"kind": "springs", "base": anchors.tolist(), "platform": points.tolist()}
+        return load(write_file(tmp_path, **data, legs={"stiffness": stiffness.tolist()}))
+
+    elastic = lines(anchors, points, 10 ** rng.uniform(4, 5, 8))
+    wrench = [1.0, -2.0, 3.0, 400.0, -300.0, 900.0]
+    known = sensitivities(analyse(elastic, wrench=wrench))
+    names = [n for n in known.names if n.startswith(("stiffness", "platform.leg2"))]
+    assert len(names) == 11
+    for name in names:
+        i = known.index(name)
+
+        def K(x, name=name):
+            p = points.copy()
+            k = elastic.springs.stiffness.copy()
+            if name.startswith("platform"):
+                p[1, "xyz".index(name[-1])] = x
+            else:
+                k[int(name[-1]) - 1] = x
+            other = lines(anchors, p, k)
+            return analyse(other, wrench=wrench).A.matrix
+
+        x = known.values[i]
+        h = 1e-4 * (abs(x) if name.startswith("stiffness") else 1.0)
+        slope = (K(x + h) - K(x - h)) / (2 * h)
+        assert np.abs(known.stiffness["A"][i] - slope).max() <= 2e-6 * np.abs(slope).max(), name

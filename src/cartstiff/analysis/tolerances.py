@@ -13,8 +13,9 @@ have no derivative and are told by name. The others are parameters as anywhere.
 
 A mechanism with other parameters is looked at in the same posture (that of its file, if it is at
 this one) and under the same load: the rest positions follow, as in a robot whose controller holds
-it there. Springs of platforms and closed chains keep their forces (which change as little as keeps
-the load).
+it there: `analyse` chooses the ones that the file leaves open, or all under a load that is given.
+Springs of platforms and closed chains whose rest positions the file gives keep their forces (which
+change as little as keeps the load).
 """
 
 from __future__ import annotations
@@ -350,12 +351,19 @@ class UncertainParameters:
             )
         else:
             return analyse(elastic, posture.q)
-        forces = forces + self._change(elastic, posture, rows, forces, active)
+        asked, loaded = self.result._asked or self.result.elastic, self.result._load_is_given
+        is_open = np.isnan(nominal.rest if asked.springs is None else asked.springs.rest)
+        if not (loaded or is_open.any()):
+            forces = forces + self._change(elastic, posture, rows, forces, active)
         rest = nominal.rest + x - before
         rest[active] = x[active] - forces[active] / springs.stiffness[active]
         if isinstance(springs, JointSprings):
             for j, law in springs.laws.items():
                 rest[j] = x[j] - law.deflection_for(float(forces[j]))
+        if loaded or is_open.any():  # `analyse` shares the load among the springs
+            rest[is_open] = np.nan
+            elastic = replace(elastic, springs=springs.replaced(springs.stiffness, rest))
+            return analyse(elastic, posture.q, wrench=self.result.wrench if loaded else None)
         springs = springs.replaced(springs.stiffness, rest)
         return analyse_at(replace(elastic, springs=springs), posture)
 

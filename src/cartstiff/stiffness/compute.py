@@ -123,7 +123,8 @@ def analyse_at(
     kind: LoadKind = DEAD_AT_ORIGIN,
 ) -> PostureStiffness:
     """`analyse` at a posture whose closures are shut; `force` (6,) is the wrench in M, if any."""
-    elastic, energy = elastic._balanced_with_evaluation(posture, force)
+    asked = elastic
+    elastic, energy = asked._balanced_with_evaluation(posture, force)
     reduction = reduce_to(
         posture.motion,
         energy,
@@ -141,6 +142,7 @@ def analyse_at(
         reduction,
         load=kind,
         _load_is_given=force is not None and any(force.tolist()),
+        _asked=asked,
     )
 
 

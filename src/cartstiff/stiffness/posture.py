@@ -65,6 +65,8 @@ class PostureStiffness(ShownInLines):
     _notes: tuple[Note, ...] | None = None
     load: LoadKind = DEAD_AT_ORIGIN
     _load_is_given: bool = False
+    #: The mechanism before its open rest positions were chosen; None where that is `elastic`.
+    _asked: ElasticMechanism | None = None
 
     def _lines(self) -> list[str]:
         return posture_lines(self)
