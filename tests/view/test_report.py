@@ -5,15 +5,19 @@ from __future__ import annotations
 import html
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import cartstiff
+from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.errors import CartstiffError
-from cartstiff.page.paper import report_page
+from cartstiff.mechanisms.other_units import in_units
+from cartstiff.page.html_report import report_page
+from cartstiff.potentials.loads import DeadWrench
 from cartstiff.statics.equilibrium import equilibrium
 
 ARM = "".join(
@@ -71,7 +75,10 @@ def test_the_answer_is_that_of_the_commands(arm):
         assert note.message in said
     assert "on 12 kg" in said
     assert "cartstiff <&>" in said
-    assert re.search(r"j\d gives \d+ % of it", said)
+    share, name = re.search(r"(\d+) % of this comes from (j\d)\.", said).groups()
+    shares = analyse_posture(result)["deflection"]["shares"]
+    most = max(shares, key=lambda part: abs(part["share"]))
+    assert (name, share) == (most["name"], f"{100 * most['share']:.0f}")
     parser = Outside()
     parser.feed(text)
     assert parser.found == []
@@ -165,3 +172,136 @@ def test_what_the_file_says_of_its_springs_is_told():
     arm = cartstiff.load("five-bar")
     assert arm.source
     assert html.escape(arm.source[:40]) in report_page(arm, frames=2)
+
+
+def table_after(text, head):
+    """Cells of the first table after a heading, as floats where they are numbers."""
+    rows = re.search(f"<h2>{head}</h2>.*?<table>(.*?)</table>", text, re.DOTALL).group(1)
+    rows = [re.findall(r"<t[hd]>(.*?)</t[hd]>", row) for row in rows.split("</tr>")]
+    return [[html.unescape(cell) for cell in row] for row in rows if row]
+
+
+def _load_of(elastic, size):
+    return size * np.array([0, 0, 0, 0.3, -0.2, -1.0]) * elastic.units.newtons
+
+
+CASES = [
+    ("ur5", {}, 100.0),
+    ("examples/flexible_arm.yaml", {"gravity": [0, 0, -9.81]}, 50.0),
+    ("6-pus", {}, 100.0),
+    ("delta", {}, 0.05),
+    ("3-rrr", {}, 1.0),
+    ("grasp", {}, None),
+    ("flexure-hexapod", {}, 5.0),
+    ("cubic", {}, 50.0),
+    ("stewart-gough", {}, None),
+    ("cable-robot", {"q": [0.03, 0, 0.6, 0, 0, 0]}, 20.0),
+    ("hexaglide", {"unit": "mm"}, 50.0),
+]
+
+
+@pytest.mark.parametrize(("name", "more", "size"), CASES, ids=[case[0] for case in CASES])
+def test_every_number_is_that_of_the_commands(name, more, size):
+    """Matrix, stiffnesses, shares, softest direction, displacement and verdict."""
+    root = Path(cartstiff.__file__).parents[2]
+    elastic = cartstiff.load(root / name if "/" in name else name)
+    if "gravity" in more:
+        elastic = elastic.with_gravity(more["gravity"])
+    if "unit" in more:
+        elastic = in_units(elastic, more["unit"])
+    q = elastic.mechanism.assembled(more.get("q", elastic.q))
+    W = None if size is None else _load_of(elastic, size)
+    text = report_page(elastic, q, wrench=W, load_axes="body" if W is None else "world", frames=2)
+    said = words(text)
+    # What holds the posture without the load stays: the body is not let go first.
+    alone = cartstiff.analyse(elastic, q)
+    held = np.zeros(6) if alone.wrench is None else alone.shown_wrench(alone.wrench)
+    R = np.kron(np.eye(2), alone.pose[:3, :3])
+    whole = held if W is None else R.T @ W + held
+    hold = [DeadWrench(R @ held)] if held.any() else []
+    result = alone if W is None or hold else cartstiff.analyse(elastic, q, wrench=whole)
+    K = result.tangent if result.is_loaded else result.matrices["B"]
+    if K is None:
+        K = result.tangent_compliance if result.is_loaded else result.compliances["B"]
+        assert "rows are rotations, then translations, columns moments" in said
+    shown = [[float(x) for x in row[:6]] for row in table_after(text, "Stiffness")]
+    # Of parts that are rounding beside the rest nothing is shown.
+    assert np.abs(np.array(shown) - K).max() <= 1e-5 * np.abs(K).max()
+    mm = {"m": 1e3, "cm": 10.0, "mm": 1.0}[elastic.units.length]
+    before = equilibrium(elastic, *hold, q0=q, settle=False)
+    at_rest = before
+    if W is not None:
+        at_rest = equilibrium(elastic, DeadWrench(R @ whole), q0=q)
+        moved = (at_rest.pose - before.pose)[:3, 3]
+        assert f"The tip moves {mm * np.linalg.norm(moved):.3g} mm" in said
+        # And to first order by the compliance.
+        C = result.tangent_compliance
+        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm((C @ R.T @ W)[3:]), rel=0.02)
+    else:
+        assert "The tip moves" not in said
+    verdicts = {True: "is stable", False: "is NOT stable", None: "is not decided"}
+    assert verdicts[at_rest.stable] in said
+    eigenvalues = None
+    if (T := result.tangent if result.is_loaded else result.matrices["B"]) is not None:
+        eigenvalues = np.linalg.eigvalsh((T + T.T) / 2)
+        indefinite = eigenvalues[0] < -1e-9 * eigenvalues[-1]
+        assert ("Indefinite" in said) == indefinite
+        if indefinite:
+            assert "is stable" not in said
+            assert "Softest" not in said
+    if soft := re.search(r"Softest direction: \(.*?\) in F, ([\d.e+]+) N/mm", said):
+        C = (result.tangent_compliance if result.is_loaded else result.compliances["B"])[3:, 3:]
+        expected = elastic.units.newtons / mm / np.linalg.eigvalsh((C + C.T) / 2)[-1]
+        assert float(soft.group(1)) == pytest.approx(expected, rel=1e-3)
+    if share := re.search(r"(\d+) % of (this|the energy that this takes) comes", said):
+        assert 0 < int(share.group(1)) <= 105
+    rows = table_after(text, "Posture")
+    assert rows[0][2] == "stiffness"
+    stiffness = {row[0]: row[2] for row in rows[1:] if row[2]}
+    k = dict(zip(elastic.spring_names, np.asarray(elastic.springs.stiffness), strict=True))
+    for spring, value in k.items():
+        if 0 < value < np.inf:
+            assert float(stiffness[spring].split()[0]) == pytest.approx(value, rel=1e-5)
+    for row in rows[1:]:
+        assert row[2].split() == [] or row[2].split()[0] != "0"
+    parts = [int(row[3].split()[0]) for row in rows[1:] if row[3]]
+    if parts and alone.posture.closure is None and not alone.posture.coordinates_are_pose:
+        assert sum(parts) == pytest.approx(100, abs=len(parts))
+
+
+def test_a_platform_gets_advice_that_it_can_follow():
+    """Coordinates of a pose change by angles and by lengths, and what is said is what is there."""
+    for name, unit in (("cubic", "mm"), ("stewart-simscape", "m"), ("hexapod", "m")):
+        elastic = in_units(cartstiff.load(name), unit)
+        W = _load_of(elastic, 20.0)
+        said = words(report_page(elastic, wrench=W, load_axes="world", frames=2))
+        found = re.search(
+            r"changed\): (\w+) at (-?[\d.e-]+) (deg|m|mm) instead, (\d+) % less", said
+        )
+        if found is None:
+            assert "No single coordinate" in said
+            continue
+        coordinate, at, its, less = found.groups()
+        j = elastic.names.index(coordinate)
+        assert its == ("deg" if j > 2 else unit)
+        value = np.radians(float(at)) if j > 2 else float(at)
+        length = elastic.mechanism.at(elastic.q).length
+        assert abs(value - elastic.q[j]) <= 0.5001 * (1.0 if j > 2 else length)
+        q = elastic.q.copy()
+        q[j] = value
+
+        def moved(q, elastic=elastic, W=W):
+            r = cartstiff.analyse(elastic, q, wrench=W, load_axes="world")
+            return np.linalg.norm((r.tangent_compliance @ r.wrench)[3:])
+
+        assert 100 * (1 - moved(q) / moved(elastic.q)) == pytest.approx(float(less), abs=1.0)
+
+
+def test_a_closed_chain_is_drawn_link_by_link():
+    """Every point that a closure ties is the end of a line, on both of its sides."""
+    five = cartstiff.load("five-bar")
+    text = report_page(five, frames=2)
+    drawn = re.findall(r'<polyline points="([^"]+)"', text)[:3]  # from the side
+    ends = {line.split()[-1] for line in drawn}
+    assert len(drawn) == 3
+    assert len(ends) == 1  # body, and both sides of the closure

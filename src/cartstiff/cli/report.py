@@ -74,7 +74,7 @@ def command(
 
         sections.append(map_section(map_path, quantity, elastic))
 
-    from cartstiff.page.paper import report_page
+    from cartstiff.page.html_report import report_page
     from cartstiff.report.output import write_whole
 
     typed = shlex.join(["cartstiff", *sys.argv[1:]])

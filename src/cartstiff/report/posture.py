@@ -34,7 +34,8 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
     ]
     # Searches leave coordinates, and those of a closed chain, to these shares of their sizes.
     noise = numerics.BLANK if result.posture.closure is None else numerics.CONVERGED
-    q = np.where(np.abs(result.q) <= noise * result.posture.coordinate_lengths, 0.0, result.q)
+    sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
+    q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
     for coordinate, value in zip(mechanism.coordinates, q, strict=True):
         if coordinate.is_length:
             lines.append(f"  {coordinate.name:<28} {value:>12.6g} {units.length}")
