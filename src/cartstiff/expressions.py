@@ -1,4 +1,4 @@
-"""Arithmetic as people write it in a file: ``2*r*cos(pi/6)``, read without running it as Python."""
+"""Arithmetic in a file, such as ``2*r*cos(pi/6)``, evaluated without running it as Python."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _WHAT = f"numbers, parameters, pi, + - * / ** ( ), {', '.join(_FUNCTIONS)}"
 
 
 def is_name(text: str) -> bool:
-    """Whether a parameter may be called so: a letter first, none of the words of arithmetic."""
+    """Whether a parameter may have this name: a letter first, and no constant or function."""
     plain = re.fullmatch(r"[A-Za-z_][A-Za-z_0-9]*", text) is not None
     return plain and len(text) <= 100 and text not in _FUNCTIONS and text not in _CONSTANTS
 
@@ -47,7 +47,7 @@ class Expression:
         Numbers, names, ``pi``, ``+ - * / **``, parentheses, and the functions sin, cos, tan, asin,
         acos, atan2, sqrt of radians.
     where : str
-        Where it stands, for messages.
+        Its place, for messages.
 
     Attributes
     ----------

@@ -283,8 +283,7 @@ def from_data(
     data: dict[str, Any], lines: Lines, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """The mechanism of a file's data, with what was given beside it."""
-    from cartstiff.loading.from_checked import mechanism_of
-    from cartstiff.loading.mechanism_file import checked_file, located
+    from cartstiff.loading.mechanism_file import checked_file, located, mechanism_of
 
     file, parameters = checked_file(data, lines, path, overrides.get("parameters"))
     try:

@@ -1,4 +1,4 @@
-"""Names that stand for mechanisms: bundled files, and the robots of example-robot-data."""
+"""Names of mechanisms: bundled files, and the robots of example-robot-data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cartstiff.errors import InputError, MissingDependencyError, UnknownNameErro
 def bundled_folder() -> Path:
     """Folder of the bundled mechanism files."""
     package = Path(__file__).parents[1] / "robots"
-    # In a checkout the files stand beside src/, in a wheel inside the package.
+    # In a checkout the files are beside src/, in a wheel inside the package.
     return package if package.is_dir() else Path(__file__).parents[3] / "robots"
 
 
@@ -37,7 +37,7 @@ class ExampleRobot:
     Attributes
     ----------
     name : str
-        Its name there.
+        Its name in that package.
     path : Path or None
         The URDF; None where the data has no URDF.
     """

@@ -1,8 +1,7 @@
-r"""Which postures of an arm make its links collide: Pinocchio's collision pairs, tested by coal.
+"""Postures of an arm at which its links collide: Pinocchio's collision pairs, tested by coal.
 
-Every two links collide or not, but for those that always touch: on one joint, on neighbouring
-joints, and those that touch at the mechanism's default posture already. What stands around the arm
-is not known, and neither is a workpiece.
+All pairs of links are tested, except those on one joint or on neighbouring joints, and those that
+touch at the mechanism's default posture. The surroundings of the arm and a workpiece are not known.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape, Sphere
 
-#: What is said where nobody asked for collisions.
+#: Printed where collisions were not asked for.
 NOT_CHECKED = "collisions are not checked: neither of links with each other nor with anything else"
 
 
@@ -129,7 +128,7 @@ class Collisions:
 
     @property
     def message(self) -> str:
-        """What was tested, in words."""
+        """The tested pairs, in words."""
         words = (
             f"collisions of links with each other are excluded ({self.pairs} pairs of shapes); "
             "with anything else they are not checked"

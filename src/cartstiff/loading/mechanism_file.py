@@ -1,9 +1,10 @@
-"""Mechanism files, read and checked: what is wrong is said with file, line and key."""
+"""Mechanism files, checked and built: a refusal names file, line and key."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,13 @@ from pydantic import (
 )
 
 from cartstiff.errors import InputError, one_line
+from cartstiff.loading.keys.identified import with_findings
 from cartstiff.loading.keys.words import FileModel
 from cartstiff.loading.schema import ADAPTER, KINDS, MODELS, PlatformFile, SpringsFile
 from cartstiff.loading.shorthand.layout import LayoutModel, laid_out
 from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
 from cartstiff.loading.yaml_file import Lines
+from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
 def checked_file(
@@ -136,7 +139,7 @@ def first_error(
     within: tuple[str, ...] = (),
     known: set[str] | None = None,
 ) -> InputError:
-    """The most telling of pydantic's errors, as this program says it."""
+    """The most helpful of pydantic's errors, in the words of this program."""
     # Of a union's alternatives the one that went deepest is the one the user meant; an unknown
     # key says most of all, as it often explains a missing one.
     problems = error.errors(include_url=False)
@@ -219,3 +222,34 @@ def _expectation(problem: Any) -> str:
         return "zero or more" if least == 0 else f"at least {least:g}"
     message = problem["msg"].removeprefix("Input should be ")
     return str(message[0].lower() + message[1:])
+
+
+def mechanism_of(
+    file: Any, parameters: Parameters, path: Path, overrides: dict[str, Any]
+) -> ElasticMechanism:
+    """The mechanism of a checked file."""
+    from cartstiff.loading import build
+    from cartstiff.loading.plausible import file_notes
+
+    where, name = one_line(str(path)), file.name or path.stem
+    if file.kind == "parallel":
+        from cartstiff.loading.legs.tree import with_drawn_legs
+
+        file = with_drawn_legs(file, where)
+    file = build.with_overrides(file, overrides, where)
+    if file.kind == "serial":
+        elastic = build.build_serial(file, path.parent, where, name)
+    elif file.kind in ("stewart-gough", "springs"):
+        elastic = build.build_platform(file, where, name)
+    else:
+        from cartstiff.loading import build_closed
+
+        parallel = file.kind == "parallel"
+        make = build_closed.build_parallel if parallel else build_closed.build_closed_chain
+        elastic = make(file, path.parent, where, name)
+    notes = (*elastic.notes, *file_notes(file), *parameters.notes())
+    source = " ".join((file.source or "").split())
+    elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)
+    if file.identified is None:
+        return elastic
+    return with_findings(elastic, file.identified)

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from cartstiff.mechanisms.shapes import Piece
 
 _LARGEST = 64 * 1024 * 1024
+# An element takes a hundred bytes and more of memory; robots have a few thousand.
+_MOST_TAGS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,10 @@ def parse_text(text: str, where: str) -> ET.Element:
             where=where,
             expected="a mechanism file of kind springs with 'unilateral: true' for a body on "
             "cables, or of kind serial with 'lines' for bodies on joints",
+        )
+    if text.count("<") > _MOST_TAGS:
+        raise InputError(
+            "too many elements", where=where, expected=f"at most {_MOST_TAGS}", got=text.count("<")
         )
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)

@@ -1,8 +1,8 @@
-"""What the links of a robot look like, and what they collide with, as the URDF or MJCF file says.
+"""Shapes of the links of a robot, for pictures and for collisions, from its URDF or MJCF file.
 
-A URDF's geometry is read by Pinocchio; other sources bring theirs along. It hangs on the
-frames of the plain tree by name, so that it follows whatever joints are left there. A missing mesh
-file is named, not fatal.
+Pinocchio reads the geometry of a URDF; other sources bring their own. Each shape is attached to a
+frame of the tree by name, so that it follows the joints that are left there. A missing mesh file
+is named and left out.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ class Visual:
 
 
 def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str]]:
-    """Pictures of a chain's links, and in words what is missing.
+    """Shapes of a chain's links, and in words what is missing.
 
     Parameters
     ----------
     chain : Chain
         With `descriptions`; without any there is nothing to show.
     kind : {"visual", "collision"}
-        What is seen, or the shapes that a URDF gives for collisions.
+        Shapes for pictures, or for collisions.
 
     Returns
     -------
@@ -193,9 +193,9 @@ def _resolve_urdf(
 ) -> tuple[dict[str, MeshFile], list[str]]:
     """Leave links with their shapes on fixed joints; drop shapes whose mesh file is missing.
 
-    Only the pose of a visual in its link is wanted, so that no joint has to move. Balls stand for
-    meshes, which Pinocchio would read whole and prepare for collisions: returned by the name that
-    Pinocchio will give them, link and number.
+    Only the pose of a visual in its link is needed, so that no joint has to move. Spheres replace
+    meshes, which Pinocchio would read and prepare for collisions; the meshes are returned by the
+    name that Pinocchio will use, link and number.
     """
     files: dict[str, MeshFile] = {}
     missing = []
@@ -252,7 +252,7 @@ def _scale(mesh: ET.Element) -> tuple[float, float, float]:
 
 
 def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
-    """File that a mesh's name means: package://, file://, absolute, or beside the URDF."""
+    """File of a mesh's name: package://, file://, absolute, or relative to the URDF."""
     scheme, separator, rest = name.partition("://")
     places: list[Path]
     if separator and scheme in ("package", "model"):

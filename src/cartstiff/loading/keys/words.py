@@ -1,4 +1,4 @@
-"""What numbers and texts of a mechanism file may be, and what all its data classes share."""
+"""Types of the numbers and texts in a mechanism file, and the base of its data classes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-#: A number, or the word for one without end.
+#: A number, or the word for an infinite one.
 RIGID = WrapValidator(
     lambda value, check: math.inf if value in ("rigid", math.inf) else check(value)
 )
 
 
 class FileModel(BaseModel):
-    """What stands in a mechanism file: no other keys, and nothing changes it."""
+    """A mapping in a mechanism file: no other keys, and immutable."""
 
     # Built when it is first used: a file uses few of them.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
@@ -50,7 +50,7 @@ FileName = Annotated[str, PlainValidator(_file_name), WithJsonSchema({"type": "s
 
 
 def _argument(value: Any) -> str:
-    # What xacro calls true stands in YAML as a truth value, and numbers as numbers.
+    # YAML reads true as a truth value, and numbers as numbers; xacro takes text.
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (str, int, float)) and len(str(value)) <= 4000:

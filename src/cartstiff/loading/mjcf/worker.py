@@ -3,9 +3,9 @@
 Whatever a stranger's file does to the compiler stays in that process. The answer is the compiled
 model as data, or one line under "error".
 
-Only what statics needs is compiled: pictures of surfaces are left out, and a mesh is read only
-where a mass depends on it. A unit tetrahedron stands for every other mesh. MuJoCo places a mesh by
-its own centre and says where that is, so the pose of the file's mesh follows without reading it.
+Only the parts that statics needs are compiled: textures are left out, and a mesh is read only where
+a mass depends on it. A unit tetrahedron replaces every other mesh. MuJoCo places a mesh by its own
+centre and reports where that is, so the pose of the file's mesh follows without reading it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LARGEST, _DEEPEST = 64 * 1024 * 1024, 20
 _ARENA = 64 * 1024**2
 _TETRAHEDRON = [1.0, 1, 1, 1, -1, -1, -1, 1, -1, -1, -1, 1]
 _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
-#: Stands for "no mass", which MuJoCo refuses for bodies that move.
+#: Replaces a mass of zero, which MuJoCo refuses for bodies that move.
 NO_MASS = 1e-14
 
 _FIELDS = """
