@@ -91,7 +91,7 @@ class StudyEvaluator:
     Parameters
     ----------
     study : Study
-        What is asked.
+        The study.
     folder : Path
         Where its mechanism's path begins.
 
@@ -342,12 +342,12 @@ def _are_poses(elastic: ElasticMechanism, given: Iterable[str]) -> bool:
 def _reason(state: Array, lacking: Array) -> str:
     """States of the poses at which something does not exist."""
 
-    def told(rows: Array) -> str:
+    def counted(rows: Array) -> str:
         names = Counter(STATES[i] for i in state[rows].tolist())
         reasons = [f"{words.get(name, name)} at {n}" for name, n in names.most_common()]
         return ", ".join(reasons)
 
     words = {"regular": "infinite or undefined", "other": "doubtful, not told apart"}
     doubtful, looked = state == STATES.index("other"), ~lacking & (state != 0)
-    also = f"; looked at one by one: {told(looked)}" if doubtful.any() and looked.any() else ""
-    return f"{told(lacking)} of {len(state)} poses{also}"
+    also = f"; looked at one by one: {counted(looked)}" if doubtful.any() and looked.any() else ""
+    return f"{counted(lacking)} of {len(state)} poses{also}"

@@ -250,7 +250,7 @@ def design(
     Parameters
     ----------
     study : str, Path or mapping
-        A study's file, or what would stand in it.
+        A study's file, or its content.
     given : mapping, optional
         Tool, weight, load and units instead of the study's: "tcp", "gravity", "payload", "units",
         and under "load" keys that replace those of every case.

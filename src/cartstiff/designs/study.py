@@ -31,7 +31,7 @@ _Wrench = Annotated[list[Number], Field(min_length=6, max_length=6)]
 
 
 class StudyModel(BaseModel):
-    """What stands in a study: no other keys, and nothing changes it."""
+    """A part of a study: no other keys, and immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -156,7 +156,7 @@ class Case(StudyModel):
         default=None, description="characteristic length; default each design's own natural length"
     )
     direction: Vector | None = None
-    deflect: _Wrench | None = Field(default=None, description="whose deflection is asked for")
+    deflect: _Wrench | None = Field(default=None, description="wrench whose deflection is computed")
     deflect_at: Vector = [0, 0, 0]
     world: _Flag = Field(default=False, description="direction and deflect in the axes of F")
     damping: Number = Field(default=0.0, ge=0.0, description="modal damping ratio")
@@ -284,7 +284,7 @@ class Method(StudyModel):
 
 
 class StudyUnits(StudyModel):
-    """Units of a study's numbers, and of what is told; default the mechanism file's."""
+    """Units of a study's numbers and answers; default the mechanism file's."""
 
     length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] | None = None
     angle: Literal["rad", "deg"] = "rad"
@@ -367,7 +367,7 @@ def read_study(
     Parameters
     ----------
     source : str, Path or mapping
-        Its file, or what would stand there.
+        Its file, or its content.
     given : mapping, optional
         What is said instead of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case`
         under "load" replace those of every case.
@@ -415,7 +415,7 @@ def _with(data: dict[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _keys() -> set[str]:
-    """Every key that may stand in a study."""
+    """Every key of a study."""
     models, keys = [StudyModel], set[str]()
     while models:
         model = models.pop()

@@ -18,7 +18,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 
-# General poses that the rank is asked of, and their seed: chance hits no singular surface twice.
+# General poses at which the rank is computed, and their seed: chance hits no singularity twice.
 _POSES = 4
 _SEED = 6
 
@@ -47,7 +47,7 @@ class Architecture:
         return self.legs >= 6 and self.rank < 6
 
     def note(self) -> Note | None:
-        """The note that stands for all poses."""
+        """The note on all poses."""
         if not self.is_singular:
             return None
         message = (

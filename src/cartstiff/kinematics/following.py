@@ -34,7 +34,7 @@ class Followed(Result):
     reached : bool
         Whether that is nothing.
     stopped : tuple of str
-        Joints or legs that stand at a limit where something is left.
+        Joints or legs at a limit where something is left.
     """
 
     q: Array
@@ -130,4 +130,4 @@ class Follower:
         limits = self._limits
         values = limits.values(q, T)
         at = (values < limits.lower + near) | (values > limits.upper - near)
-        return tuple(name for name, stands in zip(limits.names, at, strict=True) if stands)
+        return tuple(name for name, is_at in zip(limits.names, at, strict=True) if is_at)

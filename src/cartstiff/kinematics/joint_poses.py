@@ -16,10 +16,10 @@ A chain of joints with constant axes is a product of exponentials of the joints'
 
     T_F_M(q) = exp(S_1 q_1) ... exp(S_n q_n) T_F_M(0),    S_i = Ad(T_F_M(0)) J_i(0)
 
-in the coordinates' order, because a joint stands after those it is carried by, and one that does
+in the coordinates' order, because a joint comes after those it is carried by, and one that does
 not carry the body has S = 0 [MLS]_. In a frame whose third axis is the joint's the exponential
 mixes two columns only: the product is one of such motions and of constant ones between them.
-Mechanisms of any other kind are asked posture by posture. Of a platform the pose is the coordinate.
+Mechanisms of any other kind are computed posture by posture. A platform has the pose as coordinate.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Kinematics:
             return ManyPoses(
                 pose, jacobian, np.empty((len(q), 0)), np.empty((len(q), 0, jacobian.shape[2]))
             )
-        # Rigid joints, whose rows come last, go where they are told.
+        # Rigid joints, whose rows come last, go where they are commanded.
         m = sum(c.rows.stop - c.rows.start for c in closures)
         residual = np.array([p.residual[:m] for p in postures if p.residual is not None])
         closure = np.array([p.closure.jacobian[:m] for p in postures if p.closure is not None])
@@ -314,7 +314,7 @@ class JointPoses:
     ----------
     elastic : ElasticMechanism
         Serial chain, or a chain with closures (slower, posture by posture). Virtual joints of
-        links that give stay where its default posture has them.
+        compliant links stay where its default posture has them.
     limits : bool
         Whether joint limits hold.
 
@@ -498,7 +498,7 @@ class JointPoses:
         return result, good
 
     def _step(self, q: Array, e: Array, J: Array, mu: Array) -> Array:
-        """Damped least steps; joints at a limit that would go beyond it stand still."""
+        """Damped least steps; joints at a limit that would go beyond it do not move."""
         damping = mu * (e * e).sum(axis=1)
         step = _damped(J, e, damping) * self.sizes
         for _ in range(2):
@@ -516,7 +516,7 @@ class JointPoses:
     ) -> Array:
         """Slopes (N, n) of a function less what the task holds; J as of `task`.
 
-        With inverse Hessians (N, n, n) steps uphill, against which joints at their limits stand.
+        With inverse Hessians (N, n, n) steps uphill, which joints at their limits prevent.
         """
         moving = np.broadcast_to(self.movable, q.shape)
         for _ in range(3):

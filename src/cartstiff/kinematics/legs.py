@@ -6,7 +6,7 @@ pose are all combinations of the legs' solutions,
 
     number of postures = k_1 k_2 ... k_m        (six legs with two each: 64).
 
-Two solutions of a leg are one where its springs and actuators stand alike and every joint is in
+Two solutions of a leg are one where its springs and actuators are alike and every joint is in
 the same place: passive universal and spherical joints can be turned over without effect.
 
 Where self-motions make a family of postures, the best one is found by quasi-Newton steps (BFGS) in
@@ -204,7 +204,7 @@ def _ratio(number: float | Array, array: Array) -> Array:
     return quotient
 
 
-# Postures that are settled at once: the cost is asked for at all of them and around each.
+# Postures that are optimised at once: the cost is computed at all of them and around each.
 _ROWS = 5000
 # Members of one family that settle at the same posture differ by this.
 _SETTLED = 1e-3
@@ -241,14 +241,14 @@ class Leg(NamedTuple):
     """A part of a closed chain that depends on the body's pose only.
 
     Its end is wanted at ``before @ T_F_M @ after``, or with the inverse of T_F_M for a leg that
-    hangs on the body; `columns` are its coordinates, `told` those whose values tell solutions
+    hangs on the body; `columns` are its coordinates, `compared` those whose values tell solutions
     apart besides the joints' places.
     """
 
     solver: JointPoses
     chain: Chain
     columns: NDArray[np.intp]
-    told: NDArray[np.intp]
+    compared: NDArray[np.intp]
     before: Array
     after: Array
     hangs: bool
@@ -312,15 +312,15 @@ class Leg(NamedTuple):
         return q[kept]
 
     def _key(self, q: Array) -> Array:
-        """What differs between solutions: told coordinates, and where the joints are."""
+        """What differs between solutions: compared coordinates, and where the joints are."""
         posture, chain = self.chain.at(q), self.chain
         joints = range(1, chain.tree.model.njoints)
         places = [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in joints]
-        own = q[self.told] / self.solver.sizes[self.told]
-        angles = own[~chain.is_length[self.told]]
+        own = q[self.compared] / self.solver.sizes[self.compared]
+        angles = own[~chain.is_length[self.compared]]
         return np.concatenate(
             [
-                own[chain.is_length[self.told]],
+                own[chain.is_length[self.compared]],
                 np.cos(angles),
                 np.sin(angles),
                 np.ravel(places) / self.solver.length,
@@ -387,7 +387,7 @@ def _leg(
     body, parents = chain.body, chain.tree.model.parents
     roots = {int(parents[j]) for j in joints} - set(joints)
     if len(roots) != 1:
-        return None  # stands on the base and hangs on the body
+        return None  # on the base and on the body
     (root,) = roots
     hangs = root == body.joint and not carries
     far = 0 if hangs else body.joint
@@ -432,10 +432,10 @@ def _leg(
         springs = elastic.springs
         telling |= set(np.flatnonzero(springs.stiffness).tolist()) | springs.rigid
         telling |= set(springs.laws)
-    told = np.array([i for c, i in index.items() if c in telling], int)
+    compared = np.array([i for c, i in index.items() if c in telling], int)
     real = tuple(c for c in columns.tolist() if c not in chain.virtual)
     closed = next((known for known in chain.legs if known.columns == real), None)
-    return Leg(solver, part, columns, told, before, after, hangs, free, closed)
+    return Leg(solver, part, columns, compared, before, after, hangs, free, closed)
 
 
 def working_modes(

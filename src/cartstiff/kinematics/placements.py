@@ -1,7 +1,7 @@
-"""The geometry of a chain as numbers: where its joints stand, its body frame, its closures' frames.
+"""The geometry of a chain as numbers: its joints, its body frame, its closures' frames.
 
 A placement is six numbers: three coordinates, and three rotations about its own axes, nominally
-zero. Those of joints are against their predecessors; virtual joints stand within a link and have
+zero. Those of joints are against their predecessors; virtual joints are within a link and have
 none. Of frames that share a point in a closure the rotations do not matter.
 """
 
@@ -34,13 +34,13 @@ class Placements:
         As it is; never modified.
     posture : ChainPosture
         Where it is.
-    stands : bool
-        Whether it matters where the base stands.
+    is_on_base : bool
+        Whether the place of the base matters.
     """
 
     chain: Chain
     posture: ChainPosture
-    stands: bool
+    is_on_base: bool
 
     @cached_property
     def numbers(self) -> dict[str, float]:
@@ -124,7 +124,7 @@ class Placements:
         chain, tree = self.chain, self.chain.tree
         joints = list(range(1, tree.model.njoints))
         if not chain.closures:
-            joints = tree.support(chain.body.joint)[0 if self.stands else 1 :]
+            joints = tree.support(chain.body.joint)[0 if self.is_on_base else 1 :]
         within = {chain.coordinates[i].name for i in chain.virtual}
         names = tree.model.names
         return {f"placement.{names[j]}": j for j in joints if names[j] not in within}

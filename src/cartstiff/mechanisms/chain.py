@@ -54,7 +54,7 @@ class Description:
     path : Path or None
         URDF or MJCF file.
     prefix : str
-        What stands before the file's frame names in the tree.
+        Prefix of the file's frame names in the tree.
     pieces : tuple of Piece or None
         Shapes on frames, where they do not come from the file.
     text : str or None
@@ -221,7 +221,7 @@ class Chain(Mechanism):
     actuated : sequence of int, optional
         Indices of the actuated coordinates of a closed chain.
     virtual : sequence of int
-        Indices of the virtual joints of links that give.
+        Indices of the virtual joints of compliant links.
     kind : str
         As in mechanism files.
     descriptions : sequence of Description

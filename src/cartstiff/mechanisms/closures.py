@@ -88,7 +88,7 @@ class ReferencePosture:
         return np.where(steps <= MOST_STEPS, steps, 0)
 
     def steps_where_asked(self, q: Array) -> NDArray[np.intp]:
-        """The same where all else stands as here, so that nothing but what is held was given."""
+        """The same where all else is as here, so that nothing but what is held was given."""
         others = np.ones(len(self.q), bool)
         others[list(self.held)] = False
         alike = (q[:, others] == self.q[others]).all(axis=1)
@@ -166,7 +166,7 @@ class LoopClosures:
             p = len(path.order)
             order[:p] = path.order
             half[:p, :p] = np.triu(np.full((p, p), 0.5), 1)
-        #: (c p p,): where an entry of `before` stands in a matrix over all joints, row by row.
+        #: (c p p,): the place of an entry of `before` in a matrix over all joints, row by row.
         self.places = (self.order[:, :, None] * tree.model.nv + self.order[:, None]).ravel()
         is_weld = np.array([c.type == "weld" for c in closures])
         self.welds, self.points = np.flatnonzero(is_weld), np.flatnonzero(~is_weld)
@@ -226,7 +226,7 @@ class ClosureState:
 
 
 def held_map(tied: ClosureState | None, rigid: list[int], sizes: Array, length: float) -> Map:
-    """Map to the residual of closures and, after them, to coordinates that stand still.
+    """Map to the residual of closures and, after them, to coordinates that do not move.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings, Polynomia
 
 #: Ends the names of parameters that are shares of a beam's own compliance.
 BEAM = " (beam)"
-#: Ends the names of factors on the stiffness of links that give.
+#: Ends the names of factors on the stiffness of compliant links.
 LINK = " (link)"
 
 
@@ -41,7 +41,7 @@ class CompliancePattern:
     name : str
         Name of the parameter.
     entries : tuple of (str, str, float)
-        Names of two elements and S there; S is symmetric, and each pair stands once.
+        Names of two elements and S there; S is symmetric, and each pair occurs once.
     law : (str, int), optional
         Of a polynomial spring, instead of entries: the joint, and the power of the deflection. The
         value of the first power is a compliance, those of others are coefficients of the torque.

@@ -153,7 +153,7 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
     for name in flexible:
         if name not in bodies:
             raise UnknownNameError("link", name, bodies)
-    # Parents stand before their children in Pinocchio's list of frames.
+    # Parents come before their children in Pinocchio's list of frames.
     for name in sorted(flexible, key=lambda name: bodies[name]):
         link, give = model.frames[bodies[name]], flexible[name]
         start = link.placement.homogeneous @ give.start
@@ -178,7 +178,7 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
     if moved and alone == [link]:  # the link that the joint itself moves: all else hangs on it
         return frozenset(range(UNFRAMED, len(frames))) - {link, base}
     carried = {link}
-    for k, frame in enumerate(frames):  # parents stand before their children
+    for k, frame in enumerate(frames):  # parents come before their children
         if k > 0 and int(frame.parentFrame) in carried:
             carried.add(k)
     return frozenset(carried - {link} | {UNFRAMED})

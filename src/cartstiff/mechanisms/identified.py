@@ -38,7 +38,7 @@ class Identified:
     degrees : float or None
         Degrees of freedom of Student's t; None for a normal distribution.
     level : float
-        Probability of the intervals that are told.
+        Probability of the intervals.
     rows : int
         Measurements they rest on.
     date, source : str

@@ -142,12 +142,12 @@ class Limits:
         return np.where(self.side(values) == 0, 0.0, beyond)
 
 
-#: Limits follow from the mechanism alone and are asked for at every posture.
+#: Limits follow from the mechanism alone and are needed at every posture.
 _KNOWN: WeakKeyDictionary[Mechanism, dict[tuple[bool, bool], Limits]] = WeakKeyDictionary()
 
 
 def limits_of(mechanism: Mechanism, *, ignore: bool = False, contacts: bool = False) -> Limits:
-    """The limits of a mechanism, see `Limits`; the same ones whenever it is asked."""
+    """The limits of a mechanism, see `Limits`; kept once computed."""
     known = _KNOWN.setdefault(mechanism, {})
     limits = known.get((ignore, contacts))
     if limits is None:
@@ -175,7 +175,7 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     limits = limits_of(mechanism)
     turned: dict[str, float] = {}
     farthest = max(map(abs, posture.q.tolist()), default=0.0)
-    # Joints may turn several times; the angles of a pose hardly do.
+    # Joints may turn several times; the angles of a pose rarely do.
     most = 2.0 * _TURN if limits.legs is None else _TURN
     if farthest > most:
         turned = {

@@ -55,7 +55,7 @@ def superelement_spring(
 
     With the clamped node's rows and columns struck out, and r all but the tip t:
     :math:`K_{tt} - K_{tr} K_{rr}^{-1} K_{rt}`. In a mechanism file it is the ``stiffness`` of a
-    link under ``flexible``, with the tip as ``offset`` if the link's frame stands at the base.
+    link under ``flexible``, with the tip as ``offset`` if the link's frame is at the base.
 
     Parameters
     ----------

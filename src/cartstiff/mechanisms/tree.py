@@ -284,7 +284,7 @@ class KinematicTree:
 
     @cached_property
     def depth_first(self) -> tuple[KinematicTree, NDArray[np.intp]]:
-        """The same tree with each joint's subtree in one piece, and where its coordinates stand.
+        """The same tree with each joint's subtree in one piece, and the places of its coordinates.
 
         Pinocchio's mass matrix and derivatives of gravity take this order for granted. It is this
         tree itself where the order is right, and then the indices are those of all coordinates.
@@ -364,7 +364,7 @@ class KinematicTree:
     ) -> KinematicTree:
         """The same tree with other poses ``T_parent_joint`` or masses [kg] of joints, from 1.
 
-        Named frames may stand elsewhere, too.
+        Named frames may be elsewhere, too.
 
         Centres of mass stay where they are, and the moments of inertia about them.
         """

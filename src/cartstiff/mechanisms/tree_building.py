@@ -142,7 +142,7 @@ def plain_tree(
         hung = [place for carried, place in beyond[joint] if frame in carried]
         if frame == UNFRAMED and len(hung) > 1:
             raise InputError(
-                "several links that give are fixed together, and a joint has no frame that tells "
+                "several compliant links are fixed together, and a joint has no frame that tells "
                 "which of them carries it",
                 expected="a frame for each joint",
             )
@@ -189,7 +189,7 @@ def plain_tree(
     for i in range(1, model.njoints):
         parent, T_p = side(frame_of.get(i, UNFRAMED), parents[i])
         if i not in kept:
-            is_drawn = i not in locked and model.joints[i].shortname() in PLAIN  # stands at zero
+            is_drawn = i not in locked and model.joints[i].shortname() in PLAIN  # is at zero
             T = placements[i] if is_drawn else standing(model, i, fixed_q).homogeneous
             near[i] = (parent, T_p @ T)
         else:
@@ -314,7 +314,7 @@ def part_of(
     joints : sequence of int
         Joints counted from 1, ascending, each carried by one of them or by `root`.
     root : int
-        Joint in whose frame the part stands.
+        Joint in whose frame the part is placed.
 
     Notes
     -----

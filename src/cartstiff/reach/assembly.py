@@ -98,10 +98,10 @@ def at_rest_with(
 ) -> tuple[PostureStiffness, tuple[Note, ...]]:
     """The stiffness of a platform with actuators at leg lengths (m,), at or near a pose q (6,).
 
-    Of legs between ideal joints at q itself. Struts with flexures hold at `home`, where they were
-    made, with the actuators where these need no load; from there they are told the lengths. They
-    come to rest beside q; where no rest is found, the answer is that at q, with a note. `stiffness`
-    is `analyse` at a pose, under the load that is asked for.
+    Legs between ideal joints hold it at q itself. Struts with flexures hold at `home`, where they
+    were made, with the actuators where these need no load; from there they are commanded to the
+    lengths. They come to rest beside q; where no rest is found, the answer is that at q, with a
+    note. `stiffness` is `analyse` at a pose, under the load.
     """
     if not isinstance(elastic.springs, FlexureStruts):
         return stiffness(q), ()

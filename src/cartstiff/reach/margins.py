@@ -380,7 +380,7 @@ class Margins:
 
     @staticmethod
     def _standing(poses: Array, others: Array, struts: FlexureStruts) -> Array:
-        """1 where all struts stand, -1 where one has buckled or finds no balance (N, 1).
+        """1 where all struts are stable, -1 where one has buckled or finds no balance (N, 1).
 
         Asked only where all `others` are kept; infinity elsewhere.
         """
@@ -389,8 +389,8 @@ class Margins:
             np.flatnonzero((others >= 0.0).all(axis=1)), len(poses) // 500 + 1
         ):
             at = struts.many(poses[rows], np.zeros((len(poses[rows]), 6)))
-            stands = (at.is_found & at.is_stable).all(axis=1)
-            standing[rows, 0] = np.where(stands, 1.0, -1.0)
+            stable = (at.is_found & at.is_stable).all(axis=1)
+            standing[rows, 0] = np.where(stable, 1.0, -1.0)
         return standing
 
     def middle_tensions(self, lines: Array, asked: Array) -> Array:

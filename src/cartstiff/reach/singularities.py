@@ -73,7 +73,7 @@ def singular_around(
 ) -> Singular | None:
     """Singular poses around a pose, the surface on rays; None where no determinant tells.
 
-    The surface is told in offsets.
+    The surface is given in offsets.
     """
     if not margins.sign:
         return None

@@ -1,4 +1,4 @@
-"""What the drives are told, as against the pose that results: rest positions that are shifted."""
+"""Commanded positions of the drives, as against the pose that results: shifted rest positions."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ def commanded(
     command: Mapping[str, float],
     q: ArrayLike | Mapping[str, float] | None = None,
 ) -> tuple[ElasticMechanism, Array]:
-    """The mechanism with its drives told to move on from where they are.
+    """The mechanism with its drives commanded to move on from where they are.
 
     Rest positions that are open are chosen at the posture first, where the mechanism is then at
-    rest; then those of the drives are shifted. Rigid drives go where they are told.
+    rest; then those of the drives are shifted. Rigid drives go where they are commanded.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     command : mapping of str to float
-        How far each drive is told to move (rad, lengths), by the name of its joint, or leg1, ...
+        How far each drive is to move (rad, lengths), by the name of its joint, or leg1, ...
         of a platform on lines.
     q : array_like (n,) or mapping, optional
         Posture before the command; default the file's.

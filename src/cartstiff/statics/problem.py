@@ -151,7 +151,7 @@ class Balance:
     Attributes
     ----------
     free : ndarray (n, f) or None
-        N; None stands for the identity.
+        N; None means the identity.
     multipliers : ndarray (m,)
         Constraint forces lam, per unit of each constraint.
     force : ndarray (f,)

@@ -27,7 +27,7 @@ from cartstiff.mechanisms.platform import Platform
 
 #: What finds postures at poses: for joints, or for platforms.
 PathSolver = JointPoses | PlatformPoses
-#: Joints that turn stay so near to a posture that is asked for (rad).
+#: Joints that turn stay so near to a required posture (rad).
 NEARBY = 0.5 * np.pi
 
 
@@ -157,7 +157,7 @@ def choices_of(
 def _most_idle(solver: JointPoses) -> int:
     """The joint that moves most with the self-motion, even where it moves little.
 
-    Where a joint stands still while the others move, its position tells nothing about theirs.
+    Where a joint does not move while the others move, its position tells nothing about theirs.
     """
     q = solver.random_starts(200, np.random.default_rng(0))
     moving = solver.self_motions(q, "none", solver.redundancy("none")) / solver.sizes[:, None]
@@ -277,7 +277,7 @@ class _Cells:
         """Random starts, and the default posture.
 
         Where a joint is sampled, postures at the pose are found with that joint free, and start in
-        the cells on both sides of where it came to stand.
+        the cells on both sides of where it came to rest.
         """
         solver, grid = self.solver, self.grid
         every = 1 if grid.positions is None else min(_EVERY, len(grid.positions))
@@ -343,7 +343,7 @@ class _Cells:
         return np.asarray(((q >= low) & (q <= high) | self.solver.periodic).all(axis=1))
 
     def _apart(self, known: Layer, more: Layer, spacing: float) -> Layer:
-        """What is not near anything known, nor near what stands before it."""
+        """What is not near anything known, nor near what comes before it."""
         both = _joined(known, more)
         keep: list[int] = []
         first = len(known.q)

@@ -94,7 +94,7 @@ def impossible(
     if best < singular:
         return UndefinedError(
             f"{here} is reached only near singularities: smallest over largest singular value "
-            f"{best:.3g}, and {singular:g} is asked for",
+            f"{best:.3g}, and {singular:g} is required",
             code="path-near-singular",
             values={**values, "ratio": best, "threshold": singular},
         )
