@@ -30,9 +30,8 @@ import numpy as np
 
 import cartstiff
 from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates
+from cartstiff.identify.candidates import candidates, simulated
 from cartstiff.identify.linear_model import LinearModel
-from cartstiff.identify.synthetic import simulated
 from cartstiff.identify.unknowns import unknowns_of
 
 # Share of the campaigns and of the deflection that noise is.

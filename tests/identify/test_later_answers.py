@@ -12,8 +12,7 @@ from tests.identify.neighbours import neighbours
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates
-from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.candidates import candidates, simulated
 from cartstiff.identify.writing import with_result
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadWrench

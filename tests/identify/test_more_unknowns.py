@@ -8,8 +8,7 @@ from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_
 
 import cartstiff
 from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates
-from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.candidates import candidates, simulated
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.identify.writing import mechanism_file

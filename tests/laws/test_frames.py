@@ -156,3 +156,13 @@ def test_every_output_says_where_m_and_the_base_are(robots):
     )
     assert np.array(moved["frame_offset"]) == pytest.approx(T)
     assert np.array(moved["pose"]) == pytest.approx(np.array(plain["pose"]) @ T, abs=1e-9)
+
+
+def test_a_written_tree_keeps_the_base(robots, tmp_path):
+    run("analyse", robots[2], "--q", Q, "-o", tmp_path / "tree.urdf")
+    again = json.loads(run("analyse", tmp_path / "tree.yaml", "--axes", "base", "--json"))
+    first = json.loads(run("analyse", robots[2], "--q", Q, "--axes", "base", "--json"))
+    assert np.array(again["base_pose"]) == pytest.approx(np.array(first["base_pose"]))
+    assert np.array(again["pose"]) == pytest.approx(np.array(first["pose"]), abs=1e-9)
+    a, b = (np.array(d["as_controller"]["stiffness"]["B"]) for d in (first, again))
+    assert b == pytest.approx(a, rel=1e-6, abs=1e-3)

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
 from cartstiff.identify.checks import checked, contradictions, inflation_of
-from cartstiff.identify.fitting import Fit, fitted
-from cartstiff.identify.intervals import estimates
-from cartstiff.identify.least_squares import Noise
+from cartstiff.identify.fitting import Fit, Noise, fitted
 from cartstiff.identify.linear_model import LinearModel, Model, small_loads
 from cartstiff.identify.loaded_model import LoadedModel, model_of, needs_equilibrium
 from cartstiff.identify.measurements import POSITION, TURN, Measurements
 from cartstiff.identify.notes import notes_of
-from cartstiff.identify.result import Identification, Rejected
+from cartstiff.identify.result import Identification, Rejected, estimates
 from cartstiff.identify.robust import Robust, robust_fit
 from cartstiff.identify.sessions import OFFSETS, aligned, nuisance_of, other_axes
 from cartstiff.identify.unknowns import Unknowns, unknowns_of

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.identify.intervals import quantile
+from cartstiff.identify.fitting import quantile
 from cartstiff.identify.loaded_model import model_of
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import Unknowns

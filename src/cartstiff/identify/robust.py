@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.identify.fitting import Fit
-from cartstiff.identify.intervals import quantile
-from cartstiff.identify.least_squares import Noise, Solved, solved
+from cartstiff.identify.fitting import Fit, Noise, Solved, quantile, solved
 from cartstiff.identify.linear_model import Model
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.observations import Observations

@@ -24,8 +24,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
-from cartstiff.identify.fitting import Fit, fitted
-from cartstiff.identify.least_squares import Noise
+from cartstiff.identify.fitting import Fit, Noise, fitted
 from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import needs_equilibrium
 from cartstiff.identify.measurements import DISPLACEMENT, POSITION, ROTATION, TURN, Measurements

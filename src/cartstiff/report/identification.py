@@ -9,9 +9,8 @@ from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import body_frame, number, table
 
 if TYPE_CHECKING:
-    from cartstiff.identify.intervals import Estimate
     from cartstiff.identify.plan import Plan
-    from cartstiff.identify.result import Identification
+    from cartstiff.identify.result import Estimate, Identification
 
 
 def describe_identification(result: Identification) -> str:

@@ -135,7 +135,7 @@ class PlanRequest:
         """Measurements as the mechanism would show them."""
         import numpy as np
 
-        from cartstiff.identify.synthetic import simulated
+        from cartstiff.identify.candidates import simulated
         from cartstiff.identify.table import read_measurements, table_text
         from cartstiff.report.output import write_files
 

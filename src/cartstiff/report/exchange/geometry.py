@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -19,7 +19,7 @@ from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.platform import Platform, PlatformPosture, Struts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
@@ -107,6 +107,11 @@ def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, byte
     kind = "closed-chain" if closures else "serial"
     if not closures:
         keys.pop("actuated", None)
+    B = scaled_pose(elastic.mechanism.base_pose, elastic.units)
+    if kind == "serial" and not np.array_equal(B, np.eye(4)):
+        back = se3.inverse(B)
+        links = [replace(x, T=back @ x.T) if x.parent == "base" else x for x in links]
+        keys["base"] = {"xyz": B[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(B).tolist()}
     head = {"kind": kind, "name": elastic.name, "model": name, "frame": "M"}
     rows = [f"{key}: {json.dumps(value)}" for key, value in (head | keys).items()]
     rows += ["closures:"] * bool(closures) + [f"  - {json.dumps(c)}" for c in closures]
@@ -197,6 +202,13 @@ def _bar(struts: Struts | None, i: int, length: float, fixed: bool) -> tuple[flo
     return float(mass[i]), length * com[i] * _Z, about * np.diag([1.0, 1.0, 0.0])
 
 
+def scaled_pose(T: Array, units: Units) -> Array:
+    """A pose in metres."""
+    other = np.array(T)
+    other[:3, 3] *= convert_length(units, SI)[0]
+    return other
+
+
 def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
     """The tree of a chain, joint by joint, with a link for each end of a closure."""
     elastic, chain = result.elastic, result.elastic.mechanism
@@ -212,9 +224,7 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
     length, force = convert_length(elastic.units, SI)
 
     def scaled(T: Array) -> Array:
-        other = np.array(T)
-        other[:3, 3] *= length
-        return other
+        return scaled_pose(T, elastic.units)
 
     names = ["base", *(f"link {i}" for i in range(1, tree.model.njoints))]
     links, screws = [], tree.screws()
