@@ -22,8 +22,7 @@ from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.showing import codes_of
-from cartstiff.vibration.plausible import masses_that_move, notes_on_masses
-from cartstiff.vibration.states import notes_on_states
+from cartstiff.vibration.diagnostics import masses_that_move, notes_on_masses, notes_on_states
 
 #: Name and version of the form of `Modes.as_dict`.
 MODES_SCHEMA = "cartstiff-modes/1"
