@@ -48,6 +48,8 @@ def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...
     """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
     kept = []
     for note in notes:
+        if note.code == "springs-missing":
+            continue
         if note.code != "stiffness-assumed":
             kept.append(note)
         elif isinstance(stiffness, Mapping):

@@ -148,7 +148,6 @@ def command(
     bare, hung = replace(request, payload=None), request.payload
     elastic, q = bare.load()
 
-    from cartstiff.mechanisms.contract import named_values
     from cartstiff.mechanisms.elastic import with_default_gravity
     from cartstiff.statics.held import Held
     from cartstiff.stiffness.applied_load import LoadKind
@@ -160,9 +159,8 @@ def command(
 
     elastic = weighing(elastic)
 
-    if isinstance(q, dict):
-        q = named_values(q, elastic.names, elastic.q, "--q")
-    q = elastic.mechanism.assembled(elastic.q if q is None else q)
+    elastic, posture = elastic.placed(q, "--q")
+    q = posture.q
     weight = _weight(elastic, hung)
     kind = LoadKind(applied.load_kind, applied.acts_at)  # type: ignore[arg-type]
 

@@ -160,16 +160,11 @@ class MechanismRequest:
         """The elastic mechanism with the posture that was given as its own."""
         from dataclasses import replace
 
-        from cartstiff.mechanisms.contract import named_values
-        from cartstiff.mechanisms.limits import notes_on_given
-
         elastic, q = self.load()
         if q is None:
             return elastic
-        given = named_values(q, elastic.names, elastic.q, "--q")
-        at = elastic.mechanism.assembled(given)
-        noted = elastic.with_notes(*notes_on_given(elastic.mechanism, given, at))
-        return replace(noted, q=at)
+        noted, posture = elastic.placed(q, "--q")
+        return replace(noted, q=posture.q)
 
     def in_frame(self, frame: str | None) -> Any:
         """The mechanism as its file has it, with tool and weight, and another frame of interest."""

@@ -30,7 +30,7 @@ from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Units
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, Struts
 from cartstiff.mechanisms.tree_building import merged
@@ -200,8 +200,9 @@ def _legs(
             unilateral=getattr(file, "unilateral", False),
         )
     else:
+        a, f = convert_length(SI, platform.units)  # moments are in N m, whatever the units
         lower, upper = (
-            Flexure(e.axial, e.shear, e.bending, e.torsion, e.offset)
+            Flexure(e.axial, e.shear, e.bending * f * a, e.torsion * f * a, e.offset)
             for e in (strut.lower, strut.upper)
         )
         springs = FlexureStruts.between(

@@ -28,7 +28,7 @@ from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.closures import ReferencePosture
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, adjusted
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.mechanisms.tree_building import extended, merged
@@ -65,12 +65,18 @@ def _indices(names: Sequence[str], tree: KinematicTree) -> list[int]:
     return [known.index(name) for name in names]
 
 
-def _assembled(chain: Chain, q: Array, where: str) -> Array:
+def _assembled(
+    chain: Chain, q: Array, posture: Mapping[str, float], where: str, notes: list[Note]
+) -> Array:
+    """Closed coordinates near q; where no joint is actuated, those that the file names are held."""
+    named = [] if chain.actuated else [chain.names.index(name) for name in posture]
     try:
-        at = chain.closed(q)
+        at = chain.closed(q, named=named)
     except ConvergenceError as error:
         raise InputError(f"{error}", where=where, expected="a posture near a closed one") from None
     chain.home = ReferencePosture(at.q, chain.held, at.coordinate_lengths)
+    if len(named) < len(q):  # else they are where the search starts
+        notes += adjusted(chain, q, at.q, named)
     return at.q
 
 
@@ -89,6 +95,8 @@ def build_parallel(
     springs: dict[str, JointSpringModel] = {}
     passive: list[str] = []
     virtual: list[str] = []
+    contacts: list[str] = []
+    driven: list[str] = []
     posture: dict[str, float] = {}
     soft: list[tuple[int, LegModel]] = []
     descriptions: list[Description] = []
@@ -107,7 +115,7 @@ def build_parallel(
         if leg.contact != "rigid":
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
             end = "contact"
-            passive += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
+            contacts += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
         names = [c.name for c in tree.coordinates]
         for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
             for joint in entries:
@@ -123,6 +131,7 @@ def build_parallel(
         file_springs |= {prefix + joint: spring for joint, spring in facts.springs.items()}
         file_passive += [prefix + joint for joint in facts.passive]
         drawn |= {prefix + joint: value for joint, value in facts.posture.items()}
+        driven += [prefix + joint for joint in facts.actuated if joint in names]
         lifted += [replace(part, body=prefix + part.body) for part in facts.lifted]
         descriptions.append(description.shown(prefix))
         ends.append(prefix + end)
@@ -163,9 +172,15 @@ def build_parallel(
                 where,
                 f"leg {i + 1}",
             )
-    q = _assembled(chain, q, where)
+    q = _assembled(chain, q, posture, where, notes)
     joint_springs, assumed = springs_of(
-        springs, passive, tree, facts, where, virtual=virtual, actuated=file.actuated
+        springs,
+        passive,
+        tree,
+        facts,
+        where,
+        virtual=[*virtual, *contacts],
+        actuated=file.actuated or driven,
     )
     links = [
         spring
@@ -227,7 +242,8 @@ def closed_chain_of(
     left = {c.name for c in tree.coordinates}
     ties = [tie for tie in facts.closures if tie.joints & moving]
     closures = [_mjcf_closure(tie, i, tree) for i, tie in enumerate(ties)]
-    actuated = [n for n in facts.actuated if n in left] if alone else file.actuated
+    driven = [n for n in facts.actuated if n in left]
+    actuated = driven if alone else file.actuated
     q = default_posture(tree, file.q, where, posture, facts)
     closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
     virtual = virtual_joints(file.flexible)
@@ -242,7 +258,7 @@ def closed_chain_of(
         descriptions=[description.shown()],
     )
     add_payload(tree, chain, file.payload)
-    q = _assembled(chain, q, where)
+    q = _assembled(chain, q, file.q, where, notes)
     springs, assumed = springs_of(
         file.springs,
         file.passive,
@@ -250,7 +266,7 @@ def closed_chain_of(
         facts,
         where,
         virtual=virtual,
-        actuated=file.actuated,
+        actuated=None if alone else file.actuated or driven,
     )
     links = link_springs(file.flexible, tree, where)
     notes += [*description_notes(description, tree, closed=True), *assumed]

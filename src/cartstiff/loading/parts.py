@@ -95,7 +95,16 @@ def put_together(
     notes += _idle_links(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
+    chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
     potentials = [*soft, *extra_lines(file.lines, chain, q)]
+    if not potentials and len(chain.undriven) == chain.tree.n:
+        names = ", ".join(chain.names)
+        words = (
+            f"no joint has a spring, and none is named as actuated, so all move freely: {names}. "
+            "Which are actuated? Give --stiffness joint=value, or 'actuated' or 'springs' in the "
+            "mechanism file"
+        )
+        elastic = elastic.with_notes(Note("springs-missing", words, {"joints": list(chain.names)}))
     if elastic.gravity is not None:
         potentials += [
             DeadForce(-part.mass * elastic.gravity, part.point, part.body)

@@ -53,17 +53,18 @@ def springs_of(
     virtual: Sequence[str] = (),
     actuated: Sequence[str] | None = None,
 ) -> tuple[JointSprings, list[Note]]:
-    """Joint springs of a file's entries; what is not given the MJCF file says, or is assumed.
+    """Joint springs of a file's entries, and notes on what was assumed.
 
-    In a closed chain (`actuated` is a sequence) joints that are not named are passive; virtual
-    joints of flexible links always are.
+    A joint without an entry has the spring that the robot's own file gives it. Of the others those
+    that are actuated get an assumed one: in a serial arm all but the `passive` ones, in a closed
+    chain (`actuated` is a sequence) those that are named there, or all but the passive ones where
+    only these are named. Joints without a spring are free, as virtual joints of links are.
     """
     names = [c.name for c in tree.coordinates]
-    named_passive = set(passive)
-    if actuated is not None:
-        moved = set(springs) or set(actuated) or set(names)
-        passive = [*passive, *(n for n in names if n not in moved and n not in passive)]
     passive = [*passive, *(n for n in virtual if n not in passive)]
+    driven = set(names) - set(passive) - set(facts.passive)
+    if actuated is not None and (actuated or springs or not set(passive) - set(virtual)):
+        driven &= set(actuated)
     for entries, key in ((springs, "springs"), (passive, "passive")):
         for name in entries:
             if name not in names:
@@ -89,29 +90,26 @@ def springs_of(
                 laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()))
             if stiffness[j] == 0.0 and j not in laws:
                 rest[j] = 0.0 if entry.rest is None else entry.rest
-        elif name in facts.springs and name not in named_passive:
+        elif name in facts.springs and name not in passive:
             spring = facts.springs[name]
             rest[j] = spring.rest
             if len(spring.coefficients) > 1:
                 laws[j] = PolynomialLaw(spring.coefficients)
             else:
                 stiffness[j] = spring.coefficients[0]
-        elif name in passive:
-            rest[j] = 0.0
-        elif name in facts.passive:
-            rest[j] = 0.0
-            unsprung.append(name)
-        elif springs or passive:
-            if springs:
+        elif name in driven:
+            if springs and actuated is None:
                 raise InputError(
                     f"joint {name!r} has no spring",
                     where=where,
                     expected="an entry under springs, passive or locked",
                 )
-            rest[j] = 0.0
-        else:
             stiffness[j] = ASSUMED_STIFFNESS
             assumed.append(name)
+        else:
+            rest[j] = 0.0
+            if name in facts.passive and name not in passive:
+                unsprung.append(name)
     notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
     notes += rest_of_turns(tree.coordinates, rest)
     notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})

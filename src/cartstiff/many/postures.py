@@ -39,6 +39,7 @@ from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.singular import lost_ranks
 from cartstiff.many.work import BY_ENGINE, timed
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, with_labels
@@ -237,6 +238,8 @@ def analyse_many(
         If `path` is "compiled" and llvmlite is not installed.
     """
     coordinates = checked_q(checked_elastic(elastic), q)
+    if isinstance(elastic.mechanism, Chain):
+        coordinates = elastic.mechanism.closed_as_given(coordinates)
     loads = checked_wrench(elastic, wrench, len(coordinates))
     names = checked_names(outputs)
     count = checked_count("threads", threads) or os.cpu_count() or 1

@@ -8,8 +8,9 @@ path from a to b (up to terms that vanish on the motions that keep the closure).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
 
@@ -201,6 +202,12 @@ class ChainPosture(MechanismPosture):
         return Map(select, lambda _: np.zeros((n, n)))
 
 
+def _is_shut(posture: ChainPosture) -> bool:
+    """Whether closures are met to rounding."""
+    residual = posture.residual
+    return residual is None or bool(np.abs(residual).max() <= FINEST * max(1.0, posture.length))
+
+
 # Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
 _MOST_CLOSURES = 100
 
@@ -254,6 +261,8 @@ class Chain(Mechanism):
             self.selection = np.eye(tree.n)[list(actuated)]
         self.virtual = frozenset(virtual)
         self.held = sorted({*(actuated or ()), *virtual})
+        driven = range(tree.n) if actuated is None else actuated
+        self.undriven = self.virtual | (frozenset(range(tree.n)) - frozenset(driven))
         self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
         self.has_lengths = bool(self.is_length.any())
         #: Natural sizes of the coordinates of a chain of angles only.
@@ -346,22 +355,30 @@ class Chain(Mechanism):
         return ChainPosture(self, self.checked(q))
 
     def closed(
-        self, q_start: ArrayLike, *, hold: Sequence[int] | None = None, tolerance: float = ROUNDING
+        self,
+        q_start: ArrayLike,
+        *,
+        named: Sequence[int] | None = None,
+        hold: Sequence[int] | None = None,
+        tolerance: float = ROUNDING,
     ) -> ChainPosture:
         """Posture near `q_start` that satisfies the closures.
 
         Newton's method with steps of least change; each is limited to 0.2 rad (or 0.2
-        characteristic lengths). The held coordinates (default: actuated joints and virtual joints
-        of links) stay where they are if the others can close the chain. If these are as at `home`,
-        the held ones move from there (`ReferencePosture.continue_from`), so that the assembly mode
-        is kept.
+        characteristic lengths). The held coordinates stay where they are if the others can close
+        the chain: those that were named, else actuated joints, and virtual joints of links. If the
+        others are as at `home`, the held ones move from there (`ReferencePosture.continue_from`),
+        so that the assembly mode is kept.
 
         Parameters
         ----------
         q_start : array_like, shape (n,)
             Coordinates to start from.
+        named : sequence of int, optional
+            Coordinates that somebody gave; default, where no joint is actuated: those that differ
+            from `home`.
         hold : sequence of int, optional
-            Coordinates to keep.
+            Coordinates to keep, and no others; nothing leads from `home`.
         tolerance : float
             Largest residual accepted, in rad and characteristic lengths.
 
@@ -371,18 +388,17 @@ class Chain(Mechanism):
             If the closures cannot be met from there.
         """
         posture = self.at(q_start)
-        if not self.closures:
+        if posture.residual is None or _is_shut(posture):
             return posture
-        home = self.home if hold is None else None
-        if home is not None and (led := self._led(home, posture.q, tolerance)) is not None:
-            return led
-        movable = np.ones(posture.q.size, bool)
-        if held := list(self.held if hold is None else hold):
-            movable[held] = False
-            if (closed := self._close(posture, movable, tolerance)[0]) is not None:
+        for held in self._ways(posture.q, named) if hold is None else [list(hold)]:
+            movable = ~np.isin(np.arange(posture.q.size), held)
+            if hold is None and self.home is not None:
+                home = replace(self.home, held=held)
+                if (led := self._led(home, posture.q, movable, tolerance)) is not None:
+                    return led
+            if held and (closed := self._close(posture, movable, tolerance)[0]) is not None:
                 return closed
-        movable[:] = True
-        closed, iterations, size = self._close(posture, movable, tolerance)
+        closed, iterations, size = self._close(posture, np.ones_like(movable), tolerance)
         if closed is None:
             raise ConvergenceError(
                 "the closures cannot be assembled from this posture",
@@ -391,9 +407,39 @@ class Chain(Mechanism):
             )
         return closed
 
-    def _led(self, home: ReferencePosture, q: Array, tolerance: float) -> ChainPosture | None:
-        free = ~np.isin(np.arange(q.size), self.held)
-        return home.led(lambda start: self._close(self.at(start), free, tolerance)[0], q)
+    def given(self, q: Array) -> Array:
+        """Which coordinates q (..., n) somebody gave: those that differ from `home`.
+
+        None where joints are actuated, so that these are held, or where all of them differ.
+        """
+        given = np.zeros(q.shape, bool)
+        if self.actuated is None and self.home is not None and self.closures:
+            given = q != self.home.q
+            given[..., list(self.virtual)] = False
+            given &= (given.sum(axis=-1) < self.tree.n - len(self.virtual))[..., None]
+        return given
+
+    def closed_as_given(self, q: Array) -> Array:
+        """Coordinates (N, n), those closed of which somebody gave a part (see `given`)."""
+        which = np.flatnonzero(self.given(q).any(axis=1))
+        if which.size:
+            q = q.copy()
+        for i in which:
+            with suppress(ConvergenceError):  # whoever asks next says so
+                q[i] = self.closed(q[i]).q
+        return q
+
+    def _ways(self, q: Array, named: Sequence[int] | None) -> list[list[int]]:
+        """What is held while the chain is closed, in the order in which it is tried."""
+        named = np.flatnonzero(self.given(q)).tolist() if named is None else named
+        if set(named) <= set(self.held):
+            return [self.held]
+        return [sorted({*named, *self.virtual}), self.held]
+
+    def _led(
+        self, home: ReferencePosture, q: Array, movable: Array, tolerance: float
+    ) -> ChainPosture | None:
+        return home.led(lambda start: self._close(self.at(start), movable, tolerance)[0], q)
 
     def _close(
         self, posture: ChainPosture, movable: Array, tolerance: float

@@ -254,6 +254,8 @@ class Mechanism(ABC):
     frame_offset: Array = fixed(np.eye(4))
     #: Coordinates that do not give: held where they are, whatever acts.
     rigid: frozenset[int] = frozenset()
+    #: Coordinates without an actuator: one stiffness for all joints is not for them.
+    undriven: frozenset[int] = frozenset()
 
     def with_rigid(self, rigid: frozenset[int]) -> Mechanism:
         """The same mechanism with other coordinates held.
@@ -269,8 +271,16 @@ class Mechanism(ABC):
     def at(self, q: ArrayLike) -> MechanismPosture:
         """Posture at coordinates q (n,)."""
 
-    def closed(self, q_start: ArrayLike) -> MechanismPosture:
-        """Posture near `q_start` that satisfies the closures; at it where there are none."""
+    def closed(
+        self,
+        q_start: ArrayLike,
+        *,
+        named: Sequence[int] | None = None,  # noqa: ARG002
+    ) -> MechanismPosture:
+        """Posture near `q_start` that satisfies the closures; at it where there are none.
+
+        Coordinates that were `named` stay where they are if the others can close the mechanism.
+        """
         return self.at(q_start)
 
     def assembled(self, q_start: ArrayLike) -> Array:

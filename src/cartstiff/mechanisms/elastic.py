@@ -19,6 +19,7 @@ from cartstiff.arrays import checked_number, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import (
     EARTH,
     Mechanism,
@@ -46,8 +47,12 @@ def with_values(
     names: tuple[str, ...],
     stiffness: float | Mapping[str, float] | ArrayLike | None,
     rest: float | Mapping[str, float] | ArrayLike | None,
+    undriven: frozenset[int] = frozenset(),
 ) -> JointSprings | LineSprings:
-    """The springs with other stiffness and rest positions, see `ElasticMechanism.with_springs`."""
+    """The springs with other stiffness and rest positions, see `ElasticMechanism.with_springs`.
+
+    One stiffness for all is not for `undriven` coordinates, unless they have a spring already.
+    """
     k = springs.stiffness
     were_rigid = springs.rigid if isinstance(springs, JointSprings) else frozenset()
     if stiffness is not None:
@@ -55,6 +60,17 @@ def with_values(
             k = k.copy()
             k[list(springs.rigid)] = np.inf
             springs = replace(springs, rigid=frozenset())
+            if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
+                undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
+                stiffness = {n: stiffness for j, n in enumerate(names) if j not in undriven}
+                if not stiffness:
+                    raise InputError(
+                        "no joint is actuated or has a spring, so one stiffness is for none",
+                        where="stiffness",
+                        expected="name=value for the actuated joints, or their names under "
+                        "'actuated' in the file",
+                        got=", ".join(names),
+                    )
         k = named_values(stiffness, names, k, "stiffness", infinite=True)
         if np.any(k < 0):
             raise InputError("stiffness must not be negative", got=k.tolist())
@@ -355,6 +371,53 @@ class ElasticMechanism(ShownInLines):
             for c in self.mechanism.coordinates
         ]
 
+    def placed(
+        self, q: ArrayLike | Mapping[str, float] | None = None, what: str = "q"
+    ) -> tuple[ElasticMechanism, MechanismPosture]:
+        """The mechanism with notes on a posture that was given, and the posture, closed.
+
+        Parameters
+        ----------
+        q : array_like (n,) or mapping, optional
+            Coordinates in joint order or by name; default the mechanism's posture. Coordinates that
+            are named stay where they are if the others can close the mechanism; a note says which
+            of them moved.
+        what : str
+            What messages call it.
+
+        Raises
+        ------
+        InputError
+            For a wrong count, an unknown name, or numbers that are not finite.
+        ConvergenceError
+            If the mechanism cannot be closed near q.
+        """
+        mechanism, named = self.mechanism, None
+        if isinstance(q, Mapping):
+            values = named_values(q, self.names, self.q, what)
+            named = [j for j, name in enumerate(self.names) if name in q]
+        else:
+            values = self.q if q is None else mechanism.checked(q, what)
+        posture = mechanism.closed(values, named=named)
+        elastic = self if np.array_equal(values, self.q) else self._with_given(values, named)
+        return elastic.with_notes(*adjusted(mechanism, values, posture.q, named)), posture
+
+    def _with_given(self, values: Array, named: Sequence[int] | None) -> ElasticMechanism:
+        """The same mechanism; a note on a posture that was chosen is on what was not given."""
+        if not any(note.code == "default-posture" for note in self.notes):
+            return self
+        notes = [note for note in self.notes if note.code != "default-posture"]
+        taken = {} if named is None else dict(zip(self.names, values.tolist(), strict=True))
+        for j in named or ():
+            del taken[self.names[j]]
+        if taken:
+            shown = ", ".join(f"{name} {x:.4g}" for name, x in taken.items())
+            words = (
+                f"no position was given for some joints: the default posture's are taken, {shown}"
+            )
+            notes.append(Note("default-posture", words, {"q": values.tolist(), "taken": taken}))
+        return replace(self, notes=tuple(notes))
+
     def with_springs(
         self,
         stiffness: float | Mapping[str, float] | ArrayLike | None = None,
@@ -366,7 +429,8 @@ class ElasticMechanism(ShownInLines):
         ----------
         stiffness, rest
             One number for all joints, one per joint, or a mapping from joint names for some of
-            them; None leaves what is there.
+            them; None leaves what is there. One stiffness is for the joints that are actuated or
+            have a spring: passive joints stay free.
 
         Raises
         ------
@@ -379,7 +443,8 @@ class ElasticMechanism(ShownInLines):
             raise InputError(
                 f"{self.name} has no joint springs", expected="legs or line springs in its file"
             )
-        springs = with_values(self.springs, self.spring_names, stiffness, rest)
+        undriven = self.mechanism.undriven
+        springs = with_values(self.springs, self.spring_names, stiffness, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
         # What was measured is not known of springs that are given anew.
         identified = self.identified if stiffness is None else None
@@ -555,6 +620,36 @@ class ElasticMechanism(ShownInLines):
             return others
         n = posture.motion.jacobian.shape[1]
         return Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
+
+
+def adjusted(
+    mechanism: Mechanism, given: Array, q: Array, named: Sequence[int] | None = None
+) -> tuple[Note, ...]:
+    """Says which coordinates had to leave what was given (n,) for the closures: q (n,).
+
+    Of those that were named or are actuated; without any, of those that differ from the
+    mechanism's reference posture.
+    """
+    if not isinstance(mechanism, Chain) or not mechanism.closures:
+        return ()
+    meant = set(mechanism.actuated or ()) | set(named or ())
+    if mechanism.actuated is None and named is None and mechanism.home is not None:
+        meant = set(np.flatnonzero(given != mechanism.home.q).tolist())
+    moved = [
+        (c.name, float(given[j]), float(q[j]), mechanism.units.length if c.is_length else "rad")
+        for j, c in enumerate(mechanism.coordinates)
+        if j in meant and abs(q[j] - given[j]) > numerics.CLOSE
+    ]
+    if not moved:
+        return ()
+    words = ", ".join(f"{name} {a:g} -> {b:g} {unit}" for name, a, b, unit in moved)
+    return (
+        Note(
+            "actuators-adjusted",
+            f"the chain does not close with its joints as given, and they moved: {words}",
+            {name: b - a for name, a, b, _ in moved},
+        ),
+    )
 
 
 def checked_elastic(source: object) -> ElasticMechanism:

@@ -259,24 +259,3 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     if not beyond:
         return []
     return [Note("force-limits", f"beyond limits: {'; '.join(words)}", beyond)]
-
-
-def notes_on_given(mechanism: Mechanism, given: Array, q: Array) -> tuple[Note, ...]:
-    """Says which actuated joints had to leave what was given (n,) for the closures: q (n,)."""
-    if not isinstance(mechanism, Chain) or not mechanism.closures:
-        return ()
-    moved = [
-        (c.name, float(given[j]), float(q[j]), mechanism.units.length if c.is_length else "rad")
-        for j, c in enumerate(mechanism.coordinates)
-        if j in (mechanism.actuated or ()) and abs(q[j] - given[j]) > numerics.CLOSE
-    ]
-    if not moved:
-        return ()
-    words = ", ".join(f"{name} {a:g} -> {b:g} {unit}" for name, a, b, unit in moved)
-    return (
-        Note(
-            "actuators-adjusted",
-            f"the chain was not closed with its actuated joints as given, and they moved: {words}",
-            {name: b - a for name, a, b, _ in moved},
-        ),
-    )

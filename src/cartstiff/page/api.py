@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_array, checked_vector
 from cartstiff.errors import MissingDependencyError
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Playback, Source, cloud_of_workspace
 from cartstiff.stiffness.compute import analyse
@@ -147,9 +146,8 @@ def show(
         Without tornado or meshcat.
     """
     checked_elastic(elastic)
-    values: Any = named_values(q, elastic.names, elastic.q, "q") if isinstance(q, dict) else q
     with np.errstate(all="ignore"):
-        first = analyse(elastic, values, wrench=wrench)
+        first = analyse(elastic, q, wrench=wrench)
     source = Source(
         elastic,
         first.q,

@@ -26,7 +26,6 @@ from cartstiff.kinematics.legs import Search
 from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
 from cartstiff.many.kernels import Closer
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
@@ -390,7 +389,8 @@ def assemble(
     """
     checked_elastic(elastic)
     every = checked_flag(every, "every")
-    values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
+    elastic, posture = elastic.placed(q)
+    values = posture.q
     mechanism = elastic.mechanism
     stiffness = partial(
         analyse, elastic, wrench=wrench, load_kind=load_kind, load_at=load_at, load_axes=load_axes

@@ -27,7 +27,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
@@ -319,7 +318,7 @@ def workspace(
     """
     checked_elastic(elastic)
     through = checked_flag(through_singularities, "through_singularities")
-    values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
+    elastic, posture = elastic.placed(q)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if scan < 2 or (directions is not None and directions < 8):
         raise InputError("too few poses", expected="scan from 2, directions from 8")
@@ -331,14 +330,14 @@ def workspace(
                 where="wrench or tensions",
                 expected="neither",
             )
-        pose = elastic.mechanism.closed(values).pose
+        pose = posture.pose
         on_legs = LegMargins(elastic, pose, through)
         margins: Margins | LegMargins = on_legs
         count, most = directions or 200, on_legs.reach(radius)
     else:
         W = None if wrench is None else checked_vector(wrench, 6, "wrench")
         load = None if W is None else partial(carried, kind, W, load_axes)
-        answer = _margins(elastic, values, load, through, tensions)
+        answer = _margins(elastic, posture.q, load, through, tensions)
         if isinstance(answer, Workspace):
             return answer
         margins, pose = answer

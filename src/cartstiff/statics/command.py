@@ -13,7 +13,6 @@ from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
@@ -60,8 +59,8 @@ def commanded(
         rigid drives that cannot go there.
     """
     mechanism, names = checked_elastic(elastic).mechanism, elastic.spring_names
-    at = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
-    at = mechanism.assembled(at)
+    elastic, posture = elastic.placed(q)
+    at = posture.q
     steps = checked_command(elastic, command)
     elastic = elastic.balanced(at)
     springs = elastic.springs

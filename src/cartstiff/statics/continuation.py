@@ -26,7 +26,6 @@ from cartstiff import numerics
 from cartstiff.arrays import Result, csv_text
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
     GravityLoads,
@@ -571,12 +570,8 @@ def load_curve(
         raise InputError("last load factor cannot be used", expected="a number not 0", got=to)
     if not (np.isfinite(resolution) and resolution > 0.0):
         raise InputError("resolution cannot be used", expected="a positive number", got=resolution)
-    if isinstance(q0, Mapping):
-        q = named_values(q0, elastic.names, elastic.q, "q0")
-    else:
-        q = elastic.q if q0 is None else elastic.mechanism.checked(q0, "q0")
-    elastic = elastic.balanced(q)
-    posture = elastic.mechanism.at(q)
+    elastic, posture = elastic.placed(q0, "q0")
+    elastic, q = elastic.balanced(posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))

@@ -19,7 +19,6 @@ from cartstiff import numerics
 from cartstiff.arrays import checked_flag
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import limits_of
 from cartstiff.potentials.contract import Potential
@@ -129,19 +128,9 @@ def equilibrium(
     if not (isinstance(iterations, Integral) and iterations >= 1):
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
     limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
-    names = checked_elastic(elastic).names
-    q = (
-        elastic.q
-        if q0 is None
-        else (
-            named_values(q0, names, elastic.q, "q0")
-            if isinstance(q0, Mapping)
-            else elastic.mechanism.checked(q0, "q0")
-        )
-    )
-    original = elastic
-    elastic = elastic.balanced(q)
-    start = elastic.mechanism.at(q)
+    original, start = checked_elastic(elastic).placed(q0, "q0")
+    q = start.q
+    elastic = original.balanced(start)
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(start)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)

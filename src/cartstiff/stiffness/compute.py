@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_flag, checked_vector, fixed
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture, named_values
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import notes_on_given
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import (
@@ -84,12 +83,6 @@ def analyse(
         With `strict`, for a singular, unbalanced or buckled state.
     """
     checked_elastic(elastic)
-    if q is None:
-        values = elastic.q
-    elif isinstance(q, Mapping):
-        values = named_values(q, elastic.names, elastic.q, "q")
-    else:
-        values = elastic.mechanism.checked(q)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None, elastic.may_be_loaded)
     strict = checked_flag(strict, "strict")
     force = None
@@ -100,8 +93,7 @@ def analyse(
                 "the load of this mechanism follows from its potentials and cannot be given",
                 expected="no wrench here",
             )
-    posture = elastic.mechanism.closed(values)
-    elastic = elastic.with_notes(*notes_on_given(elastic.mechanism, values, posture.q))
+    elastic, posture = elastic.placed(q)
     if force is not None:
         posture = settled(elastic, posture, force, kind.at, load_axes)
         force = wrench_in_body(force, posture.pose, kind.at, load_axes)

@@ -24,7 +24,7 @@ from cartstiff.arrays import checked_vector
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import MechanismPosture, Units, named_values
+from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
@@ -172,11 +172,7 @@ def _plain(
     kind: LoadKind,
 ) -> Modes:
     """`_held_at` where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
-    if q is None:
-        q = elastic.q
-    elif isinstance(q, Mapping):
-        q = named_values(q, elastic.names, elastic.q, "q")
-    posture = elastic.mechanism.at(q)
+    elastic, posture = elastic.placed(q)
     columns, springs = posture.coordinate_lengths, elastic.springs
     k = springs.stiffness if isinstance(springs, JointSprings) else columns * np.nan
     later = partial(analyse, elastic, posture.q, **load)

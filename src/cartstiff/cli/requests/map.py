@@ -147,12 +147,9 @@ def sampling_from_options(
 
     q is the base posture or None.
     """
-    import numpy as np
-
     from cartstiff.maps.cartesian import CartesianGrid
     from cartstiff.maps.commanded import CommandGrid
     from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
-    from cartstiff.mechanisms.contract import named_values
 
     steps = {name: values[0] for name, values in told.items() if len(values) == 1}
     over = {name: values for name, values in told.items() if len(values) > 1}
@@ -172,9 +169,7 @@ def sampling_from_options(
         source = context.get_parameter_source(name)
         if not is_there and source is not click.core.ParameterSource.DEFAULT:
             raise InputError(f"goes with {options}", where=f"--{name}")
-    base = elastic.q
-    if q is not None:
-        base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
+    base = elastic.placed(q, "--q")[1].q
     if trajectory is not None:
         return Trajectory.from_table(_table(trajectory, elastic), elastic, base), steps
     option = "--actuate" if over else "--grid" if grid else "--range" if random else "--cartesian"

@@ -109,13 +109,8 @@ class PlanRequest:
                 raise InputError(
                     "the criterion needs a load", where="--criterion posture", expected="--load"
                 )
-            from cartstiff.mechanisms.contract import named_values
-
-            posture = elastic.q
-            if self.q is not None:
-                posture = self.q.of(elastic.names)
-            q = named_values(posture, elastic.names, elastic.q, "--q")
-            test = elastic.mechanism.assembled(q), np.array(self.load)
+            given = None if self.q is None else self.q.of(elastic.names)
+            test = elastic.placed(given, "--q")[1].q, np.array(self.load)
         chosen = plan(
             unknowns,
             offered,

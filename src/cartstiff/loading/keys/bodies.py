@@ -77,8 +77,12 @@ class FlexureModel(FileModel):
     shear: Annotated[Positive, RIGID] = Field(
         default=math.inf, description="across the strut, force per length; default rigid"
     )
-    bending: Annotated[NotNegative, RIGID] = Field(description="about axes across it, N m/rad")
-    torsion: Annotated[NotNegative, RIGID] = Field(description="about its axis, N m/rad; or rigid")
+    bending: Annotated[NotNegative, RIGID] = Field(
+        description="about axes across it, N m/rad whatever the units"
+    )
+    torsion: Annotated[NotNegative, RIGID] = Field(
+        description="about its axis, N m/rad whatever the units; or rigid"
+    )
     offset: NotNegative = Field(
         default=0.0, description="from the leg's point to the flexure, along the strut"
     )

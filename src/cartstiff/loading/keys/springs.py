@@ -152,7 +152,7 @@ class FlexibleModel(FileModel):
     """A link that gives: a 6x6 spring (order angular-linear), a beam, or a superelement."""
 
     stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = Field(
-        default=None, min_length=6, max_length=6
+        default=None, min_length=6, max_length=6, description="6x6, in the file's units"
     )
     beam: BeamModel | None = None
     superelement: SuperelementModel | None = None

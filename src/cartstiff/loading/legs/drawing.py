@@ -15,7 +15,6 @@ from cartstiff.loading.legs.model import LegEndsModel, NamedLegsModel
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, turns
 
 _Z = np.array([0.0, 0.0, 1.0])
-_SIGNS = {"minus": -1, "plus": 1}
 
 
 def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
@@ -74,6 +73,8 @@ def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
             level = np.cross(_Z, axis)
             size = float(np.linalg.norm(level))
             along = level / size if size > numerics.NEARBY else frames[k][:, 0]
+            if along @ (base[k] * [1.0, 1.0, 0.0]) < -numerics.NEARBY * float(np.abs(base).max()):
+                along = -along  # zero points outwards, whichever way the axis does
         shape = LegShape(
             family,
             middle,
@@ -88,9 +89,21 @@ def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
             0.0,
             se3.pose(R, B),
         )
-        sign = _SIGNS[modes[k]] if modes[k] else shape.modes[0 if family == "rail" else -1]
-        shapes.append(_at_home(shape, sign, f"leg {k + 1}", where))
+        mode = modes[k] or ("minus" if family == "rail" else "plus")
+        shapes.append(_at_home(shape, _root(shape, mode), f"leg {k + 1}", where))
     return shapes
+
+
+def _root(shape: LegShape, mode: str) -> int:
+    """Sign of the root at home that is the smaller ("minus") or larger of the coordinates there.
+
+    The angles of a crank are compared between -pi and pi.
+    """
+    if len(shape.modes) == 1:
+        return shape.modes[0]
+    B = shape.end_home[None, :3, 3]
+    by_value = sorted(shape.modes, key=lambda sign: float(shape.driven(B, sign)[0][0]))
+    return by_value[0 if mode == "minus" else -1]
 
 
 def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:

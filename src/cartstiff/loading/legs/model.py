@@ -93,7 +93,8 @@ class NamedLegsModel(FileModel):
     mode: _Mode | list[_Mode] | None = Field(
         default=None,
         description="working mode: the smaller (minus) or the larger (plus) of the two slides "
-        "or crank angles that reach the pose; default minus for rails, plus for cranks",
+        "or crank angles (between -pi and pi) that reach the file's pose; default minus for rails, "
+        "plus for cranks",
     )
     actuated: list[Text] | None = Field(
         default=None, description="names of the driven joints; default slide, or crank; [] for none"

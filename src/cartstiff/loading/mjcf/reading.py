@@ -63,14 +63,14 @@ def _facts(compiled: Compiled) -> MjcfFacts:
     posture, keyframe = _posture(compiled)
     actuated, actuators = _actuators(compiled)
     held = {*springs, *actuated}
-    # Joints in loops need no spring where others of the loops have one or are driven.
     looped = {c for tie in closures for c in tie.joints}
     floating = {c for own in compiled.coordinates if len(own) == 6 for c in own}
-    needless = floating | (looped if held & looped else set())
     ignored = [*actuators, *handles, *_ignored(compiled)]
     return MjcfFacts(
         springs=springs,
-        passive=tuple(c for own in compiled.coordinates for c in own if c in needless - held),
+        passive=tuple(
+            c for own in compiled.coordinates for c in own if c in (floating | looped) - held
+        ),
         loose=frozenset(floating - looped),
         actuated=tuple(actuated),
         followers=followers,

@@ -91,6 +91,7 @@ class Assembler:
 
         What stands in q itself counts, where it is more than what is held.
         """
+        q = self._chain.closed_as_given(q)
         at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps_where_asked(q))
         for way in (self.near, self.led):
             at, is_closed = _with(way, at, is_closed)
