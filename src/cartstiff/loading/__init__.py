@@ -245,7 +245,7 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
     if facts.closures:
         moving = joints_that_move(
             description,
-            serial.frame or default_frame(description.model, description.facts.loose)[0],
+            serial.frame or default_frame(description.model, facts)[0],
         )
         if any(tie.joints & moving for tie in facts.closures):
             from cartstiff.loading.build_closed import closed_chain_of

@@ -107,7 +107,7 @@ def serial_of(
     if not (file.q or posture or facts.keyframe is not None or homed):
         q, chosen = regular_posture(chain, q)
         notes += chosen
-    notes += [*description_notes(description, tree), *assumed]
+    notes += [*description_notes(description, tree, file.model_fields_set), *assumed]
     return put_together(
         file, name, chain, q, springs, soft, notes, where, facts.lifted, file.springs
     )

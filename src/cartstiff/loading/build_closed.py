@@ -14,7 +14,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.keys.words import pose_of
-from cartstiff.loading.mjcf.facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -25,6 +24,7 @@ from cartstiff.loading.parts import (
     tree_to,
 )
 from cartstiff.loading.robot_description import RobotDescription
+from cartstiff.loading.robot_facts import FileClosure, FileSpring, Lifted, RobotFacts
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.closures import ReferencePosture
@@ -100,7 +100,7 @@ def build_parallel(
     posture: dict[str, float] = {}
     soft: list[tuple[int, LegModel]] = []
     descriptions: list[Description] = []
-    file_springs: dict[str, MjcfSpring] = {}
+    file_springs: dict[str, FileSpring] = {}
     file_passive: list[str] = []
     drawn: dict[str, float] = {}
     lifted: list[Lifted] = []
@@ -111,7 +111,7 @@ def build_parallel(
         description = described(leg, beside) if drawing is None else drawing.description
         end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
         tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
-        notes += description_notes(description, tree)
+        notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
             end = "contact"
@@ -153,7 +153,7 @@ def build_parallel(
     chain.frame, chain.frame_offset = "body", fixed(offset)
     chain.legs = _placed(legs, grips, [c.name for c in tree.coordinates])
     add_payload(tree, chain, file.payload)
-    facts = MjcfFacts(file_springs, tuple(file_passive), posture=drawn)
+    facts = RobotFacts(file_springs, tuple(file_passive), posture=drawn)
     q = default_posture(tree, posture, where, facts=facts)
     if file.pose is not None:
         start = 0
@@ -269,7 +269,8 @@ def closed_chain_of(
         actuated=None if alone else file.actuated or driven,
     )
     links = link_springs(file.flexible, tree, where)
-    notes += [*description_notes(description, tree, closed=True), *assumed]
+    notes += description_notes(description, tree, file.model_fields_set, closed=True)
+    notes += assumed
     return put_together(
         file, name, chain, q, springs, links, notes, where, facts.lifted, file.springs
     )
@@ -300,7 +301,7 @@ def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: 
     return Closure(a, b, entry.type)
 
 
-def _mjcf_closure(tie: MjcfClosure, i: int, tree: KinematicTree) -> Closure:
+def _mjcf_closure(tie: FileClosure, i: int, tree: KinematicTree) -> Closure:
     a, b = f"{tie.body_a} (equality {i + 1})", f"{tie.body_b} (equality {i + 1})"
     _with_frame(tree, a, tie.body_a, tie.T_a)
     _with_frame(tree, b, tie.body_b, tie.T_b)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from typing import Any
 
@@ -13,8 +13,8 @@ import pinocchio as pin
 from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import SWAP, Array
-from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.loading.robot_description import RobotDescription
+from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame
@@ -64,20 +64,23 @@ def _rank(name: str) -> int:
     return next((i for i, words in enumerate(_TOOLS) if words.search(name)), len(_TOOLS))
 
 
-def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
+def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str]:
     """Frame of interest where none is named, and the words that say so.
 
-    A frame that is named as tools' frames are, on a chain at least half as long as the longest;
-    else the leaf frame at the end of the longest chain, fingers and sensors last. Things that only
-    `loose` joints carry are left out where there is anything else.
+    A frame that is named as tools' frames are, on a chain at least half as long as the longest
+    whose joints can be used; else the leaf frame at the end of the longest chain, fingers and
+    sensors last. Things that only free bodies carry are left out where there is anything else.
     """
+    facts = facts or RobotFacts()
+    loose, barred = facts.loose, frozenset[str]().union(*(o.joints for o in facts.obstacles))
     # By joint: how many carry it, whether a finger does, and whether anything that is not loose.
-    count, of_finger, carries = [0], [False], [False]
+    count, of_finger, carries, bars = [0], [False], [False], [False]
     names, parents = list(model.names), model.parents.tolist()
     for name, parent in zip(names[1:], parents[1:], strict=True):
         count.append(count[parent] + 1)
         of_finger.append(of_finger[parent] or _is_finger(name))
         carries.append(carries[parent] or name not in loose)
+        bars.append(bars[parent] or name in barred)
     kinds = {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
     every = [(count[j := f.parentJoint], f.name, j) for f in model.frames if f.type in kinds]
     moving = [end for end in every if carries[end[2]]] or every
@@ -91,10 +94,11 @@ def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
         if n and not of_finger[j] and not _is_finger(name) and not _is_sensor(name)
     ]
     reach = max((n for n, *_ in free), default=0)
+    usable = max((n for n, _, j in free if not bars[j]), default=reach)
     named = [
         (rank, -n, i)
         for i, (n, name, _) in enumerate(free)
-        if 2 * n >= reach and (rank := _rank(name)) < len(_TOOLS)
+        if 2 * n >= usable and (rank := _rank(name)) < len(_TOOLS)
     ]
     if named:
         joints, chosen, joint = free[min(named)[2]]
@@ -121,7 +125,7 @@ def chosen_frame(
     model = description.model
     if frame is None:
         try:
-            frame, words = default_frame(model, description.facts.loose)
+            frame, words = default_frame(model, description.facts)
         except InputError as error:
             raise error.at(where) from None
         notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
@@ -144,7 +148,7 @@ def default_posture(
     values: Mapping[str, float],
     where: str,
     otherwise: Mapping[str, float] | None = None,
-    facts: MjcfFacts | None = None,
+    facts: RobotFacts | None = None,
 ) -> Array:
     """Given positions; the others as `otherwise`, as a keyframe, or as the file is drawn.
 

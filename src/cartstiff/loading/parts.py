@@ -14,12 +14,12 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.mjcf.facts import Lifted, Obstacle
 from cartstiff.loading.robot_description import (
     RobotDescription,
     described_text,
     read_robot_description,
 )
+from cartstiff.loading.robot_facts import Lifted, Obstacle, to_root
 from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
 from cartstiff.loading.springs import extra_lines, give_of, negative_links
 from cartstiff.mechanisms.chain import Chain
@@ -197,7 +197,10 @@ def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
 
 
 def description_notes(
-    description: RobotDescription, tree: KinematicTree, closed: bool = False
+    description: RobotDescription,
+    tree: KinematicTree,
+    keys: Collection[str],
+    closed: bool = False,
 ) -> list[Note]:
     """What a file says that plays no part, and where its posture and masses come from.
 
@@ -207,34 +210,39 @@ def description_notes(
         The robot as its file says.
     tree : KinematicTree
         The joints that were kept of it.
+    keys : collection of str
+        Keys that the mechanism file gives.
     closed : bool
-        Whether the closures of the file are kept.
+        Whether the closures of the robot's file are kept.
 
     Raises
     ------
     InputError
-        If something that the engine cannot express acts on a joint of the tree.
+        If something that cannot be expressed acts on a joint of the tree, or is wrong with it.
     """
     facts = description.facts
-    notes = [*description.urdf.notes]
-    moving = {c.name for c in tree.coordinates}
+    notes = [*facts.notes]
+    moving = set(tree.model.names)
     obstacles = list(facts.obstacles)
     for tie in facts.closures:
         if not (closed and tie.joints & moving):
             words = f"the {tie.type} tie of bodies {tie.body_a!r} and {tie.body_b!r}"
             obstacles.append(Obstacle(words, tie.joints))
     for obstacle in obstacles:
-        if felt := sorted(obstacle.joints & moving):
-            raise InputError(
-                f"{obstacle.what} acts on joint {felt[0]!r} and cannot be expressed here",
-                where=one_line(str(description.path)),
-                expected="springs of hinges and slides; connect, weld and joint equalities in a "
-                "closed chain",
-            )
+        felt = sorted(obstacle.joints & moving)
+        if not felt or not set(keys).isdisjoint(obstacle.keys):
+            continue
+        if obstacle.error is not None:
+            raise obstacle.error
+        raise InputError(
+            f"{obstacle.what} acts on joint {felt[0]!r} and cannot be expressed here",
+            where="XML text" if description.path is None else one_line(str(description.path)),
+            expected=obstacle.expected,
+        )
     ignored = [*facts.ignored, *(o.what for o in obstacles)]
     if ignored:
         words = "; ".join(ignored)
-        notes.append(Note("ignored", f"parts of the MJCF file play no part: {words}"))
+        notes.append(Note("ignored", f"parts of the robot's file play no part: {words}"))
     if facts.keyframe is not None:
         words = f"the default posture is keyframe {facts.keyframe!r} of the MJCF file"
         notes.append(Note("keyframe", words))
@@ -301,16 +309,9 @@ def tree_to(
     names = list(model.names)
     keep -= {names.index(name) for name in description.held}
     follows = {}
-    for follower, mimic in description.mimics.items():
+    for follower in facts.followers:
         index = names.index(follower) if follower in names else 0
-        leader, factor, offset = mimic.leader, mimic.multiplier, mimic.offset
-        while leader in description.mimics:
-            nested = description.mimics[leader]
-            leader, factor, offset = (
-                nested.leader,
-                factor * nested.multiplier,
-                offset + factor * nested.offset,
-            )
+        leader, factor, offset = to_root(follower, facts.followers)
         if index not in keep or index in fixed:
             continue
         if leader not in names:
@@ -334,8 +335,7 @@ def tree_to(
         if index not in keep and joint in facts.posture:
             fixed.setdefault(index, facts.posture[joint])
     soft = {name: give_of(entry) for name, entry in (flexible or {}).items()}
-    planes = description.urdf.planar_axes
-    tree = plain_tree(model, keep, fixed, soft, planes)
+    tree = plain_tree(model, keep, fixed, soft, facts.planar_axes)
     if not follows:
         return tree
     all_names = [c.name for c in tree.coordinates]

@@ -22,8 +22,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.build import serial_of, with_overrides
 from cartstiff.loading.build_closed import closed_chain_of
 from cartstiff.loading.robot_description import RobotDescription
+from cartstiff.loading.robot_facts import Followers, RobotFacts
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
-from cartstiff.loading.urdf import Mimic, UrdfFacts
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import expansion, standing
@@ -117,7 +117,7 @@ def from_pinocchio(
     pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name, None, True)
     notes += [Note("not-shown", word) for word in words]
     held = frozenset() if floating else _hold_root(own, model, configuration, notes)
-    description = RobotDescription(None, own, UrdfFacts(mimics), pieces=tuple(pieces), held=held)
+    description = RobotDescription(None, own, RobotFacts(followers=mimics), tuple(pieces), held)
     posture = {} if configuration is None else _positions(model, configuration, mimics)
     posture = {joint: value for joint, value in posture.items() if joint not in locked}
     if not ties and actuated:
@@ -178,7 +178,7 @@ def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> froz
     return frozenset(model.names[i] for i in roots)
 
 
-def _with_plain_joints(model: Any) -> tuple[Any, dict[str, Mimic]]:
+def _with_plain_joints(model: Any) -> tuple[Any, Followers]:
     """Copy of a model in which following joints are joints of their own, and whom they follow."""
     followers = [int(j) for j in model.mimicking_joints]
     if not followers:
@@ -186,7 +186,7 @@ def _with_plain_joints(model: Any) -> tuple[Any, dict[str, Mimic]]:
     leaders = [int(j) for j in model.mimicked_joints]
     plain = pin.Model()
     plain.name, plain.gravity = model.name, model.gravity
-    mimics = {}
+    mimics: Followers = {}
     data = pin.Data(model)
     for i in range(1, model.njoints):
         joint = model.joints[i]
@@ -196,7 +196,7 @@ def _with_plain_joints(model: Any) -> tuple[Any, dict[str, Mimic]]:
             leader = leaders[followers.index(i)]
             factor, offset = float(concrete.scaling), float(concrete.offset)
             joint = _follower(model, data, i, leader, factor, offset)
-            mimics[model.names[i]] = Mimic(model.names[leader], factor, offset)
+            mimics[model.names[i]] = model.names[leader], factor, offset
             index = plain.addJoint(
                 int(model.parents[i]), joint, model.jointPlacements[i], model.names[i]
             )
@@ -268,7 +268,7 @@ def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
     return ClosureModel.model_construct(frames=names, type=_TYPES[closure.type], points=None)
 
 
-def _positions(model: Any, q: Array, mimics: Mapping[str, Mimic]) -> dict[str, float]:
+def _positions(model: Any, q: Array, mimics: Followers) -> dict[str, float]:
     """Positions of the coordinates that a configuration means, by the names they get here."""
     positions: dict[str, float] = {}
     for i in range(1, model.njoints):

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 import pinocchio as pin
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.mjcf.facts import MjcfFacts
+from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
-from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
+from cartstiff.loading.urdf import prepare_urdf
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.chain import Description
 from cartstiff.notes import Note
@@ -45,10 +45,8 @@ class RobotDescription:
         The file, if there is one.
     model : pinocchio.Model
         As Pinocchio reads it, all joints free.
-    urdf : UrdfFacts
-        Following joints, planes and notes of a URDF.
-    mjcf : MjcfFacts or None
-        Springs, closures, couplings, gravity, posture of an MJCF file.
+    facts : RobotFacts
+        What the file says besides: springs, closures, couplings, gravity, posture.
     pieces : tuple of Piece or None
         What the links look like, where that is not read from the file.
     held : frozenset of str
@@ -61,8 +59,7 @@ class RobotDescription:
 
     path: Path | None
     model: Any
-    urdf: UrdfFacts = field(default_factory=UrdfFacts)
-    mjcf: MjcfFacts | None = None
+    facts: RobotFacts = field(default_factory=RobotFacts)
     pieces: tuple[Piece, ...] | None = None
     held: frozenset[str] = frozenset()
     text: str | None = None
@@ -71,16 +68,6 @@ class RobotDescription:
     def shown(self, prefix: str = "") -> Description:
         """What its links look like; their names get `prefix` in front."""
         return Description(self.path, prefix, self.pieces, self.text, self.packages)
-
-    @property
-    def facts(self) -> MjcfFacts:
-        """What an MJCF file says; nothing for other sources."""
-        return self.mjcf or MjcfFacts()
-
-    @property
-    def mimics(self) -> dict[str, Mimic]:
-        """Joints that follow others."""
-        return self.urdf.mimics | {n: Mimic(*rule) for n, rule in self.facts.followers.items()}
 
 
 def read_robot_description(
@@ -135,8 +122,8 @@ def read_robot_description(
     if root.tag == "mujoco" and expanded is None:
         from cartstiff.loading.mjcf.reading import read_mjcf
 
-        model, mjcf, pieces = read_mjcf(path, where)
-        return RobotDescription(path, model, mjcf=mjcf, pieces=pieces)
+        model, facts, pieces = read_mjcf(path, where)
+        return RobotDescription(path, model, facts, pieces)
     raise InputError(
         "not a robot description",
         where=where,
@@ -152,7 +139,9 @@ def described_text(text: str, floating: bool = False, ros: Ros | None = None) ->
         path.write_text(text, encoding="utf-8")
         description = read_robot_description(path, floating, ros, "XML text")
     return replace(
-        description, path=None, text=description.text or text if description.mjcf is None else None
+        description,
+        path=None,
+        text=description.text or text if description.pieces is None else None,
     )
 
 

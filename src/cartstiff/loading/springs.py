@@ -12,7 +12,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.keys.words import pose_of
-from cartstiff.loading.mjcf.facts import MjcfFacts
+from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns
 from cartstiff.mechanisms.flexible_links import Give
@@ -47,7 +47,7 @@ def springs_of(
     springs: Mapping[str, JointSpringModel],
     passive: Sequence[str],
     tree: KinematicTree,
-    facts: MjcfFacts,
+    facts: RobotFacts,
     where: str,
     *,
     virtual: Sequence[str] = (),

@@ -62,8 +62,11 @@ def with_values(
             springs = replace(springs, rigid=frozenset())
             if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
                 undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
-                stiffness = {n: stiffness for j, n in enumerate(names) if j not in undriven}
-                if not stiffness:
+                each: dict[str, Any] = {
+                    n: stiffness for j, n in enumerate(names) if j not in undriven
+                }
+                stiffness = each
+                if not each:
                     raise InputError(
                         "no joint is actuated or has a spring, so one stiffness is for none",
                         where="stiffness",

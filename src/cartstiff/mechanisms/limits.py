@@ -6,7 +6,8 @@ between them and their forces are limits of what may be used.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from copy import copy
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
@@ -63,6 +64,8 @@ class Limits:
         Of a platform: which are angles of joints of its legs.
     legs : Platform or None
         Whose legs are limited.
+    left_out : ndarray of int (m,)
+        -1 where the lower, 1 where the upper bound is left out, see `leaving_out`.
     """
 
     def __init__(
@@ -74,6 +77,7 @@ class Limits:
         finite = np.isfinite(pairs).any(axis=1)
         self.columns = np.flatnonzero(finite & (not ignore))
         self.names = tuple(names[j] for j in self.columns)
+        self.left_out = np.zeros(len(self.columns), int)
         self.lower = pairs[self.columns, 0]
         self.upper = pairs[self.columns, 1]
         self._each = [(int(j), *map(float, pairs[j])) for j in self.columns]
@@ -121,6 +125,21 @@ class Limits:
             return all(lo <= x <= hi for x, (_, lo, hi) in zip(values, self._each, strict=True))
         known = q.tolist()  # a few numbers are compared sooner than arrays
         return all(lo <= known[j] <= hi for j, lo, hi in self._each)
+
+    def leaving_out(self, sides: Array) -> Limits:
+        """The same without the lower bounds where `sides` (m,) is -1, the upper ones where it is 1.
+
+        What is beyond a bound already does not come to rest on it.
+        """
+        if not sides.any():
+            return self
+        other = copy(self)
+        other.left_out = sides
+        other.lower = np.where(sides < 0, -np.inf, self.lower)
+        other.upper = np.where(sides > 0, np.inf, self.upper)
+        bounds = zip(self._each, other.lower.tolist(), other.upper.tolist(), strict=True)
+        other._each = [(j, low, high) for (j, *_), low, high in bounds]
+        return other
 
     def side(self, values: Array, sizes: Array | float = 1.0) -> Array:
         """-1 where a quantity (..., m) is below its limit, 1 above, 0 within (to rounding)."""
@@ -213,6 +232,12 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
             Note("many-turns", f"{what}several turns: {'; '.join(words)}{_DEGREES}", turned)
         )
     return notes
+
+
+def beyond_limits(notes: Iterable[Note]) -> list[str]:
+    """Sentences for a headline on what is beyond its limits."""
+    words = [note.message for note in notes if note.code == "beyond-limits"]
+    return [f"{message[0].upper()}{message[1:]}." for message in words]
 
 
 def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:

@@ -9,6 +9,7 @@ from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.elastic import gravity_loads
+from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.report.layout import body_frame, wide_row
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
@@ -29,6 +30,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
     lines = [
         f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
         f"lengths in {units.length}, forces in {units.force}",
+        *([] if at_rest else beyond_limits(result.notes)),
         "",
         "Posture",
     ]

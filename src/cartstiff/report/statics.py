@@ -9,6 +9,7 @@ import numpy as np
 
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.notes import Note
 from cartstiff.report.layout import row, wide_row
 from cartstiff.report.posture import describe
@@ -39,6 +40,7 @@ def describe_equilibrium(state: Equilibrium) -> str:
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
         _softest(state),
+        *(f"  {line}" for line in beyond_limits(state.notes)),
         "",
         "Displacement of the body frame, inertial axes",
         f"  rotation     {wide_row(np.degrees(state.displacement[:3]), np.degrees(turn))} deg",
@@ -112,6 +114,7 @@ def describe_curve(curve: LoadCurve) -> str:
         f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
         f"ended: {curve.reason}",
         curve.weighed.text,
+        *beyond_limits(curve.notes),
         "",
         f"  {'factor':>10} {'x ' + length:>12} {'y ' + length:>12} {'z ' + length:>12} "
         f"{'off linear':>11} {'rotation':>11} {'off linear':>11}  stability",

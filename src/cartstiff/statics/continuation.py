@@ -32,14 +32,21 @@ from cartstiff.mechanisms.elastic import (
     checked_elastic,
     gravity_loads,
 )
-from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
 from cartstiff.statics.newton import solve
-from cartstiff.statics.problem import Balance, Point, System, spectrum
+from cartstiff.statics.problem import (
+    Balance,
+    Point,
+    System,
+    contact_limits,
+    notes_at_start,
+    spectrum,
+)
 from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, Vibrations, divergence, vibrations
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import SCHEMA
@@ -510,7 +517,6 @@ class LoadCurve(Result):
 
 
 _SMALLEST = numerics.NEGLIGIBLE_STEP
-_START = "at the start: "
 # Neighbouring directions must agree to this cosine, or the step is halved.
 _COSINE = 0.9
 
@@ -571,13 +577,13 @@ def load_curve(
     if not (np.isfinite(resolution) and resolution > 0.0):
         raise InputError("resolution cannot be used", expected="a positive number", got=resolution)
     elastic, posture = elastic.placed(q0, "q0")
+    limits = contact_limits(elastic, posture)
     elastic, q = elastic.balanced(posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
-    limits = limits_of(elastic.mechanism, contacts=True)
     start = solve(System(elastic, fixed, held), q)
     path = LoadPath(elastic, loads, fixed, held, abs(to))
     upwards = np.zeros(start.point.posture.coordinate_lengths.size + 1)
@@ -585,7 +591,7 @@ def load_curve(
     origin = path.state(start.point.q, 0.0, upwards)
     notes = (
         *elastic.notes,
-        *limit_notes(elastic.mechanism, posture, _START),
+        *notes_at_start(elastic.mechanism, posture, limits),
         *gravity_loads(elastic).notes,
     )
     seed = LoadCurve(

@@ -20,13 +20,12 @@ from cartstiff.arrays import checked_flag
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import limits_of
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
-from cartstiff.statics.problem import Contact, ExhaustedError, System, bounded
+from cartstiff.statics.problem import Contact, ExhaustedError, System, bounded, contact_limits
 from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.rest import chosen_forces, state_of_rest
@@ -137,9 +136,8 @@ def equilibrium(
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
     chosen = None if elastic.identified is None else chosen_forces(original, elastic, start)
-    system = System(
-        elastic, loads, held, limits_of(elastic.mechanism, ignore=not limits, contacts=True)
-    )
+    acting = contact_limits(original, start) if limits else None
+    system = System(elastic, loads, held, acting)
     stages = 1
     with bounded(elastic):
         try:

@@ -31,10 +31,11 @@ from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
 from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Map, Potential
@@ -260,6 +261,43 @@ class Contact(NamedTuple):
     side: int
 
 
+def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits:
+    """Limits that a mechanism can come to rest on.
+
+    Where it is at rest without a load at the start, those that are exceeded there are left out: the
+    way back to them would count as a deflection.
+    """
+    limits = limits_of(elastic.mechanism, contacts=True)
+    if limits.holds(start.q, start.pose) or not _rests_at(elastic, start):
+        return limits
+    values = limits.values(start.q, start.pose)
+    return limits.leaving_out(limits.side(values, sizes(limits, start)))
+
+
+def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
+    """Whether nothing that acts moves a mechanism away from a posture, but for closures."""
+    springs = elastic.springs
+    if springs is not None and not springs.is_complete:
+        return True
+    energy, lengths = elastic.evaluate(start), start.coordinate_lengths
+    stiffness = np.abs(energy.hessian * np.outer(lengths, lengths)).max(initial=0.0)
+    return bool(np.abs(energy.gradient * lengths).max(initial=0.0) <= numerics.CLOSE * stiffness)
+
+
+def notes_at_start(mechanism: Mechanism, start: MechanismPosture, acting: Limits) -> list[Note]:
+    """Notes of limits that are exceeded at the start, and whether they are left out."""
+    notes = limit_notes(mechanism, start, "at the start: ")
+    words = ". What follows is computed without the limits that are exceeded there"
+    if not acting.left_out.any():
+        words = ". The limits act from there on: the displacement begins with the way back to them"
+    if not len(acting):
+        words = ""
+    return [
+        Note(n.code, n.message + (words if n.code == "beyond-limits" else ""), n.values)
+        for n in notes
+    ]
+
+
 def sizes(limits: Limits, posture: MechanismPosture) -> Array:
     """Natural sizes (m,) of the limited quantities."""
     if limits.legs is not None:
@@ -355,6 +393,10 @@ class System:
     def of(self, elastic: ElasticMechanism) -> System:
         """The same loads, held components and limits on another mechanism."""
         limits = limits_of(elastic.mechanism, ignore=not len(self.limits), contacts=True)
+        if len(limits) == len(self.limits):
+            limits = limits.leaving_out(self.limits.left_out)
+        if len(limits) == len(self.limits):
+            limits = limits.leaving_out(self.limits.left_out)
         return System(elastic, self.loads, self.held, limits)
 
     def at(self, q: ArrayLike) -> Point:

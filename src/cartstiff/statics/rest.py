@@ -37,7 +37,14 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import Balance, Point, System, bounded, spectrum
+from cartstiff.statics.problem import (
+    Balance,
+    Point,
+    System,
+    bounded,
+    notes_at_start,
+    spectrum,
+)
 from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, divergence, vibrations
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
@@ -159,11 +166,7 @@ def state_of_rest(
                 {"stages": stages},
             )
         )
-    beyond = limit_notes(system.elastic.mechanism, start, "at the start: ")
-    if beyond and len(system.limits):
-        words = ". The limits act from there on: the displacement begins with the way back to them"
-        beyond = [Note(n.code, n.message + words, n.values) for n in beyond]
-    notes += beyond
+    notes += notes_at_start(system.elastic.mechanism, start, system.limits)
     beside = limits_of(system.elastic.mechanism)
     if not len(system.limits) or len(beside) > len(system.limits):
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")

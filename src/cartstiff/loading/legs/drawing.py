@@ -89,21 +89,21 @@ def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
             0.0,
             se3.pose(R, B),
         )
-        mode = modes[k] or ("minus" if family == "rail" else "plus")
-        shapes.append(_at_home(shape, _root(shape, mode), f"leg {k + 1}", where))
+        shapes.append(_at_home(shape, _root(shape, modes[k]), f"leg {k + 1}", where))
     return shapes
 
 
-def _root(shape: LegShape, mode: str) -> int:
-    """Sign of the root at home that is the smaller ("minus") or larger of the coordinates there.
+def _root(shape: LegShape, mode: str | None) -> int:
+    """Sign of the root at home that gives the smaller ("minus") or larger coordinate ("plus").
 
-    The angles of a crank are compared between -pi and pi.
+    Angles of cranks are compared between -pi and pi. Default: the smaller slide, and the crank that
+    points outwards the more.
     """
-    if len(shape.modes) == 1:
-        return shape.modes[0]
     B = shape.end_home[None, :3, 3]
-    by_value = sorted(shape.modes, key=lambda sign: float(shape.driven(B, sign)[0][0]))
-    return by_value[0 if mode == "minus" else -1]
+    values = {float(shape.driven(B, sign)[0][0]): sign for sign in shape.modes}
+    if mode is None and shape.family == "crank":
+        return values[min(values, key=abs)]
+    return values[max(values) if mode == "plus" else min(values)]
 
 
 def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:

@@ -92,9 +92,9 @@ class NamedLegsModel(FileModel):
     )
     mode: _Mode | list[_Mode] | None = Field(
         default=None,
-        description="working mode: the smaller (minus) or the larger (plus) of the two slides "
-        "or crank angles (between -pi and pi) that reach the file's pose; default minus for rails, "
-        "plus for cranks",
+        description="working mode: the smaller (minus) or the larger (plus) of the two slides, or "
+        "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
+        "and the crank that points outwards the more",
     )
     actuated: list[Text] | None = Field(
         default=None, description="names of the driven joints; default slide, or crank; [] for none"

@@ -16,6 +16,7 @@ from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf import worker
+from cartstiff.loading.robot_facts import Obstacle
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
@@ -82,10 +83,13 @@ class Compiled:
         Names of the coordinates of each joint.
     of_body : list of list of int
         Joints of each body, in order.
+    obstacles : list of Obstacle
+        What is wrong with single joints.
     """
 
     def __init__(self, data: dict[str, Any], where: str) -> None:
         self.data, self.where = data, where
+        self.obstacles: list[Obstacle] = []
         self.bodies = named(data["body_names"], "body")
         self.joints = named(data["joint_names"], "joint")
         self.types = [data["enums"]["mjtJoint"][str(t)] for t in data["jnt_type"]]
@@ -134,28 +138,27 @@ class Compiled:
                 where=self.where,
                 expected=f"finite numbers up to {LARGEST_NUMBER:g}",
             )
-        for what in ("armature", "damping"):
-            if (least := min(self.data[f"dof_{what}"], default=0.0)) < 0.0:
-                raise InputError(
-                    f"{what} is negative",
-                    where=self.where,
-                    expected="zero or more",
-                    got=f"{least:g}",
-                )
         for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
             rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
             sizes = np.linalg.norm(rows, axis=1)
             if not (np.abs(sizes - 1.0) < _UNIT).all():
                 what = "an orientation" if name.endswith("quat") else "a joint axis"
                 raise InputError(f"{what} has no direction", where=self.where)
-        for name, (lower, upper) in zip(self.joints, self.data["jnt_range"], strict=True):
+        for j, (name, start) in enumerate(zip(self.joints, self.data["jnt_dofadr"], strict=True)):
+            lower, upper = self.data["jnt_range"][j]
             if not lower <= upper:  # to MuJoCo that means no limits
-                raise InputError(
-                    f"joint {name!r}: range is the wrong way round",
-                    where=self.where,
-                    expected="lower upper",
-                    got=f"{lower:g} {upper:g}",
-                )
+                words, got = "range is the wrong way round", f"{lower:g} {upper:g}"
+                self._leave_out(j, f"joint {name!r}: {words}", "lower upper", got)
+            dofs = slice(start, start + len(self.coordinates[j]))
+            for what in ("armature", "damping", "stiffness"):
+                own = self.data["jnt_stiffness" if what == "stiffness" else f"dof_{what}"]
+                if (least := min([own[j]] if what == "stiffness" else own[dofs])) < 0.0:
+                    words = f"joint {name!r}: {what} is negative"
+                    self._leave_out(j, words, "zero or more", f"{least:g}")
+
+    def _leave_out(self, j: int, what: str, expected: str, got: str) -> None:
+        error = InputError(what, where=self.where, expected=expected, got=got)
+        self.obstacles.append(Obstacle(what, frozenset(self.coordinates[j]), error=error))
 
     def is_off(self, *parts: str) -> bool:
         """Whether the file switches one of these parts of the physics off."""

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf.compiled import Compiled, compile_mjcf, pose
-from cartstiff.loading.mjcf.facts import Lifted, MjcfFacts, MjcfSpring, Obstacle
 from cartstiff.loading.mjcf.model import mjcf_model
-from cartstiff.loading.mjcf.ties import equalities, flex_joints, tendon_joints, to_root
+from cartstiff.loading.mjcf.ties import equalities, flex_joints, tendon_joints
+from cartstiff.loading.robot_facts import FileSpring, Lifted, Obstacle, RobotFacts, on_leaders
 from cartstiff.mechanisms.shapes import (
     Box,
     Capsule,
@@ -34,7 +34,7 @@ from cartstiff.mechanisms.shapes import (
 
 def read_mjcf(
     path: Path, where: str | None = None
-) -> tuple[pin.Model, MjcfFacts, tuple[Piece, ...]]:
+) -> tuple[pin.Model, RobotFacts, tuple[Piece, ...]]:
     """Pinocchio model of an MJCF file, the facts beside it, and what its bodies look like.
 
     A hinge or slide has MuJoCo's own position as its coordinate. A free body has the position of
@@ -53,7 +53,7 @@ def read_mjcf(
     return mjcf_model(compiled), _facts(compiled), tuple(_pieces(compiled))
 
 
-def _facts(compiled: Compiled) -> MjcfFacts:
+def _facts(compiled: Compiled) -> RobotFacts:
     """Everything beside the model."""
     data = compiled.data
     closures, followers, locked, tied, handles = equalities(compiled)
@@ -66,7 +66,7 @@ def _facts(compiled: Compiled) -> MjcfFacts:
     looped = {c for tie in closures for c in tie.joints}
     floating = {c for own in compiled.coordinates if len(own) == 6 for c in own}
     ignored = [*actuators, *handles, *_ignored(compiled)]
-    return MjcfFacts(
+    return RobotFacts(
         springs=springs,
         passive=tuple(
             c for own in compiled.coordinates for c in own if c in (floating | looped) - held
@@ -80,7 +80,13 @@ def _facts(compiled: Compiled) -> MjcfFacts:
         keyframe=keyframe,
         gravity=gravity if weighs else None,
         lifted=_lifted(compiled),
-        obstacles=(*stiff, *tied, *_tendons(compiled), *_elastic_bodies(compiled)),
+        obstacles=(
+            *compiled.obstacles,
+            *stiff,
+            *tied,
+            *_tendons(compiled),
+            *_elastic_bodies(compiled),
+        ),
         ignored=tuple(ignored),
         weightless=_weightless(compiled),
     )
@@ -88,10 +94,10 @@ def _facts(compiled: Compiled) -> MjcfFacts:
 
 def _springs(
     compiled: Compiled, followers: dict[str, tuple[str, float, float]]
-) -> tuple[dict[str, MjcfSpring], list[Obstacle]]:
+) -> tuple[dict[str, FileSpring], list[Obstacle]]:
     """Springs of hinges and slides, those of followers moved to their leaders; the others."""
     data = compiled.data
-    springs: dict[str, MjcfSpring] = {}
+    springs: dict[str, FileSpring] = {}
     others: list[Obstacle] = []
     if compiled.is_off("SPRING", "PASSIVE"):
         return springs, others
@@ -107,25 +113,11 @@ def _springs(
             others.append(Obstacle(f"spring of the {kind} joint {name!r}", frozenset(own)))
             continue
         if len(coefficients) == 1 and coefficients[0] < 0:
-            raise InputError(
-                f"joint {name!r}: stiffness is negative",
-                where=compiled.where,
-                expected="zero or more",
-                got=f"{coefficients[0]:g}",
-            )
+            continue  # `compiled` has named it
         rest = data["qpos_spring"][data["jnt_qposadr"][j]]
-        springs[own[0]] = MjcfSpring(tuple(coefficients), rest)
-    for follower in [name for name in followers if name in springs]:
-        spring, leader, factor, offset = springs.pop(follower), *to_root(follower, followers)
-        own_spring = springs.get(leader, MjcfSpring((0.0,), 0.0))
-        if len(spring.coefficients) + len(own_spring.coefficients) > 2:
-            both = frozenset({follower, leader})
-            others.append(Obstacle(f"curved spring of the coupled joint {follower!r}", both))
-            continue
-        k, more = own_spring.coefficients[0], spring.coefficients[0] * factor**2
-        rest = (k * own_spring.rest + more * (spring.rest - offset) / factor) / (k + more)
-        springs[leader] = MjcfSpring((k + more,), rest)
-    return springs, others
+        springs[own[0]] = FileSpring(tuple(coefficients), rest)
+    springs, curved = on_leaders(springs, followers)
+    return springs, [*others, *curved]
 
 
 def _posture(compiled: Compiled) -> tuple[dict[str, float], str | None]:

@@ -7,22 +7,20 @@ from typing import Literal
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.loading.mjcf.compiled import Compiled, pose
-from cartstiff.loading.mjcf.facts import MjcfClosure, Obstacle
+from cartstiff.loading.robot_facts import FileClosure, Followers, Obstacle
 
-#: Follower -> (leader, factor, offset).
-Followers = dict[str, tuple[str, float, float]]
 _Coupling = tuple[str, str, float, float]
 
 
 def equalities(
     compiled: Compiled,
-) -> tuple[tuple[MjcfClosure, ...], Followers, dict[str, float], list[Obstacle], list[str]]:
+) -> tuple[tuple[FileClosure, ...], Followers, dict[str, float], list[Obstacle], list[str]]:
     """Closures, coupled joints, joints held at a position, what is none of these, what to ignore.
 
     Ties to a mocap body are handles by which a program moves things: they hold nothing.
     """
     data = compiled.data
-    closures: list[MjcfClosure] = []
+    closures: list[FileClosure] = []
     couplings: list[_Coupling] = []
     locked: dict[str, float] = {}
     others: list[Obstacle] = []
@@ -44,17 +42,22 @@ def equalities(
             else:
                 closures.append(closure)
         elif kind == "mjEQ_JOINT":
-            _couple(compiled, a, b, values, what, couplings, locked)
+            try:
+                _couple(compiled, a, b, values, what, couplings, locked)
+            except InputError as error:
+                joints = compiled.names_of(j for j in (a, b) if j >= 0)
+                others.append(Obstacle(error.what, joints, error=error))
         else:
             word = kind.removeprefix("mjEQ_").lower()
             joints = tendon_joints(compiled, a) if word == "tendon" else flex_joints(compiled, a)
             others.append(Obstacle(f"{what} of {word}s", joints))
-    return tuple(closures), _followers(compiled, couplings, locked), locked, others, handles
+    followers = _followers(compiled, couplings, locked, others)
+    return tuple(closures), followers, locked, others, handles
 
 
 def _closure(
     compiled: Compiled, e: int, kind: str, a: int, b: int, values: list[float]
-) -> MjcfClosure:
+) -> FileClosure:
     data = compiled.data
     if data["enums"]["mjtObj"][str(data["eq_objtype"][e])] == "mjOBJ_SITE":
         T_a, T_b = (pose(data["site_pos"][s], data["site_quat"][s]) for s in (a, b))
@@ -72,7 +75,7 @@ def _closure(
     between = set(compiled.above(a)) ^ set(compiled.above(b))
     bodies = compiled.bodies[a], compiled.bodies[b]
     type_: Literal["point", "weld"] = "point" if point else "weld"
-    return MjcfClosure(type_, *bodies, T_a, T_b, compiled.names_of(between))
+    return FileClosure(type_, *bodies, T_a, T_b, compiled.names_of(between))
 
 
 def _couple(
@@ -113,10 +116,17 @@ def _hold(compiled: Compiled, name: str, position: float, locked: dict[str, floa
 
 
 def _followers(
-    compiled: Compiled, couplings: list[_Coupling], locked: dict[str, float]
+    compiled: Compiled,
+    couplings: list[_Coupling],
+    locked: dict[str, float],
+    others: list[Obstacle],
 ) -> Followers:
     """Each coupling as one joint that follows another; turned round where that is needed."""
     followers: Followers = {}
+
+    def leave_out(what: str, *joints: str) -> None:
+        error = InputError(what, where=compiled.where)
+        others.append(Obstacle(what, frozenset(joints), error=error))
 
     def root(name: str) -> str:
         while name in followers:
@@ -125,12 +135,13 @@ def _followers(
 
     for follower, leader, factor, offset in couplings:
         if root(follower) == root(leader):
-            raise InputError(f"joint {follower!r} is coupled to itself", where=compiled.where)
+            leave_out(f"joint {follower!r} is coupled to itself", follower, leader)
+            continue
         if follower in followers:
             if leader in followers:
-                raise InputError(
-                    f"joints {follower!r} and {leader!r} are coupled twice", where=compiled.where
-                )
+                words = f"joints {follower!r} and {leader!r} are coupled twice"
+                leave_out(words, follower, leader)
+                continue
             follower, leader, factor, offset = leader, follower, 1 / factor, -offset / factor
         followers[follower] = (leader, factor, offset)
     # What an equality holds passes on to the joints that follow.
@@ -139,8 +150,8 @@ def _followers(
         moved = False
         for follower, (leader, factor, offset) in list(followers.items()):
             if follower in locked and leader in locked:
-                raise InputError(f"joint {follower!r} is held twice", where=compiled.where)
-            if leader in locked:
+                leave_out(f"joint {follower!r} is held twice", follower, leader)
+            elif leader in locked:
                 locked[follower] = factor * locked[leader] + offset
             elif follower in locked:
                 locked[leader] = (locked[follower] - offset) / factor
@@ -149,15 +160,6 @@ def _followers(
             del followers[follower]
             moved = True
     return followers
-
-
-def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:
-    """The joint at the end of what a joint follows, with factor and offset."""
-    leader, factor, offset = followers[follower]
-    while leader in followers:
-        leader, more, shift = followers[leader]
-        factor, offset = factor * more, offset + factor * shift
-    return leader, factor, offset
 
 
 def tendon_joints(compiled: Compiled, tendon: int) -> frozenset[str]:

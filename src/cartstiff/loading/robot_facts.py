@@ -1,0 +1,177 @@
+"""What the file of a robot says beside kinematics and masses, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.notes import Note
+
+
+@dataclass(frozen=True)
+class FileSpring:
+    """Spring of a hinge or slide: torque ``c_1 x + c_2 x^2 + ...`` at x beyond its rest position.
+
+    Attributes
+    ----------
+    coefficients : tuple of float
+        N m/rad, N m/rad^2, ... (N/m, ... for a slide); at least the first.
+    rest : float
+        Rest position.
+    """
+
+    coefficients: tuple[float, ...]
+    rest: float
+
+
+@dataclass(frozen=True)
+class FileClosure:
+    """A loop that the file closes: frame a coincides with frame b, or shares a point with it.
+
+    Attributes
+    ----------
+    type : {"point", "weld"}
+        What is tied.
+    body_a, body_b : str
+        The bodies.
+    T_a, T_b : ndarray, shape (4, 4)
+        The tied frames in them.
+    joints : frozenset of str
+        Coordinates on the way from one to the other.
+    """
+
+    type: Literal["point", "weld"]
+    body_a: str
+    body_b: str
+    T_a: Array
+    T_b: Array
+    joints: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Something in a file that cannot be used: refused where one of its joints moves the frame.
+
+    Attributes
+    ----------
+    what : str
+        What it is.
+    joints : frozenset of str
+        Coordinates that it acts on.
+    expected : str
+        What to write instead.
+    keys : tuple of str
+        Keys of a mechanism file that say the same: where one is given, nothing is refused.
+    error : InputError or None
+        Why it cannot be used, where something is wrong with a single joint.
+    """
+
+    what: str
+    joints: frozenset[str]
+    expected: str = (
+        "springs of hinges and slides; connect, weld and joint equalities in a closed chain"
+    )
+    keys: tuple[str, ...] = ()
+    error: InputError | None = None
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """Gravity compensation: the part of a body's mass that weighs nothing, at a point of it."""
+
+    body: str
+    mass: float
+    point: Array
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """What the file of a robot says beside kinematics and masses.
+
+    Attributes
+    ----------
+    springs : dict of str to FileSpring
+        By coordinate.
+    passive : tuple of str
+        Coordinates that have no spring and need none: of free bodies, and joints within closed
+        loops that other joints hold.
+    loose : frozenset of str
+        Coordinates of free bodies that no closure holds.
+    actuated : tuple of str
+        Coordinates that an actuator drives.
+    followers : dict of str to (str, float, float)
+        Coupled joints: leader, factor, offset.
+    locked : dict of str to float
+        Joints that an equality holds at a position.
+    closures : tuple of FileClosure
+        Active equality constraints between bodies.
+    posture : dict of str to float
+        The keyframe's, else the file's own, by coordinate.
+    keyframe : str or None
+        Name of the keyframe that the posture comes from.
+    gravity : ndarray (3,) or None
+        The file's, None where it is switched off.
+    lifted : tuple of Lifted
+        Gravity compensation.
+    planar_axes : dict of str to ndarray (3,)
+        Normals of the planes in which planar joints move, where they are not z.
+    notes : tuple of Note
+        What was assumed in reading.
+    obstacles : tuple of Obstacle
+        What cannot be expressed, or is wrong with a joint.
+    ignored : tuple of str
+        Things in the file that play no part in statics, in words.
+    weightless : tuple of str
+        In words: bodies without mass, meshes that masses depend on and that are missing.
+    """
+
+    springs: dict[str, FileSpring] = field(default_factory=dict)
+    passive: tuple[str, ...] = ()
+    loose: frozenset[str] = frozenset()
+    actuated: tuple[str, ...] = ()
+    followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+    locked: dict[str, float] = field(default_factory=dict)
+    closures: tuple[FileClosure, ...] = ()
+    posture: dict[str, float] = field(default_factory=dict)
+    keyframe: str | None = None
+    gravity: Array | None = None
+    lifted: tuple[Lifted, ...] = ()
+    planar_axes: dict[str, Array] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    ignored: tuple[str, ...] = ()
+    weightless: tuple[str, ...] = ()
+
+
+Followers = dict[str, tuple[str, float, float]]
+"""Follower -> (leader, factor, offset): position = factor * leader's + offset."""
+
+
+def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:
+    """The joint at the end of what a joint follows, with factor and offset."""
+    leader, factor, offset = followers[follower]
+    while leader in followers:
+        leader, more, shift = followers[leader]
+        factor, offset = factor * more, offset + factor * shift
+    return leader, factor, offset
+
+
+def on_leaders(
+    springs: dict[str, FileSpring], followers: Followers
+) -> tuple[dict[str, FileSpring], list[Obstacle]]:
+    """Springs with those of followers moved to their leaders; curved ones are not to be moved."""
+    springs, others = dict(springs), []
+    for follower in [name for name in followers if name in springs]:
+        spring, (leader, factor, offset) = springs.pop(follower), to_root(follower, followers)
+        own = springs.get(leader, FileSpring((0.0,), 0.0))
+        if len(spring.coefficients) + len(own.coefficients) > 2:
+            both = frozenset({follower, leader})
+            others.append(Obstacle(f"curved spring of the coupled joint {follower!r}", both))
+            continue
+        k, more = own.coefficients[0], spring.coefficients[0] * factor**2
+        if k + more > 0.0:
+            rest = (k * own.rest + more * (spring.rest - offset) / factor) / (k + more)
+            springs[leader] = FileSpring((k + more,), rest)
+    return springs, others
