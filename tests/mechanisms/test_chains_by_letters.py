@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -169,3 +170,47 @@ def test_what_cannot_be_is_refused(change: dict[str, Any], pose: Any, words: str
 def test_legs_by_name_need_a_pose() -> None:
     with pytest.raises(InputError, match="key 'pose' is missing"):
         cartstiff.parallel({"chain": "UPS", **SIX})
+
+
+@pytest.mark.parametrize("mode", ["minus", "plus", None])
+@pytest.mark.parametrize(
+    "axis", ["tangential", [0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.1, 0.9, 0.05]]
+)
+def test_modes_of_cranks_are_angles_between_minus_pi_and_pi(mode: str | None, axis: object) -> None:
+    """Both roots by bisection on |B - C(t)| = rod, C on a circle that starts outwards."""
+    radius, crank, rod, z = 0.3, 0.15, 0.42, 0.38
+    legs = {
+        "chain": "RUS",
+        "base": {"radius": radius},
+        "platform": {"radius": 0.12},
+        "axis": axis,
+        "crank": crank,
+        "rod": rod,
+        "stiffness": 3000.0,
+    } | ({} if mode is None else {"mode": mode})
+    elastic = cartstiff.parallel(legs, [0.02, -0.01, z, 0, 0, 0])
+    own = np.array([0, -1, 0] if isinstance(axis, str) else axis, float)
+    own /= np.linalg.norm(own)
+    level = np.cross([0, 0, 1], own) / np.linalg.norm(np.cross([0, 0, 1], own))
+    level *= np.sign(level[0])
+    for k, azimuth in enumerate(2 * np.pi * np.arange(3) / 3):
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        B = R @ [0.12, 0, 0] + [0.02, -0.01, z]
+        out, up = R @ level, R @ np.cross(own, level)
+
+        def gap(t: float, R: Any = R, B: Any = B, out: Any = out, up: Any = up) -> float:
+            C = R @ [radius, 0, 0] + crank * (np.cos(t) * out + np.sin(t) * up)
+            return float(np.linalg.norm(B - C) - rod)
+
+        ts = np.linspace(-np.pi, np.pi, 721)
+        values = [gap(t) for t in ts]
+        roots = [
+            brentq(gap, a, b)
+            for a, b, x, y in zip(ts[:-1], ts[1:], values[:-1], values[1:], strict=True)
+            if x * y < 0
+        ]
+        assert len(roots) == 2
+        wanted = {"minus": min(roots), "plus": max(roots), None: min(roots, key=abs)}[mode]
+        at = elastic.q[elastic.names.index(f"leg{k + 1}/crank")]
+        assert at == pytest.approx(wanted, abs=1e-9)

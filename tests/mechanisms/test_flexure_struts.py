@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -305,3 +307,25 @@ def test_assembly_modes_of_struts_are_those_at_rest(tmp_path):
     for mode in found.modes[1:]:
         assert mode.stable is None
         assert mode.notes[0].code == "struts-not-in-equilibrium"
+
+
+def test_moments_of_flexures_are_in_newton_metres_whatever_the_units(tmp_path: Path) -> None:
+    """One machine in a file of metres and in one of millimetres, with the same N m/rad."""
+    units = {"m": 1.0, "mm": 1e3}
+    found = {}
+    for unit, a in units.items():
+        flexure = {"axial": 1e9 / a, "shear": 2e7 / a, "bending": 3000.0, "torsion": 4000.0}
+        ring = {"radius": 0.6 * a, "half_angle": 0.2}
+        keys = {
+            "kind": "stewart-gough",
+            "units": {"length": unit, "force": "N"},
+            "layout": {"base": ring, "platform": ring, "height": 0.5 * a},
+            "legs": {"strut": {"axial": 1.6e8 / a, "lower": flexure, "upper": flexure}},
+        }
+        (tmp_path / f"{unit}.yaml").write_text(json.dumps(keys), encoding="utf-8")
+        K = cartstiff.analyse(cartstiff.load(tmp_path / f"{unit}.yaml")).matrices["K"]
+        sizes = np.repeat([1.0, a], 3)
+        found[unit] = K * np.outer(sizes, sizes) / a
+    assert np.abs(found["m"] - found["mm"]).max() < 1e-12 * np.abs(found["m"]).max()
+    # Without bending the struts' own lengths remain: it is a share that an error would show.
+    assert found["m"][2, 2] > 6 * 4000.0 * 0.5

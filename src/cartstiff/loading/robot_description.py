@@ -110,7 +110,7 @@ def read_robot_description(
         )
     if root.tag == "robot":
         facts = prepare_urdf(root, where)
-        facts.notes.extend(notes)
+        facts = replace(facts, notes=(*facts.notes, *notes))
         text = ET.tostring(root, encoding="unicode")
         with quiet():
             try:

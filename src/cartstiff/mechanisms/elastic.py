@@ -54,7 +54,9 @@ def with_values(
     One stiffness for all is not for `undriven` coordinates, unless they have a spring already.
     """
     k = springs.stiffness
-    were_rigid = springs.rigid if isinstance(springs, JointSprings) else frozenset()
+    unsprung = frozenset[int]()
+    if isinstance(springs, JointSprings):
+        unsprung = frozenset(np.flatnonzero(springs.is_passive).tolist())
     if stiffness is not None:
         if isinstance(springs, JointSprings):
             k = k.copy()
@@ -88,8 +90,9 @@ def with_values(
                 )
     # What was at rest anywhere, or rigid, has no rest position yet.
     rests = np.where(np.isinf(k), np.nan, rests)
-    if stiffness is not None and rest is None:
-        rests[[j for j in were_rigid if np.isfinite(k[j])]] = np.nan
+    if stiffness is not None and (rest is None or isinstance(rest, Mapping)):
+        fresh = [j for j in unsprung if 0.0 < k[j] < np.inf and names[j] not in (rest or {})]
+        rests[fresh] = np.nan
     # A number given for every joint replaces nonlinear laws as well.
     if isinstance(springs, JointSprings) and stiffness is not None:
         named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
