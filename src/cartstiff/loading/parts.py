@@ -222,7 +222,8 @@ def description_notes(
     """
     facts = description.facts
     notes = [*facts.notes]
-    moving = set(tree.model.names)
+    # A joint with several coordinates has become several: joint.x, joint.y, ...
+    moving = {part for name in tree.model.names for part in (name, name.rpartition(".")[0])}
     obstacles = list(facts.obstacles)
     for tie in facts.closures:
         if not (closed and tie.joints & moving):
