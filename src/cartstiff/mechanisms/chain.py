@@ -205,7 +205,9 @@ class ChainPosture(MechanismPosture):
 def _is_shut(posture: ChainPosture) -> bool:
     """Whether closures are met to rounding."""
     residual = posture.residual
-    return residual is None or bool(np.abs(residual).max() <= FINEST * max(1.0, posture.length))
+    return residual is None or bool(
+        np.abs(residual).max() <= ATTAINABLE_PRECISION * max(1.0, posture.length)
+    )
 
 
 # Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
