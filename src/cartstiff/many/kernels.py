@@ -226,7 +226,7 @@ class _Standing:
             return self.closed(q)[:2]
         at, stands = q.copy(), np.zeros(len(q), bool)
         near = partial(self.closed, first=1)
-        at[which], stands[which], is_vain = self._home.lead(near, q[which], steps[which])
+        at[which], stands[which], is_vain = self._home.continue_from(near, q[which], steps[which])
         others = np.setdiff1d(np.arange(len(q)), which[~is_vain])
         at[others], stands[others], _ = self.closed(q[others])
         return at, stands

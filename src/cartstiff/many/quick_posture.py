@@ -320,7 +320,7 @@ class PostureCode:
             shut = np.array([at is not None])
             return start if at is None else at[None], shut, ~shut
 
-        at, is_closed, _ = self._home.lead(near, q[None], steps)
+        at, is_closed, _ = self._home.continue_from(near, q[None], steps)
         return at[0] if is_closed[0] else None
 
     @staticmethod
