@@ -20,8 +20,9 @@ from cartstiff.errors import CartstiffError, printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length, named_values
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
@@ -80,9 +81,8 @@ def report_page(
         As `cartstiff.analyse`.
     """
     kind = LoadKind(load_kind, tuple(load_at))  # type: ignore[arg-type]
-    start = elastic.mechanism.assembled(
-        elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
-    )
+    elastic, posture = elastic.placed(q)
+    start = posture.q
     with np.errstate(all="ignore"):
         load = _Load.of(elastic, start, wrench, kind, load_axes)
         result = load.result(elastic, start)
@@ -237,6 +237,7 @@ def _answer(
         lines.append(f"No equilibrium was found: {error}")
     else:
         notes |= {str(note): None for note in state.notes}
+        lines += beyond_limits(state.notes)
         if load.added is not None and state.stable is not False:
             turned, moved = np.split(displacement_between(before.pose, state.pose), 2)
             along = ", ".join(f"{mm * x:+.3g}" for x in moved)
