@@ -15,6 +15,7 @@ import signal
 import stat
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -51,7 +52,9 @@ def answer_of(
     InputError
         If it does not come to an end, or breaks down.
     """
-    environment = {**(more or {}), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    # Python's own modules come before a file of the same name beside the user's script.
+    places = [*(sysconfig.get_path(kind) for kind in ("stdlib", "platstdlib")), *sys.path]
+    environment = {**(more or {}), "PYTHONPATH": os.pathsep.join(filter(None, places))}
     command = [sys.executable, "-P", "-B", worker]
     try:
         # In the root folder nobody finds a place for log files.

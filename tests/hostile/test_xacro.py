@@ -444,3 +444,13 @@ def test_arguments_of_the_user_are_data(place):
     file = written(place, '<xacro:arg name="n" default="x"/>', "$(arg n)")
     arguments = {"n": "${1 + 1}"}
     assert names_of(file, Ros(arguments=arguments))[-1] == "${1 + 1}"
+
+
+def test_a_file_beside_the_script_replaces_no_module_of_python(place, monkeypatch):
+    """The worker starts although the path of modules begins with a stranger's folder."""
+    marker = place.parent / "marker"
+    for name in ("types", "ast", "json", "enum", "re"):
+        (place / f"{name}.py").write_text(f"open({str(marker)!r}, 'w')\n")
+    monkeypatch.syspath_prepend(str(place))
+    assert names_of(written(place, "", "x${1 + 1}"))[-1] == "x2"
+    assert not marker.exists()
