@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, one_line, printable
 
 #: Any NumPy array; the stubs cannot follow dtypes through linear algebra.
@@ -318,6 +319,25 @@ def _fits(got: tuple[int, ...], shape: Shape) -> bool:
 def checked_vector(values: ArrayLike, n: int, what: str, *, where: str | None = None) -> Array:
     """A finite vector of length n that is the caller's own; see `checked_array`."""
     return checked_array(values, (n,), what, where=where)
+
+
+def checked_input(
+    values: ArrayLike, shape: Shape | list[Shape] | None, what: str, *, copy: bool = True
+) -> Array:
+    """Coordinates, loads, stiffnesses as given: `checked_array`, of at most `LARGEST_INPUT`."""
+    array = checked_array(values, shape, what, copy=copy)
+    if array.size <= _FEW:
+        is_large = any(not -LARGEST_INPUT <= x <= LARGEST_INPUT for x in array.ravel().tolist())
+    else:
+        is_large = bool(array.max() > LARGEST_INPUT or array.min() < -LARGEST_INPUT)
+    if is_large:
+        largest = float(array.flat[int(np.abs(array).argmax())])
+        raise InputError(
+            f"{what} is too large",
+            expected=f"numbers of at most {LARGEST_INPUT:g}",
+            got=f"{largest:g}",
+        )
+    return array
 
 
 def checked_matrix(values: ArrayLike, what: str = "stiffness", size: int = 6) -> Array:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
+#: Largest coordinate, load or stiffness that can be given: products of larger ones leave the range
+#: of double precision.
+LARGEST_INPUT: Final = 1e30
 #: What a load does while the body moves, in words.
 LOAD_KINDS: Final = {
     "dead": "its force and moment keep their direction in the room",

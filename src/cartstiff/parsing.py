@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError
-
-#: As in mechanism files: beyond this the products leave the range of double precision.
-LARGEST = 1e30
 
 
 def parse_numbers(
@@ -50,9 +48,9 @@ def parse_numbers(
                 else f"{count} numbers separated by commas"
             )
             raise InputError("not a finite number", where=where, expected=expected, got=repr(part))
-        if abs(number) > LARGEST:
+        if abs(number) > LARGEST_INPUT:
             raise InputError(
-                "number is too large", where=where, expected=f"at most {LARGEST:g}", got=part
+                "number is too large", where=where, expected=f"at most {LARGEST_INPUT:g}", got=part
             )
         numbers.append(number)
     if count is not None and len(numbers) != count:

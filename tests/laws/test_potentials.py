@@ -276,3 +276,31 @@ def test_taylor_check_with_a_large_constant():
 def test_taylor_check_agrees_with_numerical_derivatives():
     energy, gradient, _, d = _smooth(3)
     assert taylor_check(energy, gradient, hessian_of(energy, np.ones(4)), d).ok
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_taylor_check_refuses_what_is_no_number(bad):
+    """x^2 / 2 has the derivatives 0 and 1 at 0; nothing that is not finite passes for them."""
+
+    def energy(x):
+        return 0.5 * float(x[0]) ** 2
+
+    assert taylor_check(energy, [0.0], [[1.0]], [1.0]).ok
+    for gradient, hessian, direction in (
+        ([bad], [[1.0]], [1.0]),
+        ([0.0], [[bad]], [1.0]),
+        ([0.0], [[1.0]], [bad]),
+        ([0.0], [[1.0]], [0.0]),
+        ([0.0, 0.0], [[1.0]], [1.0]),
+    ):
+        with pytest.raises(InputError):
+            taylor_check(energy, gradient, hessian, direction)
+    with pytest.raises(InputError, match="offset 0"):
+        taylor_check(lambda _: bad, [0.0], [[1.0]], [1.0])
+    found = taylor_check(lambda x: bad if x[0] else 0.0, [0.0], [[1.0]], [1.0])
+    assert not found.ok
+    assert not taylor_check(
+        lambda x: energy(x) if x[0] > 1e-4 or not x[0] else bad, [0], [[1]], [1]
+    ).ok
+    # Beyond its own domain an energy may be anything.
+    assert taylor_check(lambda x: energy(x) if abs(x[0]) < 0.5 else bad, [0], [[1]], [1]).ok

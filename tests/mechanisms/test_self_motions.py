@@ -52,7 +52,8 @@ def _sps(folder, spin=None):
                 "passive": ["u1", "u2"] + (["spin"] if spin is None else []),
             }
         )
-    return load(write_file(folder, kind="parallel", legs=legs))
+    slides = [f"leg{i + 1}/slide" for i in range(6)]
+    return load(write_file(folder, kind="parallel", legs=legs, actuated=slides))
 
 
 def test_legs_that_spin(tmp_path):
@@ -70,9 +71,12 @@ def test_legs_that_spin(tmp_path):
     spins = directions[:, [i for i, n in enumerate(names) if n.endswith("spin")]]
     assert np.linalg.matrix_rank(spins, tol=1e-6) == 6
     lines = analyse(load("hexapod"), wrench=wrench)
-    for name in "ABK":
+    for name in "ABKF":  # K^F, too: what is idle is no motion that the slides would have to hold
         error = natural_error(result.matrices[name], lines.matrices[name], lines.posture.length)
         assert error <= SAME
+    assert codes(result) == ["idle-self-motion"]
+    C, expected = result.compliances["F"], lines.compliances["F"]
+    assert relative_error(C, expected) <= SAME
 
 
 def test_springs_against_the_spin(tmp_path):

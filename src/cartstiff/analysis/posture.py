@@ -21,7 +21,7 @@ from cartstiff.analysis.mechanism_sections import (
 )
 from cartstiff.analysis.plain import Notes, numbers, plain
 from cartstiff.analysis.summary import summarise
-from cartstiff.arrays import checked_vector
+from cartstiff.arrays import checked_input, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import LETTERS
@@ -109,7 +109,7 @@ def analyse_posture(
         raise UnknownNameError("connection", connection, LETTERS)
     if samples < 0 or samples == 1:
         raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
-    added = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    added = None if wrench is None else checked_input(wrench, (6,), "wrench")
     acts_at = None if wrench_at is None else checked_vector(wrench_at, 3, "point of the wrench")
     if acts_at is not None and added is None:
         raise InputError("the point of an added wrench needs the wrench", expected="both, or none")

@@ -302,6 +302,8 @@ def command(
     check_cuts(cuts, sampling)
     if picture is not None:
         _check_picture(kind, by, sampling, cuts)
+    elif by is not None or kind != "auto":
+        raise InputError("is for --picture", where="--by" if by is not None else "--kind")
     if best is not None or worst is not None:
         _check_ranked(quantities)
     if below is not None and above is not None:

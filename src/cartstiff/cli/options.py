@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cartstiff.choices import LOAD_KINDS
+from cartstiff.choices import LARGEST_INPUT, LOAD_KINDS
 from cartstiff.cli.types import (
     DIRECTION,
     PAYLOAD,
@@ -31,7 +31,6 @@ from cartstiff.cli.types import (
     repeated_option,
 )
 from cartstiff.errors import InputError, one_line
-from cartstiff.parsing import LARGEST
 
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
@@ -257,12 +256,12 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
             raise InputError(
                 "cannot be used", where=values.option, expected=expected, got=f"{value:g}"
             )
-        if 0 < value < 1 / LARGEST:
+        if 0 < value < 1 / LARGEST_INPUT:
             raise InputError(
                 "number is too small",
                 where=values.option,
                 got=f"{value:g}",
-                expected=f"{expected}, at least {1 / LARGEST:g}",
+                expected=f"{expected}, at least {1 / LARGEST_INPUT:g}",
             )
 
 

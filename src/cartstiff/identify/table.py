@@ -13,6 +13,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, csv_line
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import (
     ConvergenceError,
     InputError,
@@ -35,7 +36,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.parsing import LARGEST
 
 AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
@@ -284,7 +284,7 @@ def _numbers(cells: Cells, i: int, column: Column) -> Array:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or "_" in text or abs(value) > LARGEST:
+        if not math.isfinite(value) or "_" in text or abs(value) > LARGEST_INPUT:
             raise InputError(
                 f"column {column.name!r}: not a finite number",
                 where=cells.places[n],

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.array_utils import byte_bounds
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, overlap
+from cartstiff.arrays import checked_input, overlap
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
@@ -32,14 +32,14 @@ OUTPUTS = (
 
 def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
     """Coordinates as a finite (N, n) array of doubles."""
-    return checked_array(q, ("N", len(elastic.mechanism.coordinates)), "q", copy=False)
+    return checked_input(q, ("N", len(elastic.mechanism.coordinates)), "q")
 
 
 def checked_wrench(elastic: ElasticMechanism, wrench: ArrayLike | None, count: int) -> Array | None:
     """One wrench (6,), or one for each posture (N, 6)."""
     if wrench is None:
         return None
-    array = checked_array(wrench, [(6,), (count, 6)], "wrench", copy=False)
+    array = checked_input(wrench, [(6,), (count, 6)], "wrench", copy=False)
     if elastic.springs is None:
         raise InputError(
             "the load of this mechanism follows from its potentials and cannot be given",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_vector
+from cartstiff.arrays import checked_input
 from cartstiff.many.quick_posture import RECORDED, PostureCode, QuickPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam
@@ -114,7 +114,7 @@ def _quicker(engine: Ask) -> Ask:
             asked.again(wrench is not None)
             return engine(elastic, q, wrench=wrench)
         values = elastic.mechanism.checked(elastic.q if q is None else q)
-        force = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        force = None if wrench is None else checked_input(wrench, (6,), "wrench")
         record = code.record(values, force)
         if record is None:
             return engine(elastic, values, wrench=force)

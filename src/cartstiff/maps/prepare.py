@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.arrays import checked_unit, checked_vector
+from cartstiff.arrays import checked_input, checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_READING, Backend, lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.commanded import CommandedJob, CommandGrid
 from cartstiff.maps.job import STATES, MapJob
-from cartstiff.maps.quantities import Settings, choose_quantities
+from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities
 from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
 from cartstiff.matrix_names import OF_MANY
@@ -86,7 +86,7 @@ def map_job(
     InputError
         For what cannot be used.
     """
-    load = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
     if connection is None:
@@ -113,6 +113,7 @@ def map_job(
     )
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
+    _check_used(settings, chosen)
     row = None if load is None else tuple(load.tolist())
     own = elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes
     if not told and not isinstance(sampling, CommandGrid):
@@ -128,6 +129,25 @@ def map_job(
     if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
         raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
     return CommandedJob(*own, told=steps)
+
+
+def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
+    """Refuse what is given for quantities that are not among those of the map."""
+    asked = {quantity.asks for quantity in chosen}
+    for what, is_given, of in (
+        ("direction", settings.direction is not None, ("direction",)),
+        ("wrench of the deflection", settings.deflect is not None, ("deflect",)),
+        ("milling", settings.milling is not None, ("milling",)),
+        ("damping", settings.damping != Damping(), ("damping", "milling")),
+    ):
+        if is_given and asked.isdisjoint(of):
+            names = [q.name for q in QUANTITIES.values() if q.asks in of]
+            raise InputError(
+                "is given, and no quantity needs it",
+                where=what,
+                expected="one of " + ", ".join(names[:4]) + ", ..." * (len(names) > 4),
+                got=", ".join(q.name for q in chosen),
+            )
 
 
 def _acting(job: MapJob) -> dict[str, Any]:

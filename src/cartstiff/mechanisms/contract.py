@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import Array, checked_number, checked_vector, fixed
+from cartstiff.arrays import Array, checked_input, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, LineGeometry, Map
@@ -346,7 +346,7 @@ class Mechanism(ABC):
         InputError
             For a wrong count, text, NaN or infinity.
         """
-        return checked_vector(q, len(self.coordinates), what)
+        return checked_input(q, (len(self.coordinates),), what)
 
 
 def named_values(
@@ -373,20 +373,19 @@ def named_values(
         for name, value in numbers.items():
             if name not in names:
                 raise UnknownNameError("joint", str(name), names, where=what)
+            is_rigid = infinite and _is_infinite(value)
             values[names.index(name)] = (
-                np.inf
-                if infinite and _is_infinite(value)
-                else checked_number(value, f"{what} of {name}")
+                np.inf if is_rigid else checked_input(value, (), f"{what} of {name}")
             )
         return values
     if not isinstance(numbers, (list, tuple)) and np.ndim(numbers) == 0:
-        one = np.inf if infinite and _is_infinite(numbers) else checked_number(numbers, what)
-        return np.full(len(names), one)
+        is_rigid = infinite and _is_infinite(numbers)
+        return np.full(len(names), np.inf if is_rigid else checked_input(numbers, (), what))
     if infinite and isinstance(numbers, (Sequence, np.ndarray)):
         rigid = np.array([_is_infinite(value) for value in numbers], bool)
         known = [0.0 if r else value for r, value in zip(rigid, numbers, strict=True)]
-        return np.where(rigid, np.inf, checked_vector(known, len(names), what))
-    return checked_vector(numbers, len(names), what)
+        return np.where(rigid, np.inf, checked_input(known, (len(names),), what))
+    return checked_input(numbers, (len(names),), what)
 
 
 def _is_infinite(value: object) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_number, checked_vector, fixed
+from cartstiff.arrays import checked_input, checked_number, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
@@ -503,7 +503,7 @@ class ElasticMechanism(ShownInLines):
         if self.springs is None or (self.springs.is_complete and wrench is None):
             return self
         posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
-        load = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        load = None if wrench is None else checked_input(wrench, (6,), "wrench")
         springs, _ = self._balanced_springs(posture, load, self._evaluate_others(posture))
         return self._carrying(springs)
 

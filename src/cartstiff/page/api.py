@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_vector
+from cartstiff.arrays import checked_array, checked_input
 from cartstiff.errors import MissingDependencyError
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Playback, Source, cloud_of_workspace
@@ -151,7 +151,7 @@ def show(
     source = Source(
         elastic,
         first.q,
-        None if wrench is None else checked_vector(wrench, 6, "wrench"),
+        None if wrench is None else checked_input(wrench, (6,), "wrench"),
         trajectory=None if trajectory is None else _trajectory(elastic, trajectory),
         cloud=None if workspace is None else cloud_of_workspace(workspace),
     )

@@ -70,9 +70,15 @@ def _zipped(content: bytes) -> bytes:
     return gzip.compress(content, 6, mtime=0)
 
 
+#: The largest number of a TCP port.
+_LAST_PORT = 65535
+
+
 def _listening(host: str, port: int) -> socket.socket:
     """A socket that listens; InputError if the address cannot be used."""
     try:
+        if not 0 <= port <= _LAST_PORT:  # the resolver would take it modulo the number of ports
+            raise OverflowError("there is no such port")
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listening = socket.create_server(address[:2], family=family, backlog=128)
     except (OSError, OverflowError, UnicodeError) as error:

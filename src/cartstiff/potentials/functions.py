@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, real_array
+from cartstiff.arrays import checked_array, checked_matrix, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, gradient_and_hessian
@@ -20,6 +20,8 @@ from cartstiff.potentials.contract import Evaluation, PosePotential, Posture, Po
 # Two differentiations, with the full and with half the step, must agree to this much of the
 # Hessian's scale; smooth functions of unit curvature reach 1e-10.
 _AGREEMENT = numerics.AGREEING
+# Steps of `taylor_check` up to which the energy must be a finite number.
+_NEAR = 1e-2
 
 
 def _differentiate(f: Callable[[Array], float], scale: Array) -> tuple[float, Array, Array]:
@@ -150,10 +152,26 @@ def taylor_check(
         Derivatives at offset 0 to be checked.
     direction : array_like, shape (n,)
         Direction of unit natural size.
+
+    Returns
+    -------
+    TaylorCheck
+        Not ok where the energy is not a finite number on steps of a hundredth and less.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, numbers that are not finite, a direction of zero, or an energy that is not
+        a finite number at 0.
     """
-    d, g, H = (real_array(a) for a in (direction, gradient, hessian))
+    d = checked_array(direction, ("n",), "direction")
+    g, H = checked_vector(gradient, d.size, "gradient"), checked_matrix(hessian, "hessian", d.size)
+    if not d.any():
+        raise InputError("direction is zero", expected="a direction of unit natural size")
     steps = np.logspace(0, -7, 57)
     base = float(energy(np.zeros(d.size)))
+    if not np.isfinite(base):
+        raise InputError("the energy is not a finite number at offset 0", got=base)
     slope, curve = float(g @ d), float(d @ H @ d)
     values = np.array([float(energy(t * d)) for t in steps])
     errors = np.abs(values - base - steps * slope - 0.5 * steps**2 * curve)
@@ -162,6 +180,8 @@ def taylor_check(
         * numerics.EPSILON
         * (abs(base) + np.abs(values) + steps * abs(slope) + steps**2 * abs(curve))
     )
+    if not np.isfinite(errors[steps <= _NEAR]).all():
+        return TaylorCheck(np.nan, (float(steps[-1]), float(steps[0])), False)
     usable = np.flatnonzero((errors > floor) & np.isfinite(errors))
     if usable.size < 4:
         return TaylorCheck(np.inf, (float(steps[-1]), float(steps[0])), True)

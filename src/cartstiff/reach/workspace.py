@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_flag, checked_length, checked_vector
+from cartstiff.arrays import checked_flag, checked_input, checked_length
 from cartstiff.choices import Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
@@ -335,7 +335,7 @@ def workspace(
         margins: Margins | LegMargins = on_legs
         count, most = directions or 200, on_legs.reach(radius)
     else:
-        W = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        W = None if wrench is None else checked_input(wrench, (6,), "wrench")
         load = None if W is None else partial(carried, kind, W, load_axes)
         answer = _margins(elastic, posture.q, load, through, tensions)
         if isinstance(answer, Workspace):

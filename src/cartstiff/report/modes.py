@@ -194,6 +194,9 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
         if group in ("stiffness", "mass", "parameter"):
             unit, factor = ("per 1 %", 0.01 * x) if x else ("per unit", 1.0)
         rows.append((name, unit, factor * row))
+    if not np.isfinite([entry[2] for entry in rows]).any():
+        reason = "no stiffness matrix, and no frequency, exists at this posture"
+        return ["", f"Sensitivities: none, as {reason}"]
     rows.sort(key=lambda entry: -float(np.nanmax(np.abs(entry[2]), initial=0.0)))
     lines = ["", f"Sensitivities: {what}"]
     sizes = np.nanmax([np.abs(entry[2]) for entry in rows], axis=0, initial=0.0)

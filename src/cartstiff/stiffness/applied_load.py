@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_vector, read_only
+from cartstiff.arrays import checked_input, checked_vector, read_only
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -110,7 +110,7 @@ class LoadKind:
         InputError
             For a wrong count or numbers that are not finite.
         """
-        W = checked_vector(wrench, 6, "wrench")
+        W = checked_input(wrench, (6,), "wrench")
         if self.kind == "follower":
             return FollowerWrench(wrench_in_body(W, pose, self.at, axes))
         if axes not in _AXES:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_flag, checked_vector, fixed
+from cartstiff.arrays import checked_flag, checked_input, fixed
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -87,7 +87,7 @@ def analyse(
     strict = checked_flag(strict, "strict")
     force = None
     if wrench is not None:
-        force = checked_vector(wrench, 6, "wrench")
+        force = checked_input(wrench, (6,), "wrench")
         if elastic.springs is None:
             raise InputError(
                 "the load of this mechanism follows from its potentials and cannot be given",

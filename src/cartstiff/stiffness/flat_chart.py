@@ -77,7 +77,9 @@ def flat_chart(
     if isinstance(chart, str):
         return FlatChart(note=Note("kf-undefined", chart))
     if rates is None:
-        message = f"K^F needs six free motions: there are {reduction.freedoms}"
+        free = reduction.free
+        count = reduction.freedoms if free is None else free.jacobian.shape[1]
+        message = f"K^F needs six motions that move the body or cost energy: there are {count}"
         return FlatChart(note=Note("kf-undefined", message))
     if chart is IDENTITY:  # nonsingular, as `rates` exists
         H = energy.hessian

@@ -195,7 +195,7 @@ def reduce_any(
         if rank == len(rows):
             K = symmetric_part((U @ reachable_K @ U.T) * rows[:, None] * rows, energy)
             K = without_noise(K, rows)
-            if along.shape[1] == 0:
+            if Z.shape[1] == 0:  # idle self-motions, such as spins of legs, may stay as they are
                 rates = columns[:, None] * (Y @ to_output @ U.T) * rows
         B = np.concatenate([Y, Z], axis=1)
         # Self-motions keep what little they move the output: a lost rank need not be zero. Rates

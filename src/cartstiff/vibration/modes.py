@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_vector
+from cartstiff.arrays import checked_input
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -180,7 +180,7 @@ def _plain(
     K = terms = np.diag(natural)
     rested = None
     if load.get("wrench") is not None:
-        W = checked_vector(load["wrench"], 6, "wrench")
+        W = checked_input(load["wrench"], (6,), "wrench")
         W = wrench_in_body(W, posture.pose, kind.at, load["load_axes"])
         if W.any():
             J, D = posture.motion.jacobian * columns, kind.change(W)

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cartstiff import numerics
-from cartstiff.choices import ORDERS
+from cartstiff.choices import LARGEST_INPUT, ORDERS
 from cartstiff.cli.requests.units import given_length
 from cartstiff.errors import InputError, one_line
-from cartstiff.parsing import LARGEST
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.contract import Mechanism
@@ -170,11 +169,11 @@ def read_target(path: Path, order: str | None) -> Target:
         matrix = checked_array(content, (6, 6), "matrix")
     except unusable as error:
         raise none_held(error) from None
-    if np.abs(matrix).max() > LARGEST:
+    if np.abs(matrix).max() > LARGEST_INPUT:
         raise InputError(
             "number is too large",
             where=where,
-            expected=f"at most {LARGEST:g}",
+            expected=f"at most {LARGEST_INPUT:g}",
             got=f"{np.abs(matrix).max():g}",
         )
     if np.abs(matrix - matrix.T).max() > numerics.NEARBY * np.abs(matrix).max():
