@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, one_line
 from cartstiff.matrix_names import Letter
 
@@ -17,9 +18,9 @@ from cartstiff.matrix_names import Letter
 LARGEST_MESSAGE = 64 * 1024
 
 # As in mechanism files: beyond this the products leave the range of double precision.
-_LARGEST = 1e30
-_Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
-_NotNegative = Annotated[float, Field(ge=0.0, le=_LARGEST, allow_inf_nan=False)]
+
+_Number = Annotated[float, Field(ge=-LARGEST_INPUT, le=LARGEST_INPUT, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST_INPUT, allow_inf_nan=False)]
 _Short = Annotated[str, Field(min_length=1, max_length=200)]
 _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
 _Three = tuple[_Number, _Number, _Number]
@@ -37,9 +38,9 @@ class Measure(_Strict):
     """How large values are drawn, as `cartstiff.scene.scales` says it in a legend."""
 
     kind: Literal["root", "linear", "log"]
-    value_per_length: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
-    zero_at: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
-    length_per_decade: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
+    value_per_length: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    zero_at: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    length_per_decade: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
 
 
 class ViewState(_Strict):
