@@ -17,8 +17,6 @@ from cartstiff.matrix_names import Letter
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
 
-# As in mechanism files: beyond this the products leave the range of double precision.
-
 _Number = Annotated[float, Field(ge=-LARGEST_INPUT, le=LARGEST_INPUT, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST_INPUT, allow_inf_nan=False)]
 _Short = Annotated[str, Field(min_length=1, max_length=200)]
