@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.browser.conftest import heard
 from tests.browser.test_page_state import TOOL, changed
 from tools.screenshot import settled
 
@@ -20,29 +19,6 @@ def test_zero_is_zero_where_limits_allow_it(serve, pages):
     zeros = [min(max(0.0, c.lower), c.upper) for c in cartstiff.load("panda").mechanism.coordinates]
     assert page.evaluate("() => window.cartstiff.state.q") == pytest.approx(zeros, abs=1e-12)
     assert page.evaluate("() => window.cartstiff.numbers.result.q") == pytest.approx(zeros)
-
-
-def test_a_file_of_frames_says_why_and_that_sliders_go_back(tmp_path, pages):
-    file = tmp_path / "five-bar.html"
-    chain = cartstiff.load("five-bar")
-    file.write_text(export_page(Source(chain)), encoding="utf-8")
-    page = pages.open(file.as_uri(), offline=True)
-    said = page.inner_text("#left")
-    assert (
-        "each slider runs through computed postures; the others then stand as in the file" in said
-    )
-    assert "Why it does not compute: a closed chain is assembled posture by posture" in said
-    first, second = page.evaluate("() => window.cartstiff.hello.mechanism.sliders")
-    for slider in (first, second):
-        assert page.evaluate("() => window.heard") == []
-        page.focus(f"#slider-{slider}")
-        page.keyboard.press("ArrowRight")
-        settled(page)
-        q = page.evaluate("() => window.cartstiff.state.q")
-        assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
-    heard(page, "the others have gone back")
-    assert q[first] == pytest.approx(chain.q[first])
-    page.context.close()
 
 
 def test_a_logarithmic_colour_bar_says_so(serve, pages):

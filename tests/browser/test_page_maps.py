@@ -97,7 +97,7 @@ def test_points_that_are_no_postures_say_so(serve, pages, tmp_path):
     strange = Cloud(away, cloud.values, cloud.units)
     boundary = Cloud(away, {"limit": np.array(["singular", "motor, most"])}, {"limit": ""})
     for url, words, tip in (
-        (file.as_uri(), "`cartstiff view` stands", "force: 2.5 N"),
+        (file.as_uri(), "`cartstiff view` goes", "force: 2.5 N"),
         (serve("five-bar", cloud=strange).url, "holds no postures", "force: 2.5 N"),
         (serve("five-bar", cloud=boundary).url, "holds no postures", "limit: motor, most"),
     ):

@@ -141,7 +141,7 @@ def test_the_page_is_told_escapes():
 
 def test_an_exported_page_has_a_harmless_title(arm, capfd):
     with pytest.raises(SystemExit) as exit_:
-        main(["export", arm, "--frames", "2", "-o", "page.html"])
+        main(["export", arm, "-o", "page.html"])
     assert exit_.value.code == 0, capfd.readouterr()
     text = Path("page.html").read_text(encoding="utf-8")
     (title,) = re.findall("<title>(.*?)</title>", text)
@@ -153,7 +153,7 @@ def test_a_file_whose_name_is_no_text(arm, capfd):
     """A name of a file is bytes, of which some are no UTF-8."""
     name = b"\xff\x1b[1m.urdf".decode("utf-8", "surrogateescape")
     Path(name).write_text(URDF, encoding="utf-8")
-    for words in (["analyse", name], ["export", name, "--frames", "2", "-o", "page.html"]):
+    for words in (["analyse", name], ["export", name, "-o", "page.html"]):
         with pytest.raises(SystemExit) as exit_:
             main(words)
         out, line = capfd.readouterr()

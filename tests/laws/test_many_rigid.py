@@ -11,7 +11,7 @@ from cartstiff.errors import InputError
 from cartstiff.many.plans import plan
 from cartstiff.many.postures import analyse_many
 from cartstiff.maps import RandomPostures, compute_map, open_map
-from cartstiff.page.living import tapes
+from cartstiff.page.browser_program import browser_program
 
 pytest.importorskip("llvmlite")
 
@@ -128,4 +128,4 @@ def test_frequencies_of_a_map_are_those_of_one_posture(tmp_path):
 
 def test_a_page_without_a_server_says_why_it_does_not_compute():
     elastic = held("panda", 2)
-    assert "a rigid joint" in tapes(elastic, cartstiff.analyse(elastic))
+    assert "a rigid joint" in browser_program(elastic, cartstiff.analyse(elastic))

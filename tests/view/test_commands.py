@@ -83,7 +83,7 @@ def test_a_port_in_use(refused):
 
 def test_export_writes_a_page(tmp_path, capfd):
     path = tmp_path / "page.html"
-    assert run("export", "stewart-gough", "--frames", "2", "-o", str(path)) == 0
+    assert run("export", "stewart-gough", "-o", str(path)) == 0
     out, errors = capfd.readouterr()
     assert "MB" in out
     assert errors == ""
@@ -140,7 +140,8 @@ def test_refusals_of_export(refused, tmp_path):
     line = refused("export", "cubic", "-o", "p.html", "--trajectory", "path.csv")
     assert "path.csv, line 1: wrong count" in line
     assert "unknown mechanism" in refused("export", "ur6", "-o", "p.html")
-    assert "range 2<=x<=201" in refused("export", "cubic", "-o", "p.html", "--frames", "1")
+    line = refused("export", "cubic", "-o", "p.html", "--frames", "3")
+    assert "No such option '--frames'" in line.replace(":", "")
 
 
 def test_refusals_of_view(refused):

@@ -22,7 +22,6 @@ import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.page import gate
 from cartstiff.page import tab as tabs_of
-from cartstiff.page.answer import Answer
 from cartstiff.page.run import Background
 from cartstiff.page.source import Source
 
@@ -314,18 +313,6 @@ def test_of_long_questions_the_newest_is_answered_and_the_others_are_told(tab):
     assert len(answers[3]["rows"]) == 201
 
 
-def test_curves_do_not_end_an_export(tab):
-    one = tab()
-    one.send({"id": 1, "do": "export", "frames": 2})
-    one.send({"id": 2, "do": "sweep", "coordinate": 0, "steps": 5})
-    found = {}
-    while len(found) < 2:
-        answer = one.read()
-        found[answer["id"]] = answer
-    assert len(found[2]["rows"]) >= 5
-    assert "newer" not in found[1]["error"]  # the stand-in's picture cannot be exported
-
-
 def test_too_many_waiting_questions_are_refused(tab):
     one = tab()
     for number in range(1, 61):
@@ -426,41 +413,6 @@ def test_a_crowd_without_a_word_locks_nobody_out(page, monkeypatch):
         connection.close()
 
 
-def test_files_are_made_one_at_a_time(tab, page, monkeypatch):
-    """What a file needs while it is made is held once, however many tabs ask for one."""
-    running, most = set(), [0]
-
-    def steps(*_, number, **__):
-        me = object()
-        running.add(me)
-        try:
-            for _ in range(300):
-                most[0] = max(most[0], len(running))
-                time.sleep(0.0001)
-                yield
-        finally:
-            running.discard(me)
-        return Answer({"id": number, "do": "export", "text": "a file"})
-
-    monkeypatch.setattr(tabs_of, "export_steps", steps)
-    tabs = [tab() for _ in range(4)]
-    for one in tabs:
-        one.send({"id": 1, "do": "export"})
-    for one in reversed(tabs):  # meanwhile everything else is answered
-        one.send({"id": 2, "do": "draw"})
-    for one in tabs[1:]:
-        answers = {answer["id"]: answer for answer in (one.read(), one.read())}
-        assert answers[1]["text"] == "a file"
-        assert answers[2]["numbers"]
-    assert most == [1]
-    # Who leaves while a file is made leaves the place to the next.
-    tabs[0].send({"id": 3, "do": "export"})
-    leaver = Tab(page.url)
-    leaver.send({"id": 3, "do": "export"})
-    leaver.close()
-    assert tabs[1].ask({"id": 4, "do": "export"})["text"] == "a file"
-
-
 def test_fuzzed_messages_leave_the_server_serving(tab, page):
     """Broken JSON, wrong types, huge and odd numbers: an answer or a refusal, never a loss."""
     random_ = random.Random(7)
@@ -509,7 +461,7 @@ def test_an_export_from_a_tab(tab):
     from cartstiff.page import export
 
     assert export  # the stand-in has no commands by path: the refusal must be an answer too
-    answer = tab().ask({"id": 4, "do": "export", "frames": 2})
+    answer = tab().ask({"id": 4, "do": "export"})
     assert answer["do"] == "export"
     assert "error" in answer
 

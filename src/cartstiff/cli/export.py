@@ -16,7 +16,7 @@ from cartstiff.errors import one_line
 _EPILOG = """\b
 Examples:
   cartstiff export ur5 -o ur5.html
-  cartstiff export delta --load 0,0,0,0,0,-50 --frames 41 -o delta.html
+  cartstiff export hexapod --load 0,0,0,0,0,-50 -o hexapod.html
   cartstiff export ur5 --trajectory postures.csv -o path.html
 """
 
@@ -30,18 +30,11 @@ Examples:
     type=OutputFile("PAGE.html", ".html", ".htm"),
     help="File to write.",
 )
-@click.option(
-    "--frames",
-    type=click.IntRange(2, 201),
-    help="Store this many postures along each coordinate instead of the formulas (a file without "
-    "formulas: 25).",
-)
-def command(output: Path, frames: int | None, **texts: Any) -> None:
+def command(output: Path, **texts: Any) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
 
-    For an arm, or a body on line legs, the file computes any posture, load, springs and point.
-    Other files, and those asked for with --frames, hold the posture given and a sweep of every
-    coordinate through it, or the postures of a trajectory.
+    The file of an arm, or of a body on line legs, computes any posture, load, springs and point.
+    The browser cannot compute other mechanisms: their file shows one posture, and says so.
     """
     source = source_from_options(**texts)
     try:
@@ -52,6 +45,6 @@ def command(output: Path, frames: int | None, **texts: Any) -> None:
         raise needs_view("a page as a file") from None
     from cartstiff.report.output import write_whole
 
-    text = export_page(source, frames=frames).encode()
+    text = export_page(source).encode()
     write_whole(output, text)
     say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")

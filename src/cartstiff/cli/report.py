@@ -37,11 +37,6 @@ Examples:
     help="File to write.",
 )
 @click.option(
-    "--frames",
-    type=click.IntRange(2, 101),
-    help="Postures along each slider of the picture in 3D.",
-)
-@click.option(
     "--map",
     "map_path",
     type=click.Path(path_type=Path),
@@ -53,7 +48,6 @@ def command(
     request: MechanismRequest,
     applied: LoadRequest,
     output: Path,
-    frames: int | None,
     map_path: Path | None,
     quantity: str | None,
 ) -> None:
@@ -83,7 +77,6 @@ def command(
         q,
         wrench=wrench,
         command=typed,
-        frames=frames,
         sections=sections,
         **applied.keywords(wrench),
     ).encode()

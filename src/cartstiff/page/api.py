@@ -99,7 +99,6 @@ def show(
     trajectory: ArrayLike | None = None,
     workspace: Workspace | None = None,
     static: bool = False,
-    frames: int | None = None,
     port: int = 0,
     open_browser: bool | None = None,
     height: int = 720,
@@ -121,9 +120,6 @@ def show(
     static : bool
         An exported page instead of a live one: for notebooks that are kept,
         or whose server runs on another machine.
-    frames : int, optional
-        Make an exported page of this many postures along the sweep of each coordinate. Default: one
-        that computes where it can (arms, bodies on line legs), else 25.
     port : int
         Port of a live page, on 127.0.0.1; 0 takes a free one.
     open_browser : bool, optional
@@ -158,7 +154,7 @@ def show(
     if static:
         from cartstiff.page.export import export_page
 
-        return StaticPage(export_page(source, frames=frames), height)
+        return StaticPage(export_page(source), height)
     page = Page(source, port, height)
     if open_browser is None:
         open_browser = not _in_notebook()

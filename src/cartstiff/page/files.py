@@ -108,7 +108,7 @@ def page_document(packed: bytes, title: str, more: str = "") -> str:
     )
     data = (
         f'<script type="text/plain" id="viewer">{_zipped(viewer.encode())}</script>\n'
-        f'<script type="text/plain" id="frames">{_zipped(packed)}</script>\n'
+        f'<script type="text/plain" id="data">{_zipped(packed)}</script>\n'
         f'<script type="module">{script}</script>'
     )
     before, rest = page_html().split("<!-- assets -->")

@@ -54,7 +54,6 @@ def report_page(
     load_at: Sequence[float] = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
     command: str = "",
-    frames: int | None = None,
     sections: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The report as HTML text that needs nothing else.
@@ -70,8 +69,6 @@ def report_page(
         The load, as in `cartstiff.analyse`.
     command : str
         What the report names as the command that made it.
-    frames : int, optional
-        Postures along each slider of the picture in 3D; default: one that computes where it can.
     sections : sequence of (title, HTML)
         What else it shows, after the sweep.
 
@@ -89,7 +86,7 @@ def report_page(
         analysis = load.analysis(result)
         swept = _swept(elastic, start, load)
         lines, notes = _answer(elastic, start, load, result, analysis, swept)
-        picture = _picture(elastic, result, load, frames)
+        picture = _picture(elastic, result, load)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
     where = placed(elastic.mechanism.frame_offset, elastic.units.length)
     sits = f" M is {where} in {elastic.mechanism.frame}." if where else ""
@@ -368,7 +365,7 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
 
 
 def _picture(
-    elastic: ElasticMechanism, result: PostureStiffness, load: _Load, frames: int | None
+    elastic: ElasticMechanism, result: PostureStiffness, load: _Load
 ) -> str:
     given = load.added if load.held is None else None  # as `_Load.result`
     source = Source(
@@ -380,7 +377,7 @@ def _picture(
         load_axes="inertial" if load.axes == "world" else "body",
     )
     try:
-        page = export_page(source, frames=frames)
+        page = export_page(source)
     except CartstiffError as error:
         return f"<p>{_text(f'No picture: {error}')}</p>"
     return f'<iframe title="the mechanism" srcdoc="{escape(page, quote=True)}"></iframe>'

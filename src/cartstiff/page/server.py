@@ -133,7 +133,6 @@ class PageServer:
         self.source, self.beside = source, tuple(beside)
         self.picture = Picture if picture is None else picture
         self.tabs: set[TabSocket] = set()
-        self.exporting: TabSocket | None = None
         self.drawn = -inf  # when a picture was asked for last
         self.files = page_files()
         token = secrets.token_urlsafe(24) if token is None else token

@@ -174,7 +174,7 @@ class Session:
         data["bounds"] = self.picture.bounds(result)
         if with_numbers:
             data["first"] = {
-                "numbers": self._numbers(result, state),
+                "numbers": self.numbers(result, state),
                 "legend": legend,
                 "followed": None,
             }
@@ -192,7 +192,7 @@ class Session:
             if isinstance(message, Draw):
                 return self._drawn(message)
             if isinstance(message, Numbers):
-                numbers = self._numbers(self.result(message.state), message.state)
+                numbers = self.numbers(self.result(message.state), message.state)
                 return Answer({"id": message.id, "do": "numbers", "numbers": numbers})
             if isinstance(message, Result):
                 whole = self.result(message.state).as_dict()
@@ -262,7 +262,7 @@ class Session:
                 q = mechanism.closed(q, hold=hold).q
         return elastic, q
 
-    def _numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
+    def numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Its numbers; "q" is where the sliders stand, before the drives move on."""
         q = result.q if not state.command else self._placed(state)[1]
         numbers = shown_numbers(result, state) | {"q": q.tolist()}
@@ -310,7 +310,7 @@ class Session:
                 "stopped": list(now.stopped),
             }
         result = self.result(state)
-        numbers = self._numbers(result, state)
+        numbers = self.numbers(result, state)
         data = {
             "id": message.id,
             "do": "draw",

@@ -199,13 +199,12 @@ class Export(_Asked):
 
     do: Literal["export"]
     address: str | None = Field(default=None, max_length=20_000)
-    frames: Annotated[int, Field(ge=2, le=101)] | None = None
 
 
-class Living(_Asked):
+class Program(_Asked):
     """The arithmetic of the mechanism, for the page itself."""
 
-    do: Literal["living"]
+    do: Literal["program"]
 
 
 class Frame(_Asked):
@@ -233,7 +232,7 @@ Message = (
     | Export
     | Frame
     | Bounds
-    | Living
+    | Program
 )
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
 _T = TypeVar("_T")

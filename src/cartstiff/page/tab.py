@@ -18,11 +18,10 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from cartstiff.errors import CartstiffError, InputError, one_line
 from cartstiff.page.answer import Answer
-from cartstiff.page.export import export_steps
+from cartstiff.page.export import client_program, export_page
 from cartstiff.page.gate import Guarded
-from cartstiff.page.living import brought
 from cartstiff.page.session import Session, refusal
-from cartstiff.page.state import Draw, Export, Living, Message, Series, Sweep, read_message
+from cartstiff.page.state import Draw, Export, Message, Program, Series, Sweep, read_message
 
 if TYPE_CHECKING:
     from cartstiff.page.server import PageServer
@@ -35,7 +34,7 @@ MOST_MESSAGES = 2000
 _MOST_WAITING = 16
 # Longest time (s) without a look at other tabs while a long question is answered.
 _SLICE = 0.004
-# Between two looks (s) whether another tab's export has ended, or a hand rests.
+# Between two looks (s) whether a hand rests.
 _PATIENCE = 0.05
 # Pictures that follow each other faster than this (s) are asked for by a hand. Long questions rest
 # meanwhile: one posture of theirs may take longer than the next picture should.
@@ -85,8 +84,7 @@ class TabSocket(Guarded, WebSocketHandler):
         self._session: Session | None = None
         self._drawing: Draw | None = None
         self._quick: deque[Message] = deque()
-        # Long questions by kind: an export goes on while curves are asked for anew.
-        self._long: dict[str, tuple[Sweep | Series | Export, Any]] = {}
+        self._curves: tuple[Sweep | Series, Any] | None = None
         self._tokens, self._filled = float(MOST_MESSAGES), time.monotonic()
         self._warned = 0.0
         self._pushed: deque[Answer] = deque(maxlen=4 * _MOST_WAITING)
@@ -97,7 +95,6 @@ class TabSocket(Guarded, WebSocketHandler):
     def on_close(self) -> None:
         """End what is being answered."""
         self._page.tabs.discard(self)
-        self._stop_exporting()
         if hasattr(self, "_task"):
             self._task.cancel()
 
@@ -132,13 +129,12 @@ class TabSocket(Guarded, WebSocketHandler):
             return
         if isinstance(message, Draw):
             self._drawing, self._page.drawn = message, now
-        elif isinstance(message, (Sweep, Series, Export)):
-            kind = "export" if isinstance(message, Export) else "curves"
-            if kind in self._long:
-                older = self._long[kind][0]
+        elif isinstance(message, (Sweep, Series)):
+            if self._curves is not None:
+                older = self._curves[0]
                 newer = InputError("a newer question took the place of this one")
                 self.push(refusal(newer, older.id, older.do))
-            self._long[kind] = message, None
+            self._curves = message, None
         elif len(self._quick) < _MOST_WAITING:
             self._quick.append(message)
         else:
@@ -193,54 +189,56 @@ class TabSocket(Guarded, WebSocketHandler):
             message, self._drawing = self._drawing, None
         elif self._quick:
             message = self._quick.popleft()
-        elif self._long:
+        elif self._curves:
             return None if self._waits() else self._slice(session)
         else:
             self._awake.clear()
             return None
-        if isinstance(message, Living):
-            return _answered(message, lambda: self._brought(session, message))
+        if isinstance(message, Program):
+            return _answered(message, lambda: self._program(session, message))
+        if isinstance(message, Export):
+            return _answered(message, lambda: self._export(session, message))
         return _answered(message, lambda: session.answer(message))
 
-    def _brought(self, session: Session, message: Living) -> Answer:
+    def _program(self, session: Session, message: Program) -> Answer:
         """The arithmetic; its script is one of the page's files from then on."""
-        answer, script = brought(session, message.id)
+        answer, script = client_program(session, message.id)
         if not script:
             return answer
-        name = f"living-{sha256(script.encode()).hexdigest()[:20]}.js"
+        name = f"program-{sha256(script.encode()).hexdigest()[:20]}.js"
         self._page.files[f"/{name}"] = ("text/javascript; charset=utf-8", script.encode())
         return replace(answer, data=answer.data | {"script": name})
 
+    def _export(self, session: Session, message: Export) -> Answer:
+        """The page as a file."""
+        text = export_page(
+            session.source,
+            elastic=session.elastic,
+            state=message.state,
+            picture=self._page.picture,
+            address=message.address,
+        )
+        name = f"{session.elastic.name}.html"
+        return Answer({"id": message.id, "do": "export", "name": name, "text": text})
+
     def _waits(self) -> bool:
-        """Whether what is asked is long and a hand moves something, or another tab's file is made.
-
-        A file's frames are held until it is complete: one at a time bounds what all take.
-        """
-        if self._pushed or self._drawing or self._quick or not self._long:
+        """Whether curves are asked for while a hand moves something."""
+        if self._pushed or self._drawing or self._quick or not self._curves:
             return False
-        if time.monotonic() - self._page.drawn < _HAND:
-            return True
-        return list(self._long) == ["export"] and self._page.exporting not in (None, self)
-
-    def _stop_exporting(self) -> None:
-        if self._page.exporting is self:
-            self._page.exporting = None
+        return time.monotonic() - self._page.drawn < _HAND
 
     def _slice(self, session: Session) -> Answer | None:
-        """A little of a long question, curves before a file; its answer at the end."""
-        kind = "curves" if "curves" in self._long else "export"
-        message, steps = self._long[kind]
-        if kind == "export":
-            if self._page.exporting not in (None, self):
-                return None
-            self._page.exporting = self
+        """A little of a question about many postures; its answer at the end."""
+        if self._curves is None:
+            return None
+        message, steps = self._curves
         end = time.monotonic() + _SLICE
 
         def proceed() -> Answer | None:
             nonlocal steps
             if steps is None:
-                steps = self._begin(session, message)
-                self._long[kind] = message, steps
+                steps = session.work(message)
+                self._curves = message, steps
             while time.monotonic() < end:
                 try:
                     next(steps)
@@ -251,23 +249,8 @@ class TabSocket(Guarded, WebSocketHandler):
 
         answer = _answered(message, proceed)
         if answer is not None:
-            del self._long[kind]
-            if kind == "export":
-                self._stop_exporting()
+            self._curves = None
         return answer
-
-    def _begin(self, session: Session, message: Sweep | Series | Export) -> Any:
-        if not isinstance(message, Export):
-            return session.work(message)
-        return export_steps(
-            session.source,
-            session.elastic,
-            message.state,
-            message.frames,
-            picture=self._page.picture,
-            number=message.id,
-            address=message.address,
-        )
 
 
 def _number(text: str | bytes) -> int:

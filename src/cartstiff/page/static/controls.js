@@ -152,12 +152,6 @@ export function controls(store) {
       el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect),
       el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}:`),
       point.node, axes[0]);
-    if (!store.source.moves) {
-      for (const { node } of [loadSection, springSection, pointSection]) {
-        for (const input of node.querySelectorAll("input, select, button")) input.disabled = true;
-        node.append(el("p", { class: "dim small" }, "Fixed in an exported page."));
-      }
-    }
   }
 
   function update() {

@@ -1,7 +1,7 @@
 // The picture without a server: what `cartstiff.scene` would send for a posture, from its `kit`.
 
 import { general, motion, moved, place, rotation, times } from "./algebra.js";
-import { inFrame, principalValues } from "./living.js";
+import { inFrame, principalValues } from "./program.js";
 import { CLOSE, ROUNDING, ZERO } from "./numerics.js";
 
 const ROOT = "/meshcat/cartstiff";
@@ -70,8 +70,8 @@ function number(value, unit) {
 }
 
 export class Drawing {
-  constructor(living, kit, scene) {
-    this.living = living;
+  constructor(program, kit, scene) {
+    this.program = program;
     this.kit = kit;
     this.scene = scene; // {units, notes}
     this.seen = new Map(); // what was sent of each path, so that only changes are
@@ -135,11 +135,11 @@ export class Drawing {
   }
 
   mechanism(root, { pose, frames }) {
-    const { kit, living } = this;
-    if (living.data.platform) {
+    const { kit, program } = this;
+    if (program.data.platform) {
       this.pose(`${root}/body`, pose);
-      living.data.points.forEach((point, i) => {
-        const [start, end] = [living.data.anchors[i], moved(pose, point)];
+      program.data.points.forEach((point, i) => {
+        const [start, end] = [program.data.anchors[i], moved(pose, point)];
         this.segment(`${root}/legs/line ${i + 1}/rod`, start, end);
         if (kit.telescope) this.segment(`${root}/legs/line ${i + 1}/tube`, start, end, kit.telescope);
       });
@@ -153,9 +153,9 @@ export class Drawing {
 
   /** Places below the mechanism that hold what it is made of. */
   parts() {
-    const { kit, living } = this;
-    if (!living.data.platform) return [...kit.joints.map((joint) => `joint ${joint}`), ...kit.sliders.map(([name]) => name)];
-    return ["body", ...living.data.points.flatMap((_, i) => [`legs/line ${i + 1}/rod`, ...(kit.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
+    const { kit, program } = this;
+    if (!program.data.platform) return [...kit.joints.map((joint) => `joint ${joint}`), ...kit.sliders.map(([name]) => name)];
+    return ["body", ...program.data.points.flatMap((_, i) => [`legs/line ${i + 1}/rod`, ...(kit.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
   }
 
   segment(path, start, end, most = Infinity) {
@@ -188,7 +188,7 @@ export class Drawing {
       this.copied = true;
       this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(), ...this.kit.ghost });
     }
-    this.mechanism("ghost", this.living.place(state.ghost));
+    this.mechanism("ghost", this.program.place(state.ghost));
   }
 
   ellipsoid(freedom, here, state) {
@@ -237,7 +237,7 @@ export class Drawing {
   }
 
   arrows(m, here, state) {
-    const W = this.living.shownWrench(m, here.wrench);
+    const W = this.program.shownWrench(m, here.wrench);
     const lines = [];
     [["force", W.slice(3)], ["moment", W.slice(0, 3)]].forEach(([kind, vector]) => {
       const size = Math.hypot(...vector);
@@ -261,10 +261,10 @@ export class Drawing {
 
   /** Two corners of what has to be seen, in the viewer's units. */
   bounds({ pose, frames }) {
-    const { kit, living } = this;
+    const { kit, program } = this;
     const tool = place(pose);
     const points = [...kit.map, ...[-1, 1].map((side) => tool.map((x) => x + side * kit.radius))];
-    if (living.data.platform) points.push(...living.data.anchors, ...living.data.points.map((point) => moved(pose, point)));
+    if (program.data.platform) points.push(...program.data.anchors, ...program.data.points.map((point) => moved(pose, point)));
     else {
       points.push([0, 0, 0], ...frames.map(place));
       for (const [joint, box] of kit.boxes) points.push(...box.map((corner) => (joint ? moved(frames[joint - 1], corner) : corner)));

@@ -2,7 +2,7 @@
 
 import { el, loaded } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { LivingSource } from "./offline.js";
+import { ComputingSource } from "./offline.js";
 
 // Close code of a tab that is one too many.
 const FULL = 4029;
@@ -37,14 +37,14 @@ export class LiveSource {
   /** Have the arithmetic brought: it answers between the server's answers, and without a server. */
   async bring(store) {
     const { frame } = store.hello.mechanism;
-    const data = await store.ask({ do: "living" });
+    const data = await store.ask({ do: "program" });
     if (!data.script) return;
     await new Promise((done, fail) => document.head.append(el("script", { src: data.script, onload: done, onerror: fail })));
     if (store.hello.mechanism.frame !== frame) return;
-    const local = new LivingSource(data, data.packed);
+    const local = new ComputingSource(data, data.packed);
     local.cannot = "the server does not answer, and the browser cannot do that";
     local.onanswer = (...answer) => this.onanswer(...answer);
-    this.passing = new Drawing(local.living, data.kit, data.scene);
+    this.passing = new Drawing(local.program, data.kit, data.scene);
     this.local = local;
     store.tell("local", local);
   }
@@ -59,8 +59,8 @@ export class LiveSource {
       const state = structuredClone(store.state);
       let found;
       try {
-        const m = this.local.living.solve(state);
-        found = [this.local.living.numbers(state, m), this.passing.draw(m, state).commands];
+        const m = this.local.program.solve(state);
+        found = [this.local.program.numbers(state, m), this.passing.draw(m, state).commands];
       } catch {
         return; // the server says what there is to say
       }

@@ -3,7 +3,6 @@
 import { controls, pictureControls, toolPanel } from "./controls.js";
 import { byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
-import { FramesSource } from "./frames.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
@@ -11,7 +10,7 @@ import { compareCard } from "./compare.js";
 import { connectionPanel, matrixPanel } from "./matrix.js";
 import { legendBox, numbersPanel, verdictLine } from "./numbers.js";
 import { modesPanel } from "./modes.js";
-import { LivingSource } from "./offline.js";
+import { ComputingSource, PostureSource } from "./offline.js";
 import { Pane } from "./pane.js";
 import { picking } from "./pick.js";
 import { posePanel } from "./pose.js";
@@ -43,10 +42,18 @@ function build(source) {
   shortcuts(store, parts);
   parts.strip = strip(store);
   banners(store, source);
+  store.on("hello", () => source.moves || fix());
   for (const event of ["numbers", "error"]) store.on(event, () => loaded(1));
   if (source.live) ownArithmetic(store, source);
   window.cartstiff = store; // for tests, and for the curious
   source.start();
+}
+
+/** A file of one posture: what would ask for another is switched off. */
+function fix() {
+  const controls = "#left input, #left select, #left button:not(.quiet), .connection-card button, .principal-card .choice button, #map-choice select";
+  for (const node of document.querySelectorAll(controls)) node.disabled = true;
+  for (const node of document.querySelectorAll("#strip, .compare-card")) node.hidden = true;
 }
 
 /** Once the page has come to rest it gets the mechanism's arithmetic, and again for another frame. */
@@ -108,8 +115,8 @@ async function fromFile() {
   script.textContent = new TextDecoder().decode(await inflate("viewer"));
   document.head.append(script);
   loaded(0.5);
-  const [data, commands] = unpack(await inflate("frames"));
-  build(new (data.living ? LivingSource : FramesSource)(data, commands));
+  const [data, commands] = unpack(await inflate("data"));
+  build(new (data.program ? ComputingSource : PostureSource)(data, commands));
 }
 
 /** From a server, which begins while the viewer is brought and the page is built.
@@ -129,4 +136,4 @@ async function fromServer() {
   build(source);
 }
 
-(byId("frames") ? fromFile : fromServer)().catch(cannot);
+(byId("data") ? fromFile : fromServer)().catch(cannot);

@@ -78,7 +78,7 @@ export function numbersPanel(store) {
   const notes = el("ul", { class: "notes", "aria-label": "Notes" });
   const facts = el("dl", { class: "facts" }, ...condition.nodes, ...blocks.nodes, ...pose.nodes);
   byId("right").append(
-    el("div", { class: "card" }, el("div", { class: "row" }, head, others, el("span", { class: "grow" }),
+    el("div", { class: "card principal-card" }, el("div", { class: "row" }, head, others, el("span", { class: "grow" }),
       el("button", { type: "button", class: "quiet", title: "Everything that the matrix says (i)", onclick: () => showReport(store) }, "Full analysis")),
     principal, facts, meters),
     el("div", { class: "card notes-card" }, notes));

@@ -1,11 +1,10 @@
-// Answers from recorded arithmetic in a page without a server: any posture, load, springs and point.
+// Answers without a server: from the recorded arithmetic any posture, load, springs and point, or one posture as it was exported.
 
 import { angles, back, inverse, moved, place, product, rotation, times, transposed } from "./algebra.js";
 import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { FileSource } from "./file.js";
-import { Living, NOT_PLAIN } from "./living.js";
+import { NOT_PLAIN, Program } from "./program.js";
 import { CLOSE, NEAR, ROUNDING } from "./numerics.js";
 
 const STEPS = 121;
@@ -15,14 +14,80 @@ const HALVINGS = 14;
 // Step of a difference, over the size of what changes.
 const STEP = 2 ** -20;
 
-export class LivingSource extends FileSource {
+/** What the sources in a file share: commands by number, one answer to each question. */
+class FileSource {
+  /** From what a file holds, or the same beside another source. */
+  constructor(data, commands, words, other = null) {
+    this.data = data;
+    this.commands = other ? other.commands : expand(data.commands, commands);
+    this.live = false;
+    this.words = words;
+    this.cannot = "an exported page cannot do that; `cartstiff view` can";
+    this.onstatus = () => {};
+  }
+
+  start() {
+    this.onanswer({ ...this.data.hello, id: 0, do: "hello" }, this.listed(this.data.start));
+  }
+
+  onlost() {}
+
+  beside() {
+    return new this.constructor(this.data, null, this);
+  }
+
+  close() {}
+
+  listed(numbers) {
+    return numbers.map((i) => this.commands[i]);
+  }
+
+  /** Commands that show a theme, if it is not the one shown. */
+  themed(theme) {
+    if (this.theme === theme) return [];
+    this.theme = theme;
+    return this.listed(this.data.themes[theme]);
+  }
+
+  ask(message) {
+    queueMicrotask(() => {
+      try {
+        this.onanswer(...this.answer(message));
+      } catch (error) {
+        this.onanswer({ id: message.id, do: message.do, error: this.reason(error) }, []);
+      }
+    });
+  }
+
+  reason(error) {
+    return error.message;
+  }
+
+  answer(message) {
+    const { id, state, do: what } = message;
+    if (what === "draw") return this.draw(id, state, message);
+    const found = {
+      numbers: () => ({ numbers: this.numbersOf(state) }),
+      result: () => ({ result: this.result(state) }),
+      bounds: () => ({ bounds: this.bounds(state) }),
+      sweep: () => ({ seconds: 0, ...this.sweep(message.coordinate, state) }),
+      series: () => ({ seconds: 0, ...this.series(state) }),
+      analysis: () => this.data.analysis,
+    }[what]?.();
+    if (!found) throw new Error(this.cannot);
+    return [{ id, do: what, ...found }, []];
+  }
+}
+
+/** A file of a mechanism that the browser computes, and what answers while a server is busy or gone. */
+export class ComputingSource extends FileSource {
   constructor(data, commands, other) {
     super(data, commands, "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the formulas hold.", other);
     this.moves = true;
     this.shows = ["translation", "rotation", "labels", "wrench"];
     this.theme = data.hello.state.theme;
-    this.living = new Living(data.living, globalThis.cartstiffTapes);
-    this.drawing = new Drawing(this.living, data.kit, data.scene);
+    this.program = new Program(data.program, globalThis.cartstiffProgram);
+    this.drawing = new Drawing(this.program, data.kit, data.scene);
   }
 
   reason({ message }) {
@@ -30,31 +95,31 @@ export class LivingSource extends FileSource {
   }
 
   numbersOf(state) {
-    return this.living.numbers(state);
+    return this.program.numbers(state);
   }
 
   result(state) {
-    return this.living.result(state);
+    return this.program.result(state);
   }
 
   bounds(state) {
-    return this.drawing.bounds(this.living.place(state.q));
+    return this.drawing.bounds(this.program.place(state.q));
   }
 
   draw(id, asked, { towards, lengths }) {
-    const followed = towards ? follow(this.living, asked.q, towards.pose) : null;
-    const state = followed ? { ...asked, q: followed.q, moved: null } : lengths ? { ...asked, q: stretched(this.living, asked.q, lengths), moved: null } : asked;
-    const m = this.living.solve(state);
-    const numbers = this.living.numbers(state, m);
+    const followed = towards ? follow(this.program, asked.q, towards.pose) : null;
+    const state = followed ? { ...asked, q: followed.q, moved: null } : lengths ? { ...asked, q: stretched(this.program, asked.q, lengths), moved: null } : asked;
+    const m = this.program.solve(state);
+    const numbers = this.program.numbers(state, m);
     const commands = this.themed(state.theme);
     const drawn = this.drawing.draw(m, state);
-    return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.cloud } }, [...commands, ...drawn.commands]];
+    return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.legend.cloud } }, [...commands, ...drawn.commands]];
   }
 
   row(q, state) {
     try {
-      const m = this.living.solve({ ...state, q });
-      return rowOf(this.living.numbers({ ...state, q, mode: null }, m), q);
+      const m = this.program.solve({ ...state, q });
+      return rowOf(this.program.numbers({ ...state, q, mode: null }, m), q);
     } catch ({ message }) {
       return { reason: message };
     }
@@ -68,6 +133,37 @@ export class LivingSource extends FileSource {
 
   series(state) {
     return { at: this.data.hello.trajectory.time, rows: this.data.trajectory.map((q) => this.row(q, state)) };
+  }
+}
+
+/** A file of a mechanism that the browser cannot compute: one posture, as it was exported. */
+export class PostureSource extends FileSource {
+  constructor(data, commands, other) {
+    super(data, commands, `This file shows one posture: ${data.posture.why}, which the browser does not compute. You can turn the picture, `
+      + "read and copy every number, see the parts of the matrix, the modes and the full analysis, and save JSON and PNG. `cartstiff view` moves it.", other);
+    this.moves = false;
+    this.shows = [];
+    this.theme = data.hello.state.theme;
+    this.cannot = "this file shows one posture as it was exported; `cartstiff view` shows others";
+  }
+
+  draw(id, state) {
+    const { state: own } = this.data.hello;
+    const differs = Object.keys(own).some((key) => !["theme", "mode", "moved"].includes(key) && JSON.stringify(state[key]) !== JSON.stringify(own[key]));
+    if (differs) throw new Error(this.cannot);
+    return [{ id, do: "draw", numbers: this.numbersOf(), legend: this.data.legend, followed: null }, this.themed(state.theme)];
+  }
+
+  numbersOf() {
+    return this.data.posture.numbers;
+  }
+
+  result() {
+    return this.data.posture.result;
+  }
+
+  bounds() {
+    return this.data.hello.bounds;
   }
 }
 
@@ -86,10 +182,10 @@ function left(from, to) {
 }
 
 /** The pose of a platform at which its legs have given lengths, next to q. */
-export function stretched(living, q, lengths) {
-  const { anchors, points } = living.data;
+export function stretched(program, q, lengths) {
+  const { anchors, points } = program.data;
   const rest = (x) => {
-    const { pose } = living.place(x);
+    const { pose } = program.place(x);
     return points.map((point, i) => lengths[i] - Math.hypot(...moved(pose, point).map((c, k) => c - anchors[i][k])));
   };
   let found = q.slice();
@@ -97,7 +193,7 @@ export function stretched(living, q, lengths) {
     const error = rest(found);
     if (Math.hypot(...error) <= ROUNDING * Math.hypot(...lengths)) return found;
     const columns = found.map((x, j) => {
-      const h = STEP * (j < 3 ? living.data.reach : 1);
+      const h = STEP * (j < 3 ? program.data.reach : 1);
       const [back_, forth] = [-h, h].map((by) => rest(found.with(j, x + by)));
       return back_.map((y, i) => (y - forth[i]) / (2 * h));
     });
@@ -110,9 +206,9 @@ export function stretched(living, q, lengths) {
 }
 
 /** The posture that follows a hand to a pose, as near as limits let it; see `cartstiff.kinematics.following`. */
-export function follow(living, q, wanted) {
-  const { data } = living;
-  const beyond = (x, pose, near) => living.limited(x, pose).flatMap((value, i) => (
+export function follow(program, q, wanted) {
+  const { data } = program;
+  const beyond = (x, pose, near) => program.limited(x, pose).flatMap((value, i) => (
     value < (data.limits.lower[i] ?? -Infinity) + near || value > (data.limits.upper[i] ?? Infinity) - near ? [data.limits.names[i]] : []));
   let found = q.slice();
   let stopped = [];
@@ -120,7 +216,7 @@ export function follow(living, q, wanted) {
     const P = product(wanted, back(data.T_P_M));
     const end = [...place(P), ...angles(P)].map((x, i) => (i < 3 ? x : x - 2 * Math.PI * Math.round((x - q[i]) / (2 * Math.PI))));
     const on = (share) => q.map((x, i) => x + share * (end[i] - x));
-    const stops = (share) => beyond(on(share), living.place(on(share)).pose, 0);
+    const stops = (share) => beyond(on(share), program.place(on(share)).pose, 0);
     let [low, high] = [0, 1];
     stopped = stops(0).length ? [] : stops(1); // who is beyond a limit may come back
     if (!stopped.length) low = 1;
@@ -132,7 +228,7 @@ export function follow(living, q, wanted) {
     }
     found = on(low);
   } else {
-    let here = living.place(found);
+    let here = program.place(found);
     let error = left(here.pose, wanted);
     const length = data.reach;
     const size = (e) => Math.hypot(...e.map((x, i) => (i < 3 ? x * length : x)));
@@ -152,15 +248,64 @@ export function follow(living, q, wanted) {
       }
       const next = found.map((x, j) => x + step[j]);
       data.limits.columns.forEach((j, i) => { next[j] = clamp(next[j], data.limits.lower[i] ?? -Infinity, data.limits.upper[i] ?? Infinity); });
-      const there = living.place(next);
+      const there = program.place(next);
       const rest = left(there.pose, wanted);
       if (size(rest) < size(error)) [found, here, error, damping] = [next, there, rest, Math.max(ROUNDING, damping / 10)];
       else if ((damping *= 10) > 10) break;
     }
     stopped = beyond(found, here.pose, NEAR * NEAR * NEAR);
   }
-  const rest = left(living.place(found).pose, wanted);
+  const rest = left(program.place(found).pose, wanted);
   const [angle, distance] = [Math.hypot(...rest.slice(0, 3)), Math.hypot(...rest.slice(3))];
   const reached = Math.max(distance / data.reach, angle) <= NEAR ** 4;
   return { q: found, distance, angle, reached, stopped: reached ? [] : stopped };
+}
+
+/** Commands from their compact form, see commands.py. */
+export function expand({ paths, transforms, labels, meshes }, [planes, ...binary]) {
+  const count = transforms.length;
+  const bytes = new Uint8Array(48 * count);
+  for (let k = 0; k < 48; k++) for (let i = 0; i < count; i++) bytes[48 * i + k] = planes[k * count + i];
+  const numbers = new DataView(bytes.buffer);
+  const commands = transforms.map((path, i) => {
+    const matrix = [];
+    for (let k = 0; k < 12; k++) {
+      matrix.push(numbers.getFloat32(48 * i + 4 * k, true));
+      if (k % 3 === 2) matrix.push(k === 11 ? 1 : 0);
+    }
+    return { type: "set_transform", path: paths[path], matrix };
+  });
+  return [...commands, ...labels.map((label) => ({ type: "label", ...label })),
+    ...meshes.map((mesh, i) => built(mesh, binary[i])), ...binary.slice(meshes.length)];
+}
+
+/** Whole numbers from the byte planes of their differences, `width` to a row. */
+function summed(bytes, at, count, width) {
+  const found = new Int32Array(count * width);
+  const plane = (k, i) => bytes[at + k * count + i];
+  for (let i = 0; i < count; i++) {
+    for (let c = 0; c < width; c++) {
+      const k = 4 * c;
+      const step = plane(k, i) | (plane(k + 1, i) << 8) | (plane(k + 2, i) << 16) | (plane(k + 3, i) << 24);
+      found[i * width + c] = step + (i ? found[(i - 1) * width + c] : 0);
+    }
+  }
+  return found;
+}
+
+/** The command that makes a mesh. */
+function built({ path, object, counts: [points, corners], grid, coloured }, bytes) {
+  const triples = (at, Kind) => {
+    const found = new Kind(3 * points);
+    for (let c = 0; c < 3; c++) for (let i = 0; i < points; i++) found[3 * i + c] = bytes[at + c * points + i];
+    return { itemSize: 3, type: Kind.name, array: found, normalized: true };
+  };
+  const position = Float32Array.from(summed(bytes, 0, points, 3), (x) => x * grid);
+  const index = Uint32Array.from(summed(bytes, 12 * points, corners, 1));
+  const rest = 12 * points + 4 * corners;
+  const attributes = { position: { itemSize: 3, type: "Float32Array", array: position, normalized: false }, normal: triples(rest, Int8Array) };
+  if (coloured) attributes.color = triples(rest + 3 * points, Uint8Array);
+  const [geometry] = object.geometries;
+  geometry.data = { ...geometry.data, attributes, index: { itemSize: 1, type: "Uint32Array", array: index, normalized: false } };
+  return { type: "set_object", path, object };
 }

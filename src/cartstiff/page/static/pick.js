@@ -83,7 +83,7 @@ function carried({ node, index }, name) {
 function standAt(store, what) {
   const q = carried(what, "q");
   if (!q) toast("The map holds no postures of this mechanism: its points cannot be taken");
-  else if (!store.source.moves) toast("This file holds computed postures only: `cartstiff view` stands where a point of the map is");
+  else if (!store.source.moves) toast("This file shows one posture: `cartstiff view` goes to where a point of the map is");
   else store.goTo(q);
 }
 

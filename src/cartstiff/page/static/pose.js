@@ -166,7 +166,6 @@ function sliderRow(store, index, coordinate) {
     const step = steps[event.key];
     if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
-    if (!store.source.moves) return store.move(index, store.source.neighbour(index, store.state.q[index], step));
     const size = isLength ? (upper - lower) / 200 : Math.PI / 180;
     store.move(index, clamp(store.state.q[index] + step * size * (event.shiftKey ? 0.1 : 1), lower, upper));
   });

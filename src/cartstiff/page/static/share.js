@@ -67,7 +67,7 @@ export function sharing(store) {
   const actions = byId("actions");
   const button = (text, title, onclick) => el("button", { type: "button", title, onclick }, text);
   const html = button("HTML", "This page as one file that opens without a network", async () => {
-    toast("Computing the frames of the page …");
+    toast("Writing the page …");
     html.disabled = true;
     try {
       const { name, text } = await store.ask({ do: "export", address: toHash(store) });

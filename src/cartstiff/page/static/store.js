@@ -162,7 +162,7 @@ export class Store {
     const waiting = this.waiting.get(data.id);
     if (waiting) {
       this.waiting.delete(data.id);
-      if (data.do === "swing" || data.do === "living") data.packed = commands; // not to be shown at once
+      if (data.do === "swing" || data.do === "program") data.packed = commands; // not to be shown at once
       else if (commands.length) this.pane.apply(commands);
       if (data.error) waiting.reject(new Error(data.error));
       else waiting.resolve(data);
@@ -225,7 +225,6 @@ export class Store {
       this.state.q = q;
     }
     this.tell("numbers", data);
-    if (!this.wanted) this.source.saySnapped?.(this.sent.q, before, this.state.moved);
     this.say("table", data.id);
     this.beforePicture?.();
     this.pane.apply(commands, () => this.say("rendered", data.id));

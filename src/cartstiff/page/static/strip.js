@@ -373,7 +373,7 @@ export function strip(store) {
     const { coordinates, sliders } = hello.mechanism;
     what.replaceChildren();
     if (hello.trajectory) what.append(el("option", { value: "series:0" }, "the trajectory"));
-    if (!hello.only_trajectory) for (const i of sliders) what.append(el("option", { value: `sweep:${i}` }, coordinates[i].name));
+    for (const i of sliders) what.append(el("option", { value: `sweep:${i}` }, coordinates[i].name));
     // The coordinate in the middle of the chain usually tells most.
     usual.along = hello.trajectory ? "series:0" : `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
     plot.replaceChildren();

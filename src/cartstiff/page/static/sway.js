@@ -9,9 +9,9 @@ const WIDEST = 0.06;
 const SWAY_TIME = 2600;
 
 /** A place on the way: `share` 0 is where the load acts, 1 the enlarged way to where it does not. */
-function along(living, m, share) {
+function along(program, m, share) {
   const twist = times(m.C.load, m.W).map((x) => -share * x);
-  if (living.data.platform) {
+  if (program.data.platform) {
     const angle = Math.hypot(...twist.slice(0, 3));
     const axis = twist.slice(0, 3).map((x) => (angle ? x / angle : 0));
     const [s, c] = [Math.sin(angle), 1 - Math.cos(angle)];
@@ -21,9 +21,9 @@ function along(living, m, share) {
     });
     return { pose: product(m.pose, motion(R, twist.slice(3))), frames: m.frames };
   }
-  const H = plus(m.L, living.coupled(m));
+  const H = plus(m.L, program.coupled(m));
   const way = times(inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i])))), times(transposed(m.J), m.W));
-  return living.place(m.q.map((x, i) => x - share * way[i]));
+  return program.place(m.q.map((x, i) => x - share * way[i]));
 }
 
 /** A button that plays it, and words that say how much is enlarged. */
@@ -32,24 +32,24 @@ export function sway(store) {
   const button = el("button", { type: "button", class: "quiet", hidden: true, "aria-pressed": "false", onclick: () => (playing ? stop() : start()) }, "▶ Show it move");
   let playing = null;
 
-  const own = () => store.source.local ?? (store.source.living ? store.source : null);
+  const own = () => store.source.local ?? (store.source.program ? store.source : null);
 
   function start() {
-    const { living, data } = own();
+    const { program, data } = own();
     const { state } = store;
     let m;
     try {
-      m = living.solve(state);
+      m = program.solve(state);
     } catch ({ message }) {
       return toast(message);
     }
     const size = Math.hypot(...store.numbers.moved.displacement);
     const angle = Math.hypot(...store.numbers.moved.rotation);
     // A larger motion is drawn larger.
-    const share = Math.max(size / data.living.reach, angle / 4);
+    const share = Math.max(size / data.program.reach, angle / 4);
     const enlarged = growing(share, WIDEST / 4, data.kit.smallest_motion) / share;
-    const drawing = new Drawing(living, data.kit, data.scene);
-    const put = (share) => store.pane.move(drawing.places(along(living, m, share * enlarged)));
+    const drawing = new Drawing(program, data.kit, data.scene);
+    const put = (share) => store.pane.move(drawing.places(along(program, m, share * enlarged)));
     button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
     button.title = "From where it rests without the load to where it is under it, and back";
     button.setAttribute("aria-pressed", "true");

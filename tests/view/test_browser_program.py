@@ -27,8 +27,8 @@ from cartstiff.many.tape import (
     sine,
     square_root,
 )
+from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_script
-from cartstiff.page.living import Tapes, tapes
 from cartstiff.page.session import Session
 from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
@@ -59,16 +59,16 @@ def run(script: str) -> Any:
 
 
 @cache
-def living(name: str) -> tuple[Any, Tapes]:
+def program_of(name: str) -> tuple[Any, BrowserProgram]:
     elastic = cartstiff.load(name)
-    found = tapes(elastic, cartstiff.analyse(elastic))
-    assert isinstance(found, Tapes)
+    found = browser_program(elastic, cartstiff.analyse(elastic))
+    assert isinstance(found, BrowserProgram)
     return elastic, found
 
 
 def states(name: str, count: int = STATES) -> list[ViewState]:
     """Postures within a turn, loads of every kind, springs, points, axes, connections."""
-    elastic, _ = living(name)
+    elastic, _ = program_of(name)
     draw = np.random.default_rng(7)
     session = Session(Source(elastic))
     n, sizes = len(elastic.q), elastic.springs.stiffness
@@ -146,11 +146,11 @@ def without_a_document() -> str:
 
 
 def asked(name: str, wanted: list[ViewState], what: str) -> list[Any]:
-    _, made = living(name)
+    _, made = program_of(name)
     inputs = json.dumps([s.model_dump() for s in wanted])
     return run(
         f"{made.script}\n{without_a_document()}\n"
-        f"const living = new Living({json.dumps(made.data)}, globalThis.cartstiffTapes);\n"
+        f"const program = new Program({json.dumps(made.data)}, globalThis.cartstiffProgram);\n"
         f"const found = {inputs}.map((state) => {{ try {{ return {what}; }} "
         "catch (error) { if (error.message !== NOT_PLAIN) throw error; return null; } });"
     )
@@ -158,11 +158,11 @@ def asked(name: str, wanted: list[ViewState], what: str) -> list[Any]:
 
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_a_page_without_a_server_says_what_the_library_says(name):
-    elastic, _ = living(name)
+    elastic, _ = program_of(name)
     session = Session(Source(elastic))
     wanted = states(name)
     answered = 0
-    for state, found in zip(wanted, asked(name, wanted, "living.numbers(state)"), strict=True):
+    for state, found in zip(wanted, asked(name, wanted, "program.numbers(state)"), strict=True):
         if found is None:
             continue
         answered += 1
@@ -185,12 +185,12 @@ def test_matrices_of_the_page_have_twelve_digits_or_it_says_how_many(name):
     A stiffness under its load may be nearly singular where the one of the springs is not: then no
     two ways of adding it up give twelve digits of its inverse.
     """
-    elastic, _ = living(name)
+    elastic, _ = program_of(name)
     session = Session(Source(elastic))
     wanted = states(name, 200 if name == "stewart-gough" else STATES)
     code = """(({ K, C }) => ({ K, C, sure: Object.fromEntries(
         Object.entries(C).map(([name, one]) => [name,
-            one && living.data.platform ? sureOfInverse(one) : 0])) }))(living.solve(state))"""
+            one && program.data.platform ? sureOfInverse(one) : 0])) }))(program.solve(state))"""
     for state, found in zip(wanted, asked(name, wanted, code), strict=True):
         if found is None:
             continue
@@ -222,14 +222,14 @@ def test_matrices_of_the_page_have_twelve_digits_or_it_says_how_many(name):
 )
 def test_near_singular_states_are_refused_by_both(name, start, coordinate, singular):
     """The page where the library has no matrix or tells of lost digits, and a decade before."""
-    elastic, _ = living(name)
+    elastic, _ = program_of(name)
     session = Session(Source(elastic))
     q = np.array([0.0, 0.0, elastic.q[2], 0.0, 0.0, 0.0] if start is None else start)
     wanted = []
     for distance in 10.0 ** -np.arange(0.5, 13.0, 0.5):
         q[coordinate] = singular - distance
         wanted.append(ViewState(q=q.tolist()))
-    answered = [one is not None for one in asked(name, wanted, "living.solve(state).K.B")]
+    answered = [one is not None for one in asked(name, wanted, "program.solve(state).K.B")]
     plain = []
     for state in wanted:
         result = session.result(state)
@@ -243,7 +243,7 @@ def test_near_singular_states_are_refused_by_both(name, start, coordinate, singu
 
 
 def test_singular_postures_are_not_answered():
-    arm, _ = living("ur5")
+    arm, _ = program_of("ur5")
     straight = [0.3, -1.1, 0.0, -0.7, 0.9, 0.2]
     near = [0.3, -1.1, 1e-7, -0.7, 0.9, 0.2]
     assert cartstiff.analyse(arm, straight).matrices["B"] is None
@@ -255,7 +255,7 @@ def test_singular_postures_are_not_answered():
         ViewState(q=near),
         usual.model_copy(update={"stiffness": [1e-3, *[1e9] * 5]}),
     ]
-    found = asked("ur5", wanted, "living.result(state)")
+    found = asked("ur5", wanted, "program.result(state)")
     assert [one is None for one in found[:3]] == [False, True, True]
     whole = json.loads(json.dumps(cartstiff.analyse(arm).as_dict()))
     del whole["stored_energy"]
@@ -265,23 +265,23 @@ def test_singular_postures_are_not_answered():
 
 
 def test_a_hand_is_followed_to_the_pose_and_to_the_limits():
-    arm, _ = living("ur5")
+    arm, _ = program_of("ur5")
     goal = cartstiff.analyse(arm, arm.q + 0.2).pose
     far = goal.copy()
     far[:3, 3] *= 4.0
     poses = json.dumps([goal.tolist(), far.tolist()])
-    code = f"{poses}.map((T) => follow(living, state.q, T))"
+    code = f"{poses}.map((T) => follow(program, state.q, T))"
     near, away = asked("ur5", [ViewState(q=arm.q.tolist())], code)[0]
     assert near["reached"]
     assert np.allclose(cartstiff.analyse(arm, near["q"]).pose, goal, atol=1e-5)
     assert not away["reached"]
     library = Follower(arm).follow(arm.q, far)
     assert away["distance"] <= library.distance + 0.05
-    platform, _ = living("stewart-simscape")
+    platform, _ = program_of("stewart-simscape")
     start = np.array(platform.q)
     T = cartstiff.analyse(platform).pose
     T_up = se3.pose(translation=[0, 0, 0.02 * platform.mechanism.length]) @ T
-    code = f"follow(living, state.q, {json.dumps(T_up.tolist())})"
+    code = f"follow(program, state.q, {json.dumps(T_up.tolist())})"
     lifted = asked("stewart-simscape", [ViewState(q=start.tolist())], code)[0]
     assert np.allclose(cartstiff.analyse(platform, lifted["q"]).pose, T_up, atol=1e-9)
 

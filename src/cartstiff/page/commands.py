@@ -16,7 +16,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.errors import imported
-from cartstiff.page.recording import Key
+
+#: Kind of a command, path, property.
+Key = tuple[str, str, str]
+
+_ORDER = {"delete": 0, "set_object": 1, "set_transform": 2, "set_property": 3, "set_animation": 4}
+
+
+class Pictures:
+    """What a viewer would show after each of a sequence of changes.
+
+    A scene sends what has changed. Here changes are merged into the whole state of the viewer, and
+    states are kept as numbers of distinct commands.
+    """
+
+    def __init__(self) -> None:
+        self.commands: dict[int, tuple[Key, bytes]] = {}
+        self._numbers: dict[bytes, int] = {}
+        self._state: dict[Key, int] = {}
+
+    def merge(self, changes: Mapping[Key, bytes]) -> None:
+        """Take over what has changed."""
+        for key, packed in changes.items():
+            kind, path, _ = key
+            if kind == "delete":
+                below = path + "/"
+                for known in [k for k in self._state if k[1] == path or k[1].startswith(below)]:
+                    del self._state[known]
+            elif kind == "set_object":
+                self._state.pop(("delete", path, ""), None)
+            self._state[key] = self.number(key, packed)
+
+    def number(self, key: Key, packed: bytes) -> int:
+        """The number of a command."""
+        number = self._numbers.get(packed)
+        if number is None:
+            number = self._numbers[packed] = len(self.commands)
+            self.commands[number] = (key, packed)
+        return number
+
+    def state(self) -> dict[Key, int]:
+        """The viewer's state now: numbers of commands."""
+        return dict(self._state)
+
+
+def in_order(state: Mapping[Key, int], keys: set[Key]) -> list[int]:
+    """Numbers of the commands of some keys, in an order in which a viewer can take them."""
+    chosen = [key for key in state if key in keys]
+    chosen.sort(key=lambda key: _ORDER.get(key[0], 9))
+    return [state[key] for key in chosen]
+
 
 _MATRIX = struct.Struct(">" + "Bd" * 16)
 # Columns of T without their last entries, which are 0, 0, 0, 1.

@@ -1,14 +1,14 @@
 """What a browser needs to answer by itself: recorded formulas as JavaScript, and words.
 
-Arms and bodies on line legs have their arithmetic on a tape (`cartstiff.many`): written out as
-JavaScript it gives pose, Jacobian, load and stiffness of any posture, under any load and with any
-springs, without a server. ``static/living.js`` reads the rest from these. Where the tape's verdict
-is not plain nothing is said of a posture.
+The arithmetic of arms and of bodies on line legs is recorded (`cartstiff.many`). Written out as
+JavaScript it computes pose, Jacobian, load and stiffness of any posture, under any load and with
+any springs, without a server. ``static/program.js`` reads the rest from these. Where the recorded
+verdict is not plain, a posture is refused.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.page.answer import Answer
-from cartstiff.page.compact import compacted
-from cartstiff.page.recording import Key, Pictures, in_order
-from cartstiff.page.session import Session
-from cartstiff.page.state import ViewState
 from cartstiff.page.verdict import DEFINITE, NEAR
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
@@ -47,22 +42,22 @@ _NAMES = (
 
 
 @dataclass(frozen=True)
-class Tapes:
+class BrowserProgram:
     """The arithmetic of one mechanism as JavaScript.
 
     Attributes
     ----------
     script : str
-        Sets ``globalThis.cartstiffTapes``: a function without a given load, one with.
+        Sets ``globalThis.cartstiffProgram``: a function without a given load, one with.
     data : dict
-        What `static/living.js` reads beside the functions.
+        What ``static/program.js`` reads beside the functions.
     """
 
     script: str
     data: dict[str, Any]
 
 
-def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
+def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> BrowserProgram | str:
     """The arithmetic of a mechanism as JavaScript, or why it has none.
 
     Parameters
@@ -92,9 +87,9 @@ def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
         parts.append(f"{name}:{source}")
         shared = {n: rows[0].tolist() for n, rows in chosen.shared.items()}
     # In braces: a page may load it again, for another frame.
-    script = f"{{{HELPERS}globalThis.cartstiffTapes={{{','.join(parts)}}};}}"
+    script = f"{{{HELPERS}globalThis.cartstiffProgram={{{','.join(parts)}}};}}"
     data = {"places": places, "shared": shared, "words": _words(), **_mechanism(elastic, result)}
-    return Tapes(script, plain(data))
+    return BrowserProgram(script, plain(data))
 
 
 def _reason(elastic: ElasticMechanism) -> str | None:
@@ -161,66 +156,3 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
             "leg_limits": None if bounds is None else bounds.tolist(),
         }
     return described
-
-
-def computing(
-    session: Session, shown: ViewState, base: PostureStiffness
-) -> tuple[dict[str, Any], list[list[int]], Pictures]:
-    """One picture in both themes with every part that another state needs."""
-    pictures, picture = Pictures(), session.picture
-    states: dict[str, dict[Key, int]] = {}
-    other = "light" if shown.theme == "dark" else "dark"
-    for theme in (shown.theme, other):
-        look = shown.model_copy(update={"theme": theme, "ghost": None})  # the file copies the links
-        kit = picture.kit(base, look)
-        pictures.merge(picture.changes_by_path() if states else picture.everything_by_path())
-        states[theme] = pictures.state()
-    here, there = states[shown.theme], states[other]
-    differing = {
-        key
-        for key, number in there.items()
-        if number != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
-    }
-    start = in_order(here, set(here))
-    themes = {theme: in_order(state, differing) for theme, state in states.items()}
-    legend = session.with_colour_bar(picture.draw(base, shown))
-    units, trajectory = session.elastic.units, session.source.trajectory
-    data = {
-        "start": start,
-        "themes": themes,
-        "kit": kit,
-        "cloud": legend.get("cloud"),
-        "scene": {
-            "units": {"length": units.length, "force": units.force, "moment": units.moment},
-            "lines": [line for line in legend["lines"] if line["mark"] == "note"],
-            "notes": legend["notes"],
-        },
-        "trajectory": None if trajectory is None else trajectory.q.tolist(),
-    }
-    return data, [start, *themes.values()], pictures
-
-
-def brought(session: Session, number: int) -> tuple[Answer, str]:
-    """What a live page answers by itself between two answers, and where there are none.
-
-    Returns
-    -------
-    Answer
-        The data of a file that computes, or "why" there are none.
-    str
-        The script that it needs.
-    """
-    source = replace(session.source, elastic=session.elastic, reload=None)
-    fresh = type(session)(source, session.make_picture)
-    state = fresh.start
-    base = fresh.result(state)
-    recorded = tapes(session.elastic, base)
-    message: dict[str, Any] = {"id": number, "do": "living"}
-    if isinstance(recorded, str):
-        return Answer(message | {"why": recorded}), ""
-    hello = fresh.hello().data
-    data, lists, pictures = computing(fresh, state.model_copy(update={"mode": None}), base)
-    data["commands"], binary = compacted(pictures.commands, lists)
-    return Answer(
-        data | message | {"living": recorded.data, "hello": hello}, binary
-    ), recorded.script

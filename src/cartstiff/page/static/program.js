@@ -1,4 +1,4 @@
-// Answers without a server: the recorded arithmetic of the library (`cartstiff.page.living`) gives
+// Answers without a server: the recorded arithmetic of the library (`cartstiff.page.browser_program`) gives
 // pose, Jacobian, load and stiffness of a posture; what is read from them is read here. Where the
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
@@ -10,7 +10,7 @@ export const NOT_PLAIN = "this posture is too near to a singularity, or its load
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
 const UNSURE = 10 * REPORTED_ERROR ** 0.5;
 
-export class Living {
+export class Program {
   constructor(data, programs) {
     this.data = data;
     this.programs = programs;
