@@ -47,6 +47,9 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     assert page.is_disabled("#slider-0")
     assert page.is_disabled("[aria-label='Quantity'] [data-value='stiffness']")
     assert not page.is_visible("#strip")
+    assert page.is_hidden("#banner")
+    drawn = "() => window.cartstiff.pane.viewer.renderer.info.render.triangles"
+    assert page.evaluate(drawn) > 1000
     before = page.evaluate("() => window.cartstiff.pane.view")
     page.focus("#pane")
     page.keyboard.press("ArrowLeft")
@@ -54,7 +57,7 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     page.keyboard.press("t")
     settled(page)
     assert page.get_attribute("html", "data-theme") == "dark"
-    page.click("text=sym")
+    page.click("[data-value=symmetric]")
     assert page.inner_text("#matrix-title").startswith("sym C")
     with page.expect_download() as waiting:
         page.click("text=JSON")

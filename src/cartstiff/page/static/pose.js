@@ -78,6 +78,7 @@ export function posePanel(store) {
 
   function update() {
     for (const row of rows) row.set(store.state.q[row.index]);
+    meaning.hidden = !store.source.moves;
     meaning.textContent = store.hello.mechanism.takes_load
       ? `The sliders move the drives: the springs' rest positions follow, and the load stays as it is under Load.${store.given().load ? " Until something is moved, the springs rest as in the file." : ""}`
       : "The sliders move the mechanism against its potentials: it has no drives with springs.";

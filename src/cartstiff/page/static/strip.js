@@ -208,7 +208,7 @@ export function strip(store) {
   }
 
   function request(now = false) {
-    if (!store.state || !what.value) return;
+    if (!store.state || !what.value || !store.source.moves) return;
     const wanted = key();
     if (series?.key === wanted || asked?.wanted === wanted) {
       again.hidden = true;
