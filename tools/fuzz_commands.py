@@ -124,7 +124,6 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--best": ["1", "3"],
         "--worst": ["1", "3"],
         "--map": ["m.zarr"],
-        "--frames": ["1", "2"],
         "--free-axis": ["x", "z"],
         "--redundant": ["elbow_joint", "panda_joint1"],
         "--criterion": ["deflection", "translation_free_min", "worst", "condition"],
@@ -219,8 +218,6 @@ def option(rng: random.Random) -> str:
         words += ["-o", _ENDINGS[name]]
     if name == "map" and rng.random() < 0.97:
         words += ["--quantity", rng.choice(["condition", "translation_free_min", "deflection"])]
-    if name in ("export", "report") and "--frames" not in words:
-        words += ["--frames", "1"]
     if name == "poses":
         words += ["--for", rng.choice(["kuka", "fanuc", "abb", "ur"])]
     if name == "identify" and words[-1] != "d.csv":

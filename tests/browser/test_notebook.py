@@ -82,6 +82,6 @@ def test_a_cell_shows_the_page_and_follows_the_code(kernel, notebook):
 
 
 def test_a_kept_cell_needs_no_server(kernel, notebook):
-    cell = kernel("cartstiff.show(cartstiff.load('cubic'), static=True, frames=2, height=500)")
+    cell = kernel("cartstiff.show(cartstiff.load('cubic'), static=True, height=500)")
     frame = notebook(cell)
     assert frame.evaluate("() => window.cartstiff.numbers.result.q.length") == 6

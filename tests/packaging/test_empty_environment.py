@@ -66,7 +66,7 @@ def test_a_missing_extra_is_named_in_one_line(
 
 
 def test_the_page_comes_with_the_plain_install(scripts: Path, tmp_path: Path) -> None:
-    command = ["export", "cubic", "--frames", "2", "-o", "cubic.html"]
+    command = ["export", "cubic", "-o", "cubic.html"]
     done = environment.run(scripts / "cartstiff", *command, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "cubic.html").stat().st_size > 100_000

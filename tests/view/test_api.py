@@ -60,7 +60,7 @@ def test_a_page_as_context():
 
 
 def test_a_static_page_is_kept_in_the_cell():
-    page = cartstiff.show(cartstiff.load("cubic"), {"z": 0.01}, static=True, frames=2)
+    page = cartstiff.show(cartstiff.load("cubic"), {"z": 0.01}, static=True)
     assert isinstance(page, StaticPage)
     cell = page._repr_html_()
     (inside,) = re.findall(r'srcdoc="([^"]*)"', cell)

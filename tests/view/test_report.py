@@ -59,7 +59,7 @@ def words(text):
 def test_the_answer_is_that_of_the_commands(arm):
     W = [0, 0, 0, 0, 30, -200]
     text = report_page(
-        arm, Q, wrench=W, load_axes="world", load_at=[0, 0, 0.1], command="cartstiff <&>", frames=2
+        arm, Q, wrench=W, load_axes="world", load_at=[0, 0, 0.1], command="cartstiff <&>"
     )
     said = words(text)
     at_rest = equilibrium(arm, q0=Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
@@ -88,7 +88,7 @@ def test_the_answer_is_that_of_the_commands(arm):
 def test_better_is_really_better(arm):
     """What the sentence says, by the equilibrium at the other posture."""
     W = [0, 0, 0, 0, 0, -200]
-    said = words(report_page(arm, Q, wrench=W, load_axes="world", frames=2))
+    said = words(report_page(arm, Q, wrench=W, load_axes="world"))
     name, at, less = re.search(r"(j\d) at (-?[\d.]+) deg instead, (\d+) % less", said).groups()
     other = list(Q)
     other[int(name[1]) - 1] = np.radians(float(at))
@@ -104,7 +104,7 @@ def test_better_is_really_better(arm):
 def test_every_kind_has_one(name):
     elastic = cartstiff.load(name)
     W = [0, 0, 0, 5, -5, 0] if name != "grasp" else None
-    said = words(report_page(elastic, wrench=W, frames=2))
+    said = words(report_page(elastic, wrench=W))
     assert "What is assumed" in said
     assert "stable" in said
 
@@ -115,7 +115,7 @@ def run(*arguments):
 
 def test_the_command_writes_one_file(tmp_path):
     file = tmp_path / "cubic.html"
-    done = run("cubic", "--load", "0,0,0,0,0,-50", "--world", "--frames", 2, "-o", file)
+    done = run("cubic", "--load", "0,0,0,0,0,-50", "--world", "-o", file)
     assert done.exit_code == 0, done.output
     assert f"{file}: " in done.output
     assert file.read_text(encoding="utf-8").startswith("<!doctype html>")
@@ -131,7 +131,6 @@ def test_the_command_writes_one_file(tmp_path):
         (("cubic", "-o", "x.html", "--load-at", "0,0,1"), "--load-at"),
         (("cubic", "-o", "x.html", "--load", "1,2"), "wrong count"),
         (("cubic", "-o", "x.html", "--load", "0,0,0,0,0,1", "--rest", "1"), "not both"),
-        (("cubic", "-o", "x.html", "--frames", "1"), "range"),
         (("none", "-o", "x.html"), "unknown mechanism"),
     ],
 )
@@ -162,7 +161,7 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
     assert "postures: 12 regular" in text
     assert "j2 [deg]" in text
     assert text.count("<svg") == 1
-    page = report_page(arm, Q, frames=2, sections=[(title, text)])
+    page = report_page(arm, Q, sections=[(title, text)])
     assert page.index("<h2>Map</h2>") < page.index("<h2>What is assumed</h2>")
     with pytest.raises(InputError, match="map of another mechanism; expected b, got "):
         map_section(tmp_path / "m.zarr", None, replace(arm, name="b"))
@@ -171,7 +170,7 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
 def test_what_the_file_says_of_its_springs_is_told():
     arm = cartstiff.load("five-bar")
     assert arm.source
-    assert html.escape(arm.source[:40]) in report_page(arm, frames=2)
+    assert html.escape(arm.source[:40]) in report_page(arm)
 
 
 def table_after(text, head):
@@ -211,7 +210,7 @@ def test_every_number_is_that_of_the_commands(name, more, size):
         elastic = in_units(elastic, more["unit"])
     q = elastic.mechanism.assembled(more.get("q", elastic.q))
     W = None if size is None else _load_of(elastic, size)
-    text = report_page(elastic, q, wrench=W, load_axes="body" if W is None else "world", frames=2)
+    text = report_page(elastic, q, wrench=W, load_axes="body" if W is None else "world")
     said = words(text)
     # What holds the posture without the load stays: the body is not let go first.
     alone = cartstiff.analyse(elastic, q)
@@ -274,7 +273,7 @@ def test_a_platform_gets_advice_that_it_can_follow():
     for name, unit in (("cubic", "mm"), ("stewart-simscape", "m"), ("hexapod", "m")):
         elastic = in_units(cartstiff.load(name), unit)
         W = _load_of(elastic, 20.0)
-        said = words(report_page(elastic, wrench=W, load_axes="world", frames=2))
+        said = words(report_page(elastic, wrench=W, load_axes="world"))
         found = re.search(
             r"changed\): (\w+) at (-?[\d.e-]+) (deg|m|mm) instead, (\d+) % less", said
         )
@@ -300,7 +299,7 @@ def test_a_platform_gets_advice_that_it_can_follow():
 def test_a_closed_chain_is_drawn_link_by_link():
     """Every point that a closure ties is the end of a line, on both of its sides."""
     five = cartstiff.load("five-bar")
-    text = report_page(five, frames=2)
+    text = report_page(five)
     drawn = re.findall(r'<polyline points="([^"]+)"', text)[:3]  # from the side
     ends = {line.split()[-1] for line in drawn}
     assert len(drawn) == 3

@@ -364,9 +364,7 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
     return sweeps
 
 
-def _picture(
-    elastic: ElasticMechanism, result: PostureStiffness, load: _Load
-) -> str:
+def _picture(elastic: ElasticMechanism, result: PostureStiffness, load: _Load) -> str:
     given = load.added if load.held is None else None  # as `_Load.result`
     source = Source(
         elastic,
