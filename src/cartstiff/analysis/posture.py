@@ -26,7 +26,7 @@ from cartstiff.errors import CartstiffError, InputError, UndefinedError, Unknown
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import LETTERS
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.in_frame import StiffnessInFrame
+from cartstiff.stiffness.posture import StiffnessInFrame
 
 if TYPE_CHECKING:
     from cartstiff.analysis.tolerances import Tolerances, UncertainParameters

@@ -45,7 +45,7 @@ from cartstiff.analysis.synthesis import realisability, realise
 from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, checked_vector
 from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.stiffness.in_frame import inverse_pair
+from cartstiff.stiffness.posture import inverse_pair
 
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")

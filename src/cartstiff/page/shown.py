@@ -30,7 +30,7 @@ from cartstiff.page.verdict import asymmetries, verdict
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.quantities import HeldPair, block_ellipsoid, held_pair
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.in_frame import StiffnessInFrame
+from cartstiff.stiffness.posture import StiffnessInFrame
 from cartstiff.stiffness.reduction import scaled_values, values_of_closed
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response

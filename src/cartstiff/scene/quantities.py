@@ -24,7 +24,7 @@ from cartstiff.geometry import se3
 from cartstiff.lazily import cached_property
 from cartstiff.scene.look import Look
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.in_frame import StiffnessInFrame
+from cartstiff.stiffness.posture import StiffnessInFrame
 
 
 def reference(result: PostureStiffness, look: Look) -> StiffnessInFrame:

@@ -42,7 +42,7 @@ from cartstiff.scene.screws import (
 )
 from cartstiff.scene.stage import Stage
 from cartstiff.stiffness.compute import PostureStiffness, analyse
-from cartstiff.stiffness.in_frame import StiffnessInFrame
+from cartstiff.stiffness.posture import StiffnessInFrame
 
 Quantity = Literal["stiffness", "compliance"]
 _QUANTITIES: tuple[Quantity, Quantity] = ("stiffness", "compliance")

@@ -1,9 +1,18 @@
-r"""Everything known about a mechanism's stiffness at one posture."""
+r"""Everything known about a mechanism's stiffness at one posture, in M and in any frame N of it.
+
+With Ad = Ad(T_M_N), everything moves as a tensor:
+
+    K' = Ad^T K Ad,     C' = Ad^-1 C Ad^-T,     W' = Ad^T W
+
+The connections stay what they are in M: K^K is that of M's origin, and the tangent under a load is
+that of the point at which the load acts. K^K *recomputed* for N's origin would belong to no load;
+`StiffnessTensor.to_frame` gives it for comparison.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,30 +20,152 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import NamedArrays, checked_matrix, checked_pose, checked_vector, fixed
+from cartstiff.arrays import (
+    NamedArrays,
+    checked_matrix,
+    checked_pose,
+    checked_vector,
+    fixed,
+    read_only,
+)
 from cartstiff.errors import UndefinedError, UnknownNameError
-from cartstiff.geometry.connections import NAMED, Connection
+from cartstiff.geometry import se3
+from cartstiff.geometry.connections import BI_INVARIANT, NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness import inverses, posture_notes
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
-from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
-from cartstiff.stiffness.named_tensor import named_tensor
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import is_felt, shown_wrench
 from cartstiff.stiffness.showing import SCHEMA as SCHEMA
-from cartstiff.stiffness.showing import load_dict, posture_dict, posture_lines
+from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
 
-#: What a load is taken for where nothing else is said.
-
 _EYE_4 = np.eye(4)
+
+_BODY = np.eye(4).tolist()
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessInFrame:
+    """Stiffness, compliance and load in a frame N of the body; arrays are read-only.
+
+    Attributes
+    ----------
+    T_M_N : ndarray (4, 4)
+        The frame N in the frame M.
+    pose : ndarray (4, 4)
+        ``T_F_N``.
+    wrench : ndarray (6,) or None
+        W about N's origin in N's axes; None in an unbalanced posture.
+    load : LoadKind
+        How the load behaves, and where it acts, in N.
+    matrices, compliances : mapping of str to ndarray (6, 6) or None
+        By name: "A", "B", "K", "F", "+", and "load", the tangent under the load.
+    """
+
+    T_M_N: Array
+    pose: Array
+    wrench: Array | None
+    load: LoadKind
+    matrices: Mapping[str, Array | None]
+    compliances: Mapping[str, Array | None]
+    _of_symmetric_tangent: Callable[[], Array | None]
+
+    @cached_property
+    def is_body_frame(self) -> bool:
+        """Whether N is M itself."""
+        return _is_body_frame(self.T_M_N)
+
+    def pair(self, name: str, others: str) -> tuple[Array | None, Array | None]:
+        """Symmetric matrices K and C, each the other's inverse, that principal values come from.
+
+        With the other freedoms "held" K is the symmetric part of the stiffness: ``u^T K u`` is the
+        force along u per motion along u. With them "free" C is the symmetric part of the
+        compliance: ``u^T C u`` is the motion along u per force along u. Where the stiffness is
+        asymmetric, as the tangent under a dead moment, these are not each other's inverse, and
+        each reading has its own pair.
+
+        Parameters
+        ----------
+        name : str
+            A name of `matrices`.
+        others : {"held", "free"}
+            What the other freedoms do.
+
+        Returns
+        -------
+        K, C : ndarray (6, 6) or None
+            None where there is none.
+        """
+        K, C = self.matrices[name], self.compliances[name]
+        if others == "held":
+            symmetric = None if K is None else 0.5 * (K + K.T)
+            return symmetric, self.inverse_of_symmetric_part(name)
+        return inverse_pair(K, C)
+
+    def inverse_of_symmetric_part(self, name: str) -> Array | None:
+        """Inverse (6, 6) of the symmetric part of a stiffness matrix; None if there is none."""
+        if name == "load":
+            return self._inverse_of_symmetric_tangent
+        return self.compliances["B" if name in ("A", "+") else name]
+
+    @cached_property
+    def _inverse_of_symmetric_tangent(self) -> Array | None:
+        C = self._of_symmetric_tangent()
+        if C is None or self.is_body_frame:
+            return C
+        back = se3.adjoint(se3.inverse(self.T_M_N))
+        return np.asarray(back @ C @ back.T)
+
+
+def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:
+    """Symmetric part of a compliance C, and its inverse: that of K unless they are asymmetric."""
+    if C is None:
+        return (None if K is None else 0.5 * (K + K.T)), None
+    flexible = 0.5 * (C + C.T)
+    if K is None:
+        return None, flexible
+    if numerics.is_about_symmetric(K) and numerics.is_about_symmetric(C):
+        return 0.5 * (K + K.T), flexible
+    inverse = numerics.invert(flexible)
+    return (None if inverse is None else inverse.matrix), flexible
+
+
+def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:
+    """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
+    matrices = {**result.matrices, "load": result.tangent}
+    compliances = {**result.compliances, "load": result.tangent_compliance}
+    W, load, pose = result.wrench, result.load, result.pose
+    if not _is_body_frame(T_M_N):
+        forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
+        matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
+        compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
+        W = None if W is None else read_only(forth.T @ W)
+        pose = read_only(pose @ T_M_N)
+        load = LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3])))
+    for table in (matrices, compliances):
+        minus = table["A"]
+        table["+"] = None if minus is None else minus.T
+    return StiffnessInFrame(
+        read_only(T_M_N),
+        pose,
+        W,
+        load,
+        NamedArrays(matrices),
+        NamedArrays(compliances),
+        partial(getattr, result, "inverse_of_symmetric_tangent"),
+    )
+
+
+def _is_body_frame(T: Array) -> bool:
+    return bool(T.tolist() == _BODY)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -376,3 +507,91 @@ class PostureStiffness(ShownInLines):
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""
         return posture_dict(self)
+
+
+def named_tensor(
+    result: PostureStiffness, K: Array, W: Array, connection: str | Connection
+) -> StiffnessTensor:
+    """The tensor under a connection, from K^B (6, 6) and the wrench W (6,), with its own inverse.
+
+    Raises
+    ------
+    UndefinedError
+        For K^F where it does not exist.
+    """
+    pose, frame, units = result.pose, result.frame, result.units
+    compliances = result.compliances
+    C = compliances.get(connection if isinstance(connection, str) else connection.name)
+    if connection == "+" and compliances["A"] is not None:
+        C = compliances["A"].T
+    T_F_B = result.elastic.mechanism.base_pose
+    bi_invariant = StiffnessTensor(
+        K, BI_INVARIANT, W, pose, frame, units, inverse=compliances["B"], base=T_F_B
+    )
+    if connection == "B":
+        return bi_invariant
+    if connection == "F":
+        flat, F = result.flat_connection(), result.matrices["F"]
+        assert F is not None  # else there is no flat connection
+        return StiffnessTensor(F, flat, W, pose, frame, units, inverse=C, base=T_F_B)
+    other = result.load.connection if connection == "load" else connection
+    moved = bi_invariant.to_connection(other)
+    return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)
+
+
+def posture_lines(result: PostureStiffness) -> list[str]:
+    """Mechanism, posture, load, what exists, and codes of notes, a line each."""
+    elastic, W = result.elastic, result.wrench
+    exists = [name for name, K in result.matrices.items() if K is not None]
+    return [
+        f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at {elastic.mechanism.frame}",
+        f"  q        {numbers_text(result.q)}",
+        "  load     "
+        + ("none that balances" if W is None else f"{numbers_text(W)} (moment, force; body axes)"),
+        "  matrices "
+        + (", ".join(f"K^{name}" for name in exists) or "none exists here")
+        + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
+        f"  notes    {codes_of(result.notes)}",
+    ]
+
+
+def load_dict(result: PostureStiffness) -> dict[str, Any]:
+    """What the load does, where it acts, and the tangent that follows, as plain data."""
+    K, C = result.tangent, result.tangent_compliance
+    return {
+        "kind": result.load.kind,
+        "at": list(result.load.at),
+        "meaning": result.load.words,
+        "stiffness": None if K is None else K.tolist(),
+        "compliance": None if C is None else C.tolist(),
+    }
+
+
+def posture_dict(result: PostureStiffness) -> dict[str, Any]:
+    """What ``cartstiff analyse --json`` prints, as plain data."""
+
+    def plain(array: Array | None) -> list[Any] | None:
+        return None if array is None else array.tolist()
+
+    return {
+        "schema": SCHEMA,
+        "mechanism": {
+            "name": result.elastic.name,
+            "kind": result.elastic.mechanism.kind,
+            "joints": list(result.elastic.names),
+        },
+        **result.elastic.mechanism.frames_as_dict(),
+        "order": se3.ANGULAR_LINEAR,
+        "units": result.elastic.units.as_dict(),
+        "q": result.q.tolist(),
+        "pose": result.pose.tolist(),
+        "jacobian": plain(result.jacobian),
+        "wrench": plain(result.wrench),
+        "load": result.load_as_dict(),
+        **gravity_loads(result.elastic).as_dict(),
+        "energy": None if np.isnan(result.energy) else result.energy,
+        "stored_energy": None if np.isnan(result.stored_energy) else result.stored_energy,
+        "stiffness": {name: plain(K) for name, K in result.matrices.items()},
+        "compliance": {name: plain(C) for name, C in result.compliances.items()},
+        "notes": [note.as_dict() for note in result.notes],
+    }
