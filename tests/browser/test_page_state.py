@@ -320,7 +320,7 @@ def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
     page.mouse.up()
     assert page.locator(f'[data-row-of="{freedom}"].lit, [data-row-of="{freedom}"] .lit').count()
     page.mouse.move(0, 0)
-    page.click("text=Hang 100 N on it")
+    page.click("text=Add 100 N downwards")
     settled(page)
     assert page.evaluate("() => window.cartstiff.state.load") == [0, 0, 0, 0, 0, -100]
     line = page.inner_text(".moved-line")

@@ -198,7 +198,7 @@ export function compareCard(store) {
     keep.disabled = !letter;
     keep.textContent = letter ? `Keep as ${letter}` : "Three are kept";
     card.querySelector("summary .dim").textContent = rows.length ? rows.map((row) => (row.title)).join(", ") : "keep states, set them side by side";
-    words.textContent = rows.length ? "× is a row over what is in hand (N). Pictures: one camera, radii as in the legend; dash-dotted curves below are rows." : "";
+    words.textContent = rows.length ? "× is the ratio of a row to the current state (N). Pictures: one camera, radii as in the legend; dash-dotted curves below are rows." : "";
     table.hidden = !rows.length;
     if (!rows.length || !numbers) return;
     const stiff = store.shown.quantity === "stiffness";
@@ -213,7 +213,7 @@ export function compareCard(store) {
     const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(reads[k](x), 4), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
     table.replaceChildren(
       el("thead", {}, el("tr", {}, el("td"), ...heads.map(([word, of]) => el("th", { scope: "col" }, word, el("br"), el("span", { class: "unit" }, of))))),
-      el("tbody", {}, line(el("b", {}, "N"), "What is in hand now", here.map((x, k) => cell(x, k, null)), store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : "now"),
+      el("tbody", {}, line(el("b", {}, "N"), "The current state", here.map((x, k) => cell(x, k, null)), store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : "now"),
         ...rows.map((row) => {
           const name = row.title;
           const found = row.numbers && row.sameUnits ? values(row.numbers, store.shown) : [null, null, null];
@@ -223,7 +223,7 @@ export function compareCard(store) {
           const button = (text, title, onclick) => el("button", { type: "button", class: "quiet", title, "aria-label": title, onclick }, text);
           const actions = row.own ? [button("→", `Go to ${name}`, () => store.change({ ...structuredClone(row.state), theme: store.state.theme, moved: null, ghost: store.state.ghost })),
             button("✕", `Forget ${name}`, () => remove(row))]
-            : [el("a", { class: "quiet", href: `?mechanism=${row.number}`, title: `Take ${name} in hand` }, "→")];
+            : [el("a", { class: "quiet", href: `?mechanism=${row.number}`, title: `Open ${name}` }, "→")];
           const shown = line(el("b", {}, name), null, row.cells, note, ...actions);
           shown.classList.toggle("late", row.late);
           return shown;

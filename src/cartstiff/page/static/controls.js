@@ -98,8 +98,8 @@ export function controls(store) {
       ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
     (value) => store.change({ load_axes: value }));
     loadKind = choice("While the tool moves the load", [
-      ["dead", "stays", "dead: force and moment keep their direction in the room"],
-      ["follower", "turns along", "follower: force and moment turn with the tool"],
+      ["dead", "fixed in the room", "dead: force and moment keep their direction in the room"],
+      ["follower", "turns with the tool", "follower: force and moment turn with the tool"],
       ["conservative", "conservative", "the force keeps its direction in the room, the moment turns by half"]],
     (value) => store.change({ load_kind: value }));
     loadPlace = choice("The load acts at", [

@@ -26,7 +26,7 @@ export function deflectionPanel(store) {
   const bars = el("div", { class: "moved-bars", tabindex: 0, role: "group", "aria-label": "Shares of the joints or legs" });
   const example = el("button", { type: "button", title: "A force of 100 downwards in the room; then drag the arrow, or type numbers on the left",
     onclick: () => store.change({ load: [0, 0, 0, 0, 0, -EXAMPLE], load_axes: "inertial" }) });
-  store.on("hello", () => { example.textContent = `Hang ${EXAMPLE} ${store.unit("force")} on it`; });
+  store.on("hello", () => { example.textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
   byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), sway(store)), head, detail, line, bars));
 
   const length = (x) => {
@@ -57,7 +57,7 @@ export function deflectionPanel(store) {
     }
     head.className = "moved-head";
     if (!moved.resisted) {
-      head.textContent = "not stable: the load moves the body on and on";
+      head.textContent = "Unstable: the load pushes it away";
       head.className = "moved-head bad";
       return;
     }

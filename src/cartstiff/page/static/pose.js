@@ -65,7 +65,7 @@ export function posePanel(store) {
     filter.value = "";
     const passive = coordinates.length - sliders.length;
     if (passive) list.append(el("p", { class: "dim small" },
-      `${passive} more coordinates follow from the closures and the links that give.`));
+      `${passive} more coordinates follow from the closures and the flexible links.`));
     setAngle(store.angle);
     showPinned();
   }
