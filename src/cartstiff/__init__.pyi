@@ -18,7 +18,7 @@ from .kinematics.at_pose import at_pose as at_pose
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
 from .loading import hexapod as hexapod
 from .loading import load as load
-from .loading.legs.api import parallel as parallel
+from .loading import parallel as parallel
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
 from .many.postures import Postures as Postures
 from .many.postures import analyse_many as analyse_many

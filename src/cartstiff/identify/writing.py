@@ -16,9 +16,9 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import bundled
-from cartstiff.loading.keys.springs import FlexibleModel
 from cartstiff.loading.mechanism_file import place_of
-from cartstiff.loading.shorthand.parameters import with_parameters
+from cartstiff.loading.parameters import with_parameters
+from cartstiff.loading.schema import FlexibleModel
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.contract import SI
 from cartstiff.mechanisms.elements import CompliancePattern, Elements

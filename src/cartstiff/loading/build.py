@@ -14,8 +14,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
-from cartstiff.loading.keys.bodies import PayloadModel
-from cartstiff.loading.keys.words import PoseModel, pose_of
+from cartstiff.loading.key_types import PoseModel, pose_of
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -24,10 +23,10 @@ from cartstiff.loading.parts import (
     put_together,
     tree_to,
 )
-from cartstiff.loading.platforms.flexible import on_springs
-from cartstiff.loading.platforms.leg_limits import leg_limits_of, pair_per_leg
+from cartstiff.loading.platforms import leg_limits_of, on_springs, pair_per_leg
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
+from cartstiff.loading.schema import PayloadModel
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length

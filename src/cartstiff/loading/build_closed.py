@@ -13,7 +13,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
-from cartstiff.loading.keys.words import pose_of
+from cartstiff.loading.key_types import pose_of
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -35,8 +35,13 @@ from cartstiff.mechanisms.tree_building import extended, merged
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
-    from cartstiff.loading.keys.springs import JointSpringModel
-    from cartstiff.loading.schema import ClosedChainFile, ClosureModel, LegModel, ParallelFile
+    from cartstiff.loading.schema import (
+        ClosedChainFile,
+        ClosureModel,
+        JointSpringModel,
+        LegModel,
+        ParallelFile,
+    )
 
 _CONTACTS = {
     "rigid": (),
@@ -87,7 +92,7 @@ def build_parallel(
 
     The body frame hangs on the first chain; every other chain's end is welded to it.
     """
-    from cartstiff.loading.legs.tree import drawn_legs
+    from cartstiff.loading.legs import drawn_legs
 
     notes: list[Note] = []
     parts: list[tuple[str, KinematicTree, Array]] = []

@@ -15,11 +15,11 @@ from pydantic import (
 )
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.keys.identified import with_findings
-from cartstiff.loading.keys.words import FileModel
+from cartstiff.loading.findings import with_findings
+from cartstiff.loading.key_types import FileModel
+from cartstiff.loading.layout import LayoutModel, laid_out
+from cartstiff.loading.parameters import Parameters, with_parameters
 from cartstiff.loading.schema import ADAPTER, KINDS, MODELS, PlatformFile, SpringsFile
-from cartstiff.loading.shorthand.layout import LayoutModel, laid_out
-from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
 from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -233,7 +233,7 @@ def mechanism_of(
 
     where, name = one_line(str(path)), file.name or path.stem
     if file.kind == "parallel":
-        from cartstiff.loading.legs.tree import with_drawn_legs
+        from cartstiff.loading.legs import with_drawn_legs
 
         file = with_drawn_legs(file, where)
     file = build.with_overrides(file, overrides, where)

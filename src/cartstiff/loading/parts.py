@@ -33,9 +33,16 @@ from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
 if TYPE_CHECKING:
-    from cartstiff.loading.keys.bodies import PayloadModel
-    from cartstiff.loading.keys.springs import FlexibleModel, JointSpringModel, LineModel
-    from cartstiff.loading.schema import ClosedChainFile, LegModel, ParallelFile, SerialFile
+    from cartstiff.loading.schema import (
+        ClosedChainFile,
+        FlexibleModel,
+        JointSpringModel,
+        LegModel,
+        LineModel,
+        ParallelFile,
+        PayloadModel,
+        SerialFile,
+    )
 
 
 def described(

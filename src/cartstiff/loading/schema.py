@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     ConfigDict,
     Discriminator,
@@ -12,26 +16,472 @@ from pydantic import (
     PrivateAttr,
     Tag,
     TypeAdapter,
+    ValidationInfo,
+    WrapValidator,
     model_validator,
 )
 
-from cartstiff.loading.keys.bodies import BodyModel, LinesLegs, PayloadModel
-from cartstiff.loading.keys.identified import IdentifiedModel
-from cartstiff.loading.keys.springs import FlexibleModel, JointSpringModel, LineModel
-from cartstiff.loading.keys.words import (
+from cartstiff.errors import InputError, one_line
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.findings import IdentifiedModel
+from cartstiff.loading.key_types import (
+    RIGID,
     Argument,
     FileModel,
     FileName,
     Flag,
+    NotNegative,
     Number,
+    Pair,
+    PerLeg,
     PoseModel,
+    Positive,
     Text,
     UnitsModel,
     Vector,
     Vectors,
+    only_one,
+    pose_of,
 )
-from cartstiff.loading.legs.model import NamedLegsModel
-from cartstiff.loading.shorthand.layout import LayoutModel
+from cartstiff.loading.layout import LayoutModel
+from cartstiff.loading.yaml_file import read_text
+from cartstiff.mechanisms.superelement import (
+    SuperelementMass,
+    superelement_mass,
+    superelement_spring,
+)
+
+
+class PayloadModel(FileModel):
+    """A point mass carried by the body."""
+
+    mass: NotNegative = Field(description="kg, whatever the units")
+    com: Vector = Field(default=[0.0, 0.0, 0.0], description="mass centre in the body frame M")
+
+
+class BodyModel(FileModel):
+    """The platform's own mass, for vibrations and gravity."""
+
+    mass: NotNegative = Field(description="kg, whatever the units")
+    com: Vector = Field(default=[0.0, 0.0, 0.0], description="mass centre in P")
+    inertia: list[Vector] | None = Field(
+        default=None,
+        min_length=3,
+        max_length=3,
+        description="3x3 about the mass centre, axes of P; kg and the file's length squared",
+    )
+
+
+class LegMassModel(FileModel):
+    """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
+
+    fixed: PerLeg = Field(default=0.0, description="kg, of the bar on the base's joint")
+    moving: PerLeg = Field(default=0.0, description="kg, of the bar on the platform's joint")
+    fixed_com: PerLeg = Field(
+        default=0.0, description="distance of its centre from the base's joint"
+    )
+    moving_com: PerLeg = Field(
+        default=0.0, description="distance of its centre from the platform's joint"
+    )
+    radius: PerLeg = Field(default=0.0, description="of both bars; 0 for slender ones")
+
+
+class LegJointsModel(FileModel):
+    """Universal or spherical joints at one end of the legs, and how far they turn."""
+
+    axis: Vector | Vectors = Field(
+        description="middle direction of the leg seen from the joint, or one per leg; in F "
+        "at the base, in P at the platform"
+    )
+    angle: PerLeg = Field(description="largest angle of the leg from it, rad")
+
+
+_Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+
+
+class FlexureModel(FileModel):
+    """A flexure joint of a strut: a spring, or none, for each of its six motions."""
+
+    axial: Annotated[Positive, RIGID] = Field(
+        default=math.inf, description="along the strut, force per length; default rigid"
+    )
+    shear: Annotated[Positive, RIGID] = Field(
+        default=math.inf, description="across the strut, force per length; default rigid"
+    )
+    bending: Annotated[NotNegative, RIGID] = Field(
+        description="about axes across it, N m/rad whatever the units"
+    )
+    torsion: Annotated[NotNegative, RIGID] = Field(
+        description="about its axis, N m/rad whatever the units; or rigid"
+    )
+    offset: NotNegative = Field(
+        default=0.0, description="from the leg's point to the flexure, along the strut"
+    )
+
+
+class StrutModel(FileModel):
+    """Legs as struts between flexure joints, straight with the platform at the file's pose."""
+
+    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = Field(
+        description="stiffness along the strut without its flexures; one number or one per leg"
+    )
+    lower: FlexureModel = Field(description="at the base")
+    upper: FlexureModel = Field(description="at the platform")
+    mass: LegMassModel | None = Field(default=None, description="in place of mass in legs")
+
+    @model_validator(mode="after")
+    def _stands(self) -> StrutModel:
+        if self.lower.torsion == self.upper.torsion == 0.0:
+            raise ValueError("the strut would spin: one of its flexures needs torsion above 0")
+        if self.lower.bending == math.inf and self.upper.bending == math.inf:
+            raise ValueError("one of the flexures must bend: both are rigid")
+        return self
+
+
+class LinesLegs(FileModel):
+    """Springs in the legs; one number for all or one per leg."""
+
+    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = Field(
+        default=None, description="of legs between ideal joints, force per length"
+    )
+    strut: StrutModel | None = Field(
+        default=None, description="in place of stiffness: legs with flexure joints"
+    )
+    rest_length: PerLeg | None = Field(default=None, description="length without tension")
+    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = Field(
+        default=None, description="tension at the file's pose, instead of rest_length"
+    )
+    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = Field(
+        default=None, description="[shortest, longest], or one pair per leg"
+    )
+    base_joints: LegJointsModel | None = None
+    platform_joints: LegJointsModel | None = None
+    diameter: PerLeg | None = Field(
+        default=None, description="of the legs, which must not touch each other"
+    )
+    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = Field(
+        default=None,
+        description="[least, largest] tension, or one pair per leg; compression below zero",
+    )
+    mass: LegMassModel | None = None
+    damping: PerLeg = Field(
+        default=0.0, description="dampers along the legs, force per velocity (seconds)"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> LinesLegs:
+        if self.stiffness is None and self.strut is None:
+            raise ValueError("key 'stiffness' is missing: give stiffness, or strut")
+        only_one(self, "stiffness", "strut")
+        only_one(self, "rest_length", "preload", needed=False)
+        if self.strut is not None and None not in (self.strut.mass, self.mass):
+            raise ValueError("give mass in legs or in strut, not both")
+        return self
+
+
+#: Bytes of a superelement's text: two hundred nodes with all digits.
+_LARGEST_MATRIX = 64 * 1024 * 1024
+
+
+class JointSpringModel(FileModel):
+    """A spring in a joint: one of stiffness, polynomial, table."""
+
+    stiffness: Annotated[
+        NotNegative | None,
+        RIGID,
+    ] = Field(default=None, description="N m/rad, N/m for a prismatic joint; or rigid")
+    polynomial: list[Number] | None = Field(
+        default=None, min_length=1, max_length=20, description="torque c1 x + c2 x^2 + ..."
+    )
+    table: list[Pair] | None = Field(
+        default=None, min_length=2, description="pairs [deflection, torque], deflections increasing"
+    )
+    rest: Number | None = Field(
+        default=None, description="rest position; without it the spring balances the load at q"
+    )
+    damping: NotNegative | None = Field(
+        default=None,
+        description="damper beside the spring, N m s/rad or N s/m; default what the robot's "
+        "file has",
+    )
+
+    @model_validator(mode="after")
+    def _one_law(self) -> JointSpringModel:
+        only_one(self, "stiffness", "polynomial", "table")
+        if self.stiffness == math.inf and self.rest is not None:
+            raise ValueError("a rigid joint has no rest position: it stays where it is")
+        return self
+
+
+class BeamModel(FileModel):
+    """A straight beam along the link's x axis, from clamp to clamp; it feels its axial force."""
+
+    E: Positive = Field(description="Young's modulus")
+    G: Positive = Field(description="shear modulus")
+    length: Positive
+    area: Positive = Field(description="cross-section area")
+    Iy: Positive = Field(description="second moment of area about y")
+    Iz: Positive = Field(description="second moment of area about z")
+    J: Positive = Field(description="torsion constant")
+    segments: int = Field(
+        default=1,
+        strict=True,
+        ge=1,
+        le=1000,
+        description="equal parts with six coordinates each: more for large deflections",
+    )
+    shear_area_y: Positive | None = Field(
+        default=None, description="area times shear factor, along y; rigid if absent"
+    )
+    shear_area_z: Positive | None = Field(default=None, description="the same along z")
+    density: NotNegative = Field(
+        default=0.0,
+        description="kg per volume: the beam's own mass, lumped as rigid half segments at its "
+        "nodes; the link's inertia in the robot's file stays at the near end besides",
+    )
+
+
+class SuperelementModel(FileModel):
+    """A link's stiffness matrix from a finite-element program, reduced to a few nodes."""
+
+    K: FileName = Field(
+        description="text file, relative to this one: 6 N rows of 6 N numbers, forces per "
+        "displacement of the free body"
+    )
+    M: FileName | None = Field(
+        default=None,
+        description="text file: mass matrix in the same rows, kg; Guyan's reduction to base and "
+        "tip makes it one body that follows a share of the deflection. The link's inertia in the "
+        "robot's file stays at the near end besides",
+    )
+    nodes: Vectors = Field(description="the N nodes, in the link's frame (moved by `offset`)")
+    base: int = Field(
+        default=0,
+        strict=True,
+        description="index, from 0, of the node that is fixed to the link's near side",
+    )
+    tip: int = Field(
+        default=-1,
+        strict=True,
+        description="index of the node that carries what is beyond; -1 is the last",
+    )
+    order: Literal["linear-angular", "angular-linear"] = Field(
+        default="linear-angular", description="of each node's six rows"
+    )
+
+    def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
+        """The 6x6 spring at the tip, the other nodes left free, its mass, and where it stands."""
+        ends = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
+        K = _matrix(folder / Path(self.K).expanduser())
+        mass = None
+        if self.M is not None:
+            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **ends)  # type: ignore[arg-type]
+        return superelement_spring(K, **ends), mass, self.nodes[self.tip]  # type: ignore[arg-type]
+
+
+def _matrix(path: Path) -> Array:
+    """Rows of numbers of a text file."""
+    text = read_text(path, _LARGEST_MATRIX)
+    try:
+        return np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
+    except ValueError:
+        raise InputError(
+            "is no matrix of numbers",
+            where=one_line(str(path)),
+            expected="rows of numbers between blanks or commas",
+        ) from None
+
+
+class FlexibleModel(FileModel):
+    """A link that gives: a 6x6 spring (order angular-linear), a beam, or a superelement."""
+
+    stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = Field(
+        default=None, min_length=6, max_length=6, description="6x6, in the file's units"
+    )
+    beam: BeamModel | None = None
+    superelement: SuperelementModel | None = None
+    offset: PoseModel = Field(
+        default=PoseModel(), description="place of the spring in the link's frame"
+    )
+    _mass: SuperelementMass | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _one(self, info: ValidationInfo) -> FlexibleModel:
+        only_one(self, "stiffness", "beam", "superelement")
+        return self.as_spring((info.context or {}).get("folder", Path()))
+
+    def as_spring(self, folder: Path) -> FlexibleModel:
+        """The same with the 6x6 spring of its superelement, if it has one."""
+        if self.superelement is None:
+            return self
+        K, mass, tip = self.superelement.in_place(folder)
+        at = pose_of(self.offset) @ se3.pose(translation=tip)
+        offset = PoseModel(xyz=at[:3, 3].tolist(), rpy=self.offset.rpy)
+        spring = self.model_copy(
+            update={"stiffness": K.tolist(), "superelement": None, "offset": offset}
+        )
+        spring._mass = mass
+        return spring
+
+    @property
+    def mass(self) -> SuperelementMass | None:
+        """Of a superelement with a mass matrix."""
+        return self._mass
+
+
+class LineModel(FileModel):
+    """A line spring or cable between points of two frames ("world" is F)."""
+
+    frames: list[Text] = Field(min_length=2, max_length=2)
+    points: list[Vector] = Field(min_length=2, max_length=2)
+    stiffness: Positive
+    rest_length: NotNegative | None = None
+    preload: Number | None = Field(default=None, description="tension at q")
+    unilateral: Flag = False
+
+    @model_validator(mode="after")
+    def _one(self) -> LineModel:
+        only_one(self, "rest_length", "preload", needed=False)
+        return self
+
+
+Stiffness = Annotated[
+    Positive, WrapValidator(lambda value, check: math.inf if value == "rigid" else check(value))
+]
+_Word = Literal["radial", "tangential", "vertical"]
+Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_length=100)]
+_PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
+_Mode = Literal["plus", "minus"]
+
+#: What can be drawn: struts, then rails and cranks; a rod between two balls spins in vain.
+_KNOWN = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
+KNOWN = (
+    "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such "
+    "as RUS, RUU, RSS, RRR"
+)
+
+
+class LegEndsModel(FileModel):
+    """Joints on a circle about z, or points one by one."""
+
+    radius: Positive | None = None
+    half_angle: Number | None = Field(
+        default=None,
+        description="rad, between a joint and the middle of its pair; three pairs, and the two "
+        "legs of a pair of the base are mirror images of each other",
+    )
+    angles: list[Number] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=100,
+        description="where the joints are on the circle; default [0]",
+    )
+    height: Number = Field(default=0.0, description="of the circle, along z")
+    points: list[Vector] | None = Field(
+        default=None, min_length=1, max_length=100, description="instead of the circle"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> LegEndsModel:
+        only_one(self, "radius", "points")
+        on_circle = self.half_angle is not None or self.angles is not None or self.height != 0.0
+        if self.points is not None and on_circle:
+            raise ValueError("half_angle, angles and height go with radius, not with points")
+        only_one(self, "half_angle", "angles", needed=False)
+        return self
+
+
+class NamedLegsModel(FileModel):
+    """Equal legs from the ground to the body, by the letters of their joints."""
+
+    chain: Text = Field(
+        description="joints from the ground to the body: R revolute, P prismatic, U universal, "
+        "S spherical, C cylindrical; such as UPS, PUS, RUS, RPS, PRS, UPU, RUU, RRR"
+    )
+    base: LegEndsModel = Field(description="first joints, in F")
+    platform: LegEndsModel = Field(description="last joints, in the body's frame P")
+    symmetry: int | None = Field(
+        default=None,
+        strict=True,
+        ge=1,
+        le=100,
+        description="how often what base and platform give is repeated about z; default 3, and "
+        "1 where points or angles are given",
+    )
+    turn: Number | None = Field(
+        default=None, description="rad, of the platform's pairs against the base's; default pi/3"
+    )
+    axis: Direction | None = Field(
+        default=None,
+        description="of cranks, hinges and first axes of universal joints: radial, tangential, "
+        "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
+        "leg; default vertical for chains of R and P only, else tangential",
+    )
+    rail: Direction | None = Field(
+        default=None,
+        description="direction of the rails of chains that begin with P, as axis; default vertical",
+    )
+    crank: _PerLeg | None = Field(default=None, description="length, for chains that begin with R")
+    rod: _PerLeg | None = Field(
+        default=None, description="length, for chains that begin with P or R"
+    )
+    mode: _Mode | list[_Mode] | None = Field(
+        default=None,
+        description="working mode: the smaller (minus) or the larger (plus) of the two slides, or "
+        "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
+        "and the crank that points outwards the more",
+    )
+    actuated: list[Text] | None = Field(
+        default=None, description="names of the driven joints; default slide, or crank; [] for none"
+    )
+    stiffness: Stiffness | list[Stiffness] | None = Field(
+        default=None, description="of the driven joints, N/m or N m/rad; or rigid"
+    )
+    limits: Pair | list[Pair] | None = Field(
+        default=None, description="[least, most] of the slide or crank"
+    )
+    diameter: _PerLeg | None = Field(
+        default=None, description="of the rods, or struts, which must not touch each other"
+    )
+    turns: dict[Text, Pair] = Field(
+        default={},
+        description="[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
+        "a ball is limited about each of its three axes",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_strut(cls, value: object) -> object:
+        if isinstance(value, dict) and "strut" in value:
+            raise ValueError(
+                "strut is of kind stewart-gough, whose legs have no joints with names; here joints "
+                "have springs: {u1: {stiffness: 33}, ...}, and links may be flexible"
+            )
+        return value
+
+    @model_validator(mode="after")
+    def _fits(self) -> NamedLegsModel:
+        if not _KNOWN.fullmatch(self.chain):
+            raise ValueError(f"unknown chain {self.chain!r} (expected {KNOWN})")
+        strut = self.chain[1] in "PC"
+        if self.turn is not None and self.platform.half_angle is None:
+            raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
+        for key, wanted in (
+            ("rail", self.chain[0] == "P"),
+            ("rod", not strut),
+            ("crank", self.chain[0] == "R" and not strut),
+            ("mode", not strut),
+        ):
+            if not wanted and getattr(self, key) is not None:
+                raise ValueError(f"a leg {self.chain} has no {key}")
+        for key in ("rod", "crank"):
+            wanted = not strut and (key == "rod" or self.chain[0] == "R")
+            if wanted and getattr(self, key) is None:
+                raise ValueError(f"a leg {self.chain} needs {key}: its length")
+        if self.actuated == [] and self.stiffness is not None:
+            raise ValueError("stiffness is of driven joints, and actuated is empty")
+        return self
 
 
 class _File(FileModel):

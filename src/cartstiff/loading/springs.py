@@ -11,7 +11,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.words import pose_of
+from cartstiff.loading.key_types import pose_of
 from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns
@@ -31,7 +31,7 @@ from cartstiff.potentials.springs import (
 )
 
 if TYPE_CHECKING:
-    from cartstiff.loading.keys.springs import (
+    from cartstiff.loading.schema import (
         BeamModel,
         FlexibleModel,
         JointSpringModel,

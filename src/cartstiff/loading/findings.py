@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.loading.keys.words import FileModel, Number, Positive, Text
+from cartstiff.loading.key_types import FileModel, Number, Positive, Text
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import CompliancePattern, Elements, coefficient, law_of
 from cartstiff.mechanisms.identified import Identified

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.words import FileModel, NotNegative, Number, Positive, Vector, only_one
+from cartstiff.loading.key_types import FileModel, NotNegative, Number, Positive, Vector, only_one
 
 _THIRD = 2.0 * math.pi / 3.0
 

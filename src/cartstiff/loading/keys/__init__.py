@@ -1,1 +1,0 @@
-"""The words of a mechanism file: data classes that files of several kinds share."""

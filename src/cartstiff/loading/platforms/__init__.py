@@ -1,1 +1,0 @@
-"""What mechanism files say of platforms."""

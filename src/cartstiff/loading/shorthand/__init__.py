@@ -1,1 +1,0 @@
-"""What a mechanism file says in fewer words: parameters, and layouts in place of points."""
