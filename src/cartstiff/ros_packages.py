@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 # Folders below a search path in which packages are looked for, as rospack does, but bounded.
@@ -30,23 +30,25 @@ def own_folder(file: Path) -> Path:
     return next((p for p in parents if (p / "package.xml").is_file()), parents[0])
 
 
-def package_folders(name: str, file: Path, searched: Iterable[str] = ()) -> list[Path]:
-    """Folders of a ROS package, the one that counts first; none if there is no such package.
+def package_folders(name: str, file: Path, searched: Iterable[str] = ()) -> Iterator[Path]:
+    """Folders of a ROS package, the one that counts first, each looked for when it is asked for.
 
     The package that the file lies in counts first, then one in or below `searched`, in their order;
     without any, one beside a folder above the file. A folder is a package by the name in its
     package.xml, or by its own name if it has a package.xml or a folder such as urdf or meshes.
     """
     if not re.fullmatch(r"[A-Za-z]\w*(?:[.-]\w+)*", name):
-        return []
+        return
     above = [folder for folder in file.resolve().parents if folder.parent != folder]
-    found = [folder for folder in above if _is_package(folder, name)][:1]
-    found += [folder for top in searched if (folder := _below(Path(top), name))]
-    found = found or list(islice(_beside(above, name), 1))
-    first: dict[Path, Path] = {}
-    for folder in found:
-        first.setdefault(folder.resolve(), folder)
-    return list(first.values())
+    own = islice((folder for folder in above if _is_package(folder, name)), 1)
+    below = filter(None, (_below(Path(top), name) for top in searched))
+    found = set[Path]()
+    for folder in chain(own, below):
+        if folder.resolve() not in found:
+            found.add(folder.resolve())
+            yield folder
+    if not found:
+        yield from islice(_beside(above, name), 1)
 
 
 def _beside(above: Iterable[Path], name: str) -> Iterator[Path]:
@@ -57,6 +59,8 @@ def _beside(above: Iterable[Path], name: str) -> Iterator[Path]:
 
 def _below(top: Path, name: str) -> Path | None:
     """The package in a folder: the folder itself, or one of those below it."""
+    if _is_package(top / name, name):  # nearly always
+        return top / name
     level, count = [top], 0
     for _ in range(_DEEPEST):
         for folder in level:

@@ -80,7 +80,6 @@ def test_a_makers_file(package):
     assert list(model.names) == ["universe", "left_shoulder", "left_elbow"]
     assert model.lowerPositionLimit.tolist() == pytest.approx([-math.pi / 2] * 2)
     assert model.upperPositionLimit.tolist() == pytest.approx([math.pi] * 2)
-    assert model.velocityLimit.tolist() == [2.0, 2.0]
     shoulder, elbow = list(model.jointPlacements)[1:]
     assert shoulder.translation.tolist() == [0, 0, 0.25]
     # Rz(-pi/2) Rx(pi/2), by hand.

@@ -258,9 +258,12 @@ def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
     if separator and scheme in ("package", "model"):
         rest = rest.lstrip("/")
         package, _, inside = rest.partition("/")
-        places = [f / inside for f in package_folders(package, path, search_path(packages))]
-        if not any(p.is_file() for p in places):  # a folder of the name may have no package.xml
-            places = [p / rest for p in [*packages, *path.resolve().parents]]
+        folders = package_folders(package, path, search_path(packages))
+        file = next((f / inside for f in folders if (f / inside).is_file()), None)
+        if file is not None:
+            return file
+        # A folder of the name may have no package.xml.
+        places = [p / rest for p in [*packages, *path.resolve().parents]]
     elif separator and scheme == "file":
         places = [Path(rest)]
     elif separator:

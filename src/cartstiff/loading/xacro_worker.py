@@ -271,6 +271,7 @@ class _Reader:
         self.path, self.searched = Path(path), searched
         self.folders = [Path(folder).resolve() for folder in folders]
         self.missing: list[str] = []
+        self.packages: dict[str, str] = {}
         self.twice: dict[str, list[str]] = {}
 
     def evaluate(self, text: str, symbols: Any, _: Any = None) -> Any:
@@ -316,13 +317,16 @@ class _Reader:
 
     def folder(self, name: str) -> str:
         """The folder of a package, below which files may be read from now on."""
-        found = package_folders(name, self.path, self.searched)
+        if name in self.packages:
+            return self.packages[name]
+        found = list(package_folders(name, self.path, self.searched))
         if not found:
             raise LookupError(f"package {_shown(name)!r} is not found")
         if len(found) > 1:
             self.twice[name] = [str(f) for f in found]
         self.folders.append(found[0].resolve())
-        return str(found[0])
+        self.packages[name] = str(found[0])
+        return self.packages[name]
 
     def open(self, name: Any, *_: Any, **__: Any) -> io.StringIO:
         """In place of open: the text of a regular file below the folders."""
