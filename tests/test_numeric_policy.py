@@ -28,7 +28,7 @@ ALLOWED = {
     "page/api.py": "bytes to megabytes",
     "identify/sessions.py": "how rarely chance may speak for other axes",
     "choices.py": "the largest number that is taken",
-    "report/exchange/geometry.py": "limits that stand for none",
+    "report/exchange.py": "limits that stand for none",
     "scene/arrows.py": "the smallest loads and motions that are drawn",
     "scene/ellipsoids.py": "the thinnest body that is drawn",
     "scene/look.py": "the largest exaggeration that is drawn",

@@ -317,7 +317,7 @@ def test_refused_targets(
 def test_a_spread_that_does_not_exist_is_a_dash(analysis: Callable[..., dict[str, Any]]) -> None:
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
     from cartstiff.mechanisms.contract import SI
-    from cartstiff.report.analysis_mechanism import uncertainty_lines
+    from cartstiff.report.analysis import uncertainty_lines
 
     found = analysis("cubic", "--tolerance", "0.1,0.0001", "--length", "0.3")["uncertainty"]
     whole = uncertainty_lines(found, SI, full=True)

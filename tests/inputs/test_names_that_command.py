@@ -119,8 +119,8 @@ def test_json_holds_the_names_themselves(arm, capfd):
 
 
 def test_tables_and_pictures(arm):
-    from cartstiff.report.figures_statics import draw_load_curve
     from cartstiff.report.output import save_figure
+    from cartstiff.report.statics import draw_load_curve
     from cartstiff.statics.continuation import load_curve
 
     elastic = cartstiff.load(arm)

@@ -15,7 +15,7 @@ from cartstiff.cli.main import main
 from cartstiff.figures import figure_content, new_figure
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadForce
-from cartstiff.report.figures_statics import draw_error_along_path
+from cartstiff.report.statics import draw_error_along_path
 from cartstiff.statics.toolpath import compensate
 
 SHOWN = ("--units", "mm,deg")

@@ -28,8 +28,8 @@ from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.report.figures_statics import draw_error_along_path, draw_load_curve
 from cartstiff.report.output import save_figure
+from cartstiff.report.statics import draw_error_along_path, draw_load_curve
 from cartstiff.statics.continuation import branch, load_curve
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.toolpath import compensate

@@ -21,7 +21,7 @@ from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.reach.margins import lines_at, wrench_margins
 from cartstiff.report.json_schema import json_schema
-from cartstiff.report.workspaces import describe_workspace
+from cartstiff.report.reach import describe_workspace
 
 LEGS = {
     "limits": [[0.85, 1.25]] * 6,

@@ -167,7 +167,7 @@ def test_a_boundary_of_a_workspace(tmp_path):
     """What `workspace --csv` writes, in the units of the file or in others."""
     import cartstiff
     from cartstiff.reach.workspace import workspace
-    from cartstiff.report.workspaces import boundary_csv
+    from cartstiff.report.reach import boundary_csv
 
     hexapod = cartstiff.load("hexapod")
     reached = workspace(hexapod, directions=60, scan=12, fits=False)

@@ -205,9 +205,8 @@ def command(
     if not loads:
         raise InputError("a curve needs a load", expected="--load or --payload")
 
-    from cartstiff.report.figures_statics import draw_load_curve
     from cartstiff.report.output import write_files
-    from cartstiff.report.statics import describe_curve
+    from cartstiff.report.statics import describe_curve, draw_load_curve
     from cartstiff.statics.continuation import load_curve
 
     result = load_curve(elastic, *loads, to=curve, q0=q, held=held)
@@ -237,9 +236,8 @@ def _compensate(
     as_json: bool,
 ) -> None:
     from cartstiff.loading.tables import read_rows
-    from cartstiff.report.figures_statics import draw_error_along_path
     from cartstiff.report.output import write_files
-    from cartstiff.report.statics import describe_path
+    from cartstiff.report.statics import describe_path, draw_error_along_path
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)

@@ -385,7 +385,7 @@ def _write(
         ).decode()
 
     def drawn() -> Any:
-        from cartstiff.report.figures_identification import draw_residuals
+        from cartstiff.report.identification import draw_residuals
 
         return draw_residuals(result)
 

@@ -163,7 +163,7 @@ class LobesRequest:
             "milling": asdict(milling),
             "unit": modes.elastic.units.length,
         }
-        from cartstiff.report.figures_modes import draw_lobes
+        from cartstiff.report.modes import draw_lobes
         from cartstiff.report.output import write_files
 
         unit = modes.elastic.units.length

@@ -219,9 +219,13 @@ def command(
     elastic = request.at_posture()
 
     from cartstiff.cli.requests.path_file import read_path_file
-    from cartstiff.report.figures_toolpaths import draw_path, draw_placement
     from cartstiff.report.output import write_files
-    from cartstiff.report.toolpaths import describe_optimised_path, describe_placement
+    from cartstiff.report.toolpaths import (
+        describe_optimised_path,
+        describe_placement,
+        draw_path,
+        draw_placement,
+    )
     from cartstiff.toolpaths.optimise import optimise_path
     from cartstiff.toolpaths.placement import best_placement
 

@@ -99,7 +99,7 @@ class ResponseRequest:
             else frequency_response(modes, hertz, damping, kind=self.kind, at=at)  # type: ignore[arg-type]
         )
         data["response"] = answer.as_dict(self.direction)
-        from cartstiff.report.figures_modes import draw_response
+        from cartstiff.report.modes import draw_response
         from cartstiff.report.output import write_files
 
         write_files(

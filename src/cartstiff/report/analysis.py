@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from math import degrees
 from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.analysis.matrices import PURE
+from cartstiff.analysis.plain import unit_of
 from cartstiff.choices import LEVELS
 from cartstiff.errors import UnknownNameError, joined
 from cartstiff.mechanisms.contract import SI, Units
-from cartstiff.report.analysis_mechanism import (
-    deflection_lines,
-    target_lines,
-    uncertainty_lines,
-)
-from cartstiff.report.analysis_screws import mode_lines, screw_lines, synthesis_lines
 from cartstiff.report.layout import COSINES, number, numbers, percent, row, share, table, vector
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
@@ -291,3 +289,343 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         size = percent(a["size"])
         lines.append(f"  asymmetry of K^A: {size}, {word} (residual {number(a['residual'], 2)})")
     return lines
+
+
+Section = Mapping[str, Any] | None
+
+#: Smaller shares are not listed among the largest.
+_TOLD = 1e-3
+
+
+def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
+    """Deflection of the point, and each joint's or leg's share."""
+    if d is None:
+        return []
+    size = sum(x * x for x in d["displacement"]) ** 0.5
+    angle, turn = (u.angle, 1.0) if u.shown_angle == "rad" else (u.shown_angle, degrees(1.0))
+    lines = [
+        "",
+        f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the point "
+        f"{vector(d['acts_at'])} {u.length}",
+        f"  the point {vector(d['point'])} {u.length} moves {number(size)} {u.length}: "
+        f"{vector(d['displacement'], 4)}",
+        f"  the body turns {vector([turn * x for x in d['twist'][:3]], 4)} {angle} (all in the "
+        f"body's axes), "
+        f"energy {number(d['energy'])} {u.moment}",
+    ]
+    shares = d["shares"]
+    if not shares:
+        return lines
+    if d["kind"] == "joints":
+        first, meaning = "motion", "of the displacement"
+        titles = ["joint", "turns or slides", "", "share", f"displacement [{u.length}]"]
+    else:
+        first, meaning = "elongation", "of the energy"
+        titles = ["spring", "elongation", "", "share", "change of force"]
+    ranked = sorted(shares, key=lambda s: -abs(s["share"] or 0.0))
+    if not full:
+        main = [s for s in ranked[:3] if abs(s["share"] or 0.0) >= _TOLD] or ranked[:1]
+        parts = [f"{s['name']} {_share(s['share'])}" for s in main]
+        return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
+    rows = []
+    sizes = [
+        max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)
+        for kind in (False, True)
+    ]
+    for s in shares:
+        # A link turns and moves at once: its elongation has no single unit.
+        unit = "" if s["is_length"] is None else u.length if s["is_length"] else angle
+        own = s[first]
+        if s["is_length"] is not None and abs(own) < numerics.BLANK * sizes[s["is_length"]]:
+            own = 0.0
+        moved = own * (turn if unit == angle else 1.0)
+        if first == "motion":
+            last = row(s["displacement"], 4, size)
+        else:
+            effort = "" if s["is_length"] is None else u.effort(s["is_length"])
+            last = effort and f"{number(0.0 if own == 0.0 else s['force'])} {effort}"
+        rows.append([s["name"], number(moved), unit, _share(s["share"]), last])
+    lines += [f"  shares {meaning}", *table(titles, rows)]
+    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.CLOSE:
+        lines.append(
+            f"  the rest, {percent(d['load_share'])}, is what the load and other potentials "
+            "take or give"
+        )
+    return lines
+
+
+def _share(x: float | None) -> str:
+    return "-" if x is None else percent(x)
+
+
+def _wrench(w: list[float], u: Units) -> str:
+    """The parts of a wrench that are not zero."""
+    parts = []
+    force, moment = w[3:], w[:3]
+    if any(force) or not any(moment):
+        parts.append(f"force {vector(force, 4)} {u.force}")
+    if max(map(abs, moment)) > numerics.BLANK * max(map(abs, force)):
+        parts.append(f"moment {vector(moment, 4)} {u.moment}")
+    return " and ".join(parts)
+
+
+def target_lines(t: Section, u: Units, full: bool) -> list[str]:
+    """Joint stiffness that gives a desired Cartesian stiffness."""
+    if t is None:
+        return []
+    order = ""
+    if "order" in t:
+        order = f" ({t['order']} by {t['order_from'].replace('file', 'its file')})"
+    lines = ["", f"joint stiffness for the target{order}"]
+    unit = [u.spring(s) for s in t["are_lengths"]]
+    fit = t["diagonal_fit"]
+    if t["is_feasible"]:
+        lines.append("  independent springs give it exactly:")
+    else:
+        made = "" if t["definiteness"] == "positive" else "; not positive definite: active control"
+        lines.append(f"  joints must be coupled, up to {percent(t['off_diagonal'])}{made}")
+        if fit is not None:
+            lines.append(
+                f"  independent springs miss it by {percent(fit['residual'])} at best "
+                f"(angles times {number(fit['length'])} {u.length}):"
+            )
+    if not t["stable"]:
+        lines.append("  the posture is not stable with it: the target is not positive definite")
+    if fit is not None:
+        rows = [
+            [name, number(k, 5, "locked"), "" if k is None else x, number(tau), u.effort(s)]
+            for name, k, x, tau, s in zip(
+                t["joints"], fit["stiffness"], unit, t["torque"], t["are_lengths"], strict=True
+            )
+        ]
+        lines += table(["joint", "stiffness", "", "carries", ""], rows)
+    if full and not t["is_diagonal"]:
+        lines.append("  matrix of joint stiffness that gives it exactly, rows and columns in order")
+        lines += [f"  {row(r)}" for r in t["matrix"]]
+    return lines
+
+
+_SHOWN = {
+    "ellipsoids.stiffness.translation.held.eigenvalues": "translation, rotation held",
+    "ellipsoids.stiffness.translation.free.eigenvalues": "translation, rotation free",
+    "ellipsoids.stiffness.rotation.held.eigenvalues": "rotation, translation held",
+    "ellipsoids.stiffness.rotation.free.eigenvalues": "rotation, translation free",
+    "centres.stiffness": "centre of stiffness",
+    "centres.compliance": "centre of compliance",
+    "centres.elasticity": "centre of elasticity",
+    "indices.condition_number": "condition number",
+    "indices.minimum_stiffness": "minimum stiffness",
+    "deflection.displacement": "displacement under the load",
+}
+
+
+def _unit(name: str, u: Units) -> str:
+    """Unit of a number such as "stiffness[0, 3]"."""
+    path = name.replace(", ", ".").replace("[", ".").rstrip("]")
+    unit = unit_of(path)
+    return "" if unit == PURE else unit.format(length=u.length, force=u.force)
+
+
+def _meet(numbers: Mapping[str, Any], prefix: str) -> bool:
+    """Whether two sorted principal values are equal, so that they have no derivative."""
+    if not prefix.endswith("eigenvalues"):
+        return False
+    a, b, c = (numbers.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
+    return min(b - a, c - b) <= numerics.NEARBY * max(abs(a), abs(c))
+
+
+# What is told of a spread, and its digits.
+_SPREAD = (("nominal", 5), ("mean", 5), ("deviation", 3), ("lower", 5), ("upper", 5))
+
+
+def _size(name: str, spreads: Mapping[str, Any]) -> float:
+    """What an entry of a matrix is rounding of: the geometric mean of its two diagonal ones."""
+    if ".axes[" in name:
+        return COSINES
+    matrix, _, entry = name.partition("[")
+    i, _, j = entry.rstrip("]").partition(", ")
+    ends = [spreads.get(f"{matrix}[{k}, {k}]") for k in (i, j)] if j else []
+    sizes = [abs(end["nominal"]) for end in ends if end is not None and end["nominal"] is not None]
+    return math.sqrt(math.prod(sizes)) if len(sizes) == 2 else 0.0
+
+
+def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
+    """Standard deviations of the main numbers, or of all of them."""
+    if s is None:
+        return []
+    t = s["tolerances"]
+    parts = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
+    parts += [f"lengths {number(t['length'])} {u.length}"] if t["length"] else []
+    parts += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
+    if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
+        parts.insert(0, "the measured springs")
+    how = "to first order" if not s["samples"] else f"{s['samples']} samples"
+    lines = ["", f"uncertainty from {', '.join(parts)} ({how}; standard deviations)"]
+    if s["left_out"]:
+        lines.append(f"  {s['left_out']}")
+    if s["failures"]:
+        failed = ", ".join(f"{n} {code}" for code, n in s["failures"].items())
+        lines.append(f"  draws without a result, left out: {failed}")
+    spreads = s["numbers"]
+    for prefix, label in _SHOWN.items():
+        names = [n for n in spreads if n == prefix or n.startswith(prefix + "[")]
+        if not names:
+            continue
+        unit = _unit(prefix, u)
+        label = f"  {label} [{unit}]" if unit else f"  {label}"
+        means = [spreads[n]["nominal" if spreads[n]["mean"] is None else "mean"] for n in names]
+        spread = [spreads[n]["deviation"] for n in names]
+        if prefix.startswith(("centres", "deflection")):
+            size = max((d for d in spread if d is not None), default=0.0)
+            lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")
+        else:
+            shares = [
+                percent(d / abs(m)) if m and d is not None else "-"  # one may not exist
+                for d, m in zip(spread, means, strict=True)
+            ]
+            lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
+    if not s["samples"] and any(_meet(spreads, prefix) for prefix in _SHOWN):
+        lines.append(
+            "  principal values meet here: to first order their spread is rough; draw "
+            "samples instead"
+        )
+    softest = spreads.get("ellipsoids.stiffness.translation.free.eigenvalues[0]")
+    if softest is not None and "main_parameter" in softest:
+        lines.append(
+            f"  most of the softest direction's variance: {softest['main_parameter']} "
+            f"({percent(softest['main_share'])})"
+        )
+    if full:
+        rows = [
+            [
+                name,
+                _unit(name, u),
+                *(number(e[key], digits, size=_size(name, spreads)) for key, digits in _SPREAD),
+            ]
+            for name, e in spreads.items()
+        ]
+        level = percent(s["level"])
+        lines.append(f"  every number, with the interval that holds {level}")
+        lines += table(["", "unit", "nominal", "mean", "deviation", "lower", "upper"], rows)
+    return lines
+
+
+def _line(a: Mapping[str, Any], size: float) -> list[str]:
+    pitch = a["pitch"]
+    if pitch is not None and abs(pitch) < numerics.BLANK * size:
+        pitch = 0.0
+    return [number(pitch, 5, "infinite"), row(a["direction"], 4, COSINES), row(a["point"], 4, size)]
+
+
+def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
+    """Eigenscrews and compliant axes."""
+    lines: list[str] = []
+    size = s["length"]["value"]
+    where = [f"pitch [{u.pitch}]", "direction", f"point [{u.length}]"]
+    screws = s["eigenscrews"]
+    if screws is not None:
+        lines += ["", "eigenscrews: twists answered by a wrench on the same screw"]
+        lines += table(
+            [
+                f"eigenvalue [{u.blocks['tr']}]",
+                f"about [{u.stiffness['rotation']}]",
+                f"along [{u.stiffness['translation']}]",
+                *where,
+            ],
+            [
+                [
+                    number(e["eigenvalue"]),
+                    number(e["rotational_stiffness"]),
+                    number(e["translational_stiffness"]),
+                    *_line(e, size),
+                ]
+                for e in screws["screws"]
+            ],
+        )
+        if not screws["complete"]:
+            lines.append(f"  only {len(screws['screws'])} real, independent eigenscrews")
+        for z in screws["complex_eigenvalues"]:
+            lines.append(f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.blocks['tr']}")
+    for kind, meaning, freedom in (
+        ("wrench", "translation answered by a parallel force", "translation"),
+        ("twist", "moment answered by a parallel rotation", "rotation"),
+    ):
+        key = f"{kind}_compliant_axes"
+        if s[key] is not None:
+            lines += ["", f"{kind}-compliant axes: {meaning}"]
+            lines += table(
+                [f"stiffness [{u.stiffness[freedom]}]", *where],
+                [[number(a["stiffness"]), *_line(a, size)] for a in s[key]],
+            )
+    return lines
+
+
+def mode_lines(m: Mapping[str, Any] | None, u: Units, length: float) -> list[str]:
+    """Eigenvalues and twists with respect to the metric."""
+    if m is None:
+        return []
+    if m["metric"] == "inertia":
+        lines = ["", "modes with respect to the inertia of the body"]
+        title = "frequency [Hz]"
+        pairs = zip(m["frequencies"], m["eigenvalues"], strict=True)
+        values = [_frequency(f, x) for f, x in pairs]
+    else:
+        lines = ["", "modes with respect to the metric length^2 |omega|^2 + |v|^2"]
+        title = f"stiffness [{u.stiffness['translation']}]"
+        values = [number(x) for x in m["eigenvalues"]]
+    titles = [title, f"rotation [{u.angle}]", f"translation [{u.length}]"]
+    columns = list(zip(*m["twists"], strict=True))
+    return lines + table(
+        titles,
+        [
+            [
+                x,
+                row(t[:3], 4, max(map(abs, t[3:])) / length),
+                row(t[3:], 4, max(map(abs, t[:3])) * length),
+            ]
+            for x, t in zip(values, columns, strict=True)
+        ],
+    )
+
+
+def _frequency(frequency: float | None, eigenvalue: float) -> str:
+    """Hz, or how fast a motion grows that is not held."""
+    if frequency is None:
+        return f"unstable ({number((-eigenvalue) ** 0.5)} /s)"
+    return number(frequency)
+
+
+def synthesis_lines(s: Mapping[str, Any] | None, u: Units, full: bool, size: float) -> list[str]:
+    """Springs that realise the matrix."""
+    if s is None or "passive" not in s:
+        return []
+    trace = 0.0 if s["relative_trace"] < numerics.UNCOUPLED else s["trace"]
+    trace = f"trace of the coupling block {number(trace, 3)} {u.blocks['tr']}"
+    if not s["passive"]:
+        text = "no unloaded springs in parallel give this matrix: it has a negative eigenvalue"
+    elif s["by_line_springs"]:
+        text = f"{s['rank']} line or torsional springs in parallel give this matrix ({trace})"
+    else:
+        text = (
+            f"{s['rank']} springs in parallel give this matrix, "
+            f"{s['screw_springs']} of them with a pitch ({trace})"
+        )
+    if not full or not s["springs"]:
+        return ["", "synthesis", f"  {text}"]
+    rows = [
+        [
+            x["kind"],
+            number(x["stiffness"]),
+            u.stiffness["rotation" if x["kind"] == "torsional" else "translation"],
+            *_line(x, size),
+        ]
+        for x in s["springs"]
+    ]
+    titles = ["kind", "stiffness", "", f"pitch [{u.pitch}]", "direction", f"point [{u.length}]"]
+    return [
+        "",
+        "synthesis",
+        f"  {text}",
+        *table(titles, rows),
+        f"  largest difference from the matrix {number(s['residual'], 2)} of its block",
+    ]

@@ -5,15 +5,344 @@ from __future__ import annotations
 from typing import Any
 
 from cartstiff.analysis.plain import schema as schema_of_analysis
-from cartstiff.choices import LOAD_KINDS
+from cartstiff.choices import LOAD_KINDS, TENSIONS
+from cartstiff.designs.run import DESIGN_SCHEMA
+from cartstiff.identify.result import IDENTIFY_SCHEMA
 from cartstiff.matrix_names import MATRICES
+from cartstiff.reach.assembly import ASSEMBLE_SCHEMA
+from cartstiff.reach.workspace import WORKSPACE_SCHEMA
+from cartstiff.report import schema_words as js
 from cartstiff.report.frames import FRAMES_SCHEMA
-from cartstiff.report.schemas import words as js
-from cartstiff.report.schemas.designs import design_schema
-from cartstiff.report.schemas.identification import identify_schema
-from cartstiff.report.schemas.reach import assemble_schema, workspace_schema
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.mode_set import MODES_SCHEMA
+
+
+def design_schema(parts: dict[str, Any]) -> dict[str, Any]:
+    """JSON Schema of what ``cartstiff design --json`` prints (draft 2020-12)."""
+    by_name = {"type": "object", "additionalProperties": js.number(null=True)}
+    measure = {
+        "name": js.text("of the measure"),
+        "of": js.text("what it is, for people"),
+        "case": js.text("load and poses it belongs to", null=True),
+        "unit": js.text("of its values"),
+    }
+    counts = {state: js.integer() for state in ("feasible", "infeasible", "failed")}
+    return js.document(
+        {
+            "schema": js.form(DESIGN_SCHEMA),
+            "mechanism": js.text("as the study names it"),
+            "method": js.text("how designs were chosen"),
+            "variables": js.strings("parameters that vary"),
+            "set": by_name | {"description": "parameters that do not, where the study gives them"},
+            "poses": js.integer("poses of each design"),
+            "gravity": parts["gravity"],
+            "weighed": parts["weighed"],
+            "objectives": js.list_of(
+                js.object_with(measure | {"goal": js.one_of("largest", "smallest")}),
+                "what is wanted",
+            ),
+            "constraints": js.list_of(
+                js.object_with(
+                    measure
+                    | {
+                        "at_least": js.number("bound", null=True),
+                        "at_most": js.number("bound", null=True),
+                    }
+                ),
+                "what must hold",
+            ),
+            "counts": js.object_with(counts, "designs by their state"),
+            "best": {
+                "type": ["object", "null"],
+                "additionalProperties": js.integer(),
+                "description": "place in designs of the best for each objective; null if none is "
+                "feasible",
+            },
+            "front": js.list_of(js.integer(), "places in designs of the Pareto front"),
+            "designs": js.list_of(
+                js.object_with(
+                    {
+                        "parameters": by_name | {"description": "of the file, as they were"},
+                        "values": by_name | {"description": "of the measures"},
+                        "state": js.one_of("feasible", "infeasible", "failed"),
+                        "reason": js.text("why it is not feasible; else empty"),
+                    }
+                ),
+                "in the order in which they were chosen",
+            ),
+            "notes": parts["notes"],
+        },
+        "design",
+    )
+
+
+_PARAMETER = js.object_with(
+    {
+        "name": js.text("of the spring; springs that are tied: A = B"),
+        "stiffness": js.number("1 / compliance; null where that is zero or not known", null=True),
+        "unit": js.text("of the stiffness"),
+        "compliance": js.number("estimate; null where not identifiable", null=True),
+        "sd": js.number("standard deviation of the compliance", null=True),
+        "interval": js.list_of(
+            js.number(null=True),
+            "lower and upper end of the stiffness; null: no upper end, or not known",
+        ),
+        "compliance_interval": js.numbers("of the compliance, not below zero", null=True),
+        "identifiable": js.flag("whether the interval is finite"),
+        "verdict": js.one_of("determined", "at-least", "not-identifiable", "negative"),
+        "plain": js.number("compliance by least squares on all rows used", null=True),
+        "robust": js.number("compliance by the robust fit", null=True),
+    }
+)
+_NOISE = js.object_with(
+    {
+        "unit": js.text("of the numbers"),
+        "count": js.integer(),
+        "residual_rms": js.number("root mean square of measured less predicted"),
+        "sigma": js.number("standard deviation of one number, mean square"),
+        "sigma_is_estimated": js.flag(),
+        "leave_one_out_rms": js.number("of predictions from the other postures", null=True),
+    }
+)
+_CHECKS = js.object_with(
+    {
+        "chi_squared": js.number("of the residuals, where deviations are given", null=True),
+        "freedom": js.number("numbers less what was fitted"),
+        "probability": js.number("of a larger one", null=True),
+        "repeats": js.integer("numbers beyond the first in one setting"),
+        "lack_of_fit": js.number("probability of what repeats do not show", null=True),
+        "patterns": js.list_of(
+            js.object_with(
+                {
+                    "kind": js.one_of("backlash", "stiffening", "drift"),
+                    "name": js.text("spring or column"),
+                    "size": js.number("half the play; compliance per force; per second"),
+                    "probability": js.number("without it"),
+                }
+            ),
+            "in the residuals",
+        ),
+    }
+)
+
+
+def identify_schema(
+    notes: dict[str, Any],
+    mechanism: dict[str, Any],
+    units: dict[str, Any],
+    frames: dict[str, Any],
+) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12), with the parts that it shares with other commands."""
+    properties = {
+        "schema": js.form(IDENTIFY_SCHEMA),
+        "mechanism": mechanism,
+        **frames,
+        "units": units,
+        "model": js.one_of("linear in the load", "loaded equilibrium"),
+        "fit": js.one_of("plain", "robust"),
+        "level": js.number("probability of the intervals"),
+        "rows": js.integer("of the table"),
+        "used": js.list_of(js.integer(), "numbers of the rows used, from 1"),
+        "rejected": js.list_of(
+            js.object_with({"row": js.integer(), "reason": js.text("in words")}), "rows left out"
+        ),
+        "parameters": js.list_of(_PARAMETER, "what was found"),
+        "covariance": js.list_of(
+            js.list_of(js.number(null=True), "row"),
+            "of the compliances, in the order of the parameters; null where not identifiable",
+        ),
+        "degrees": js.number("of freedom of Student's t; null: normal", null=True),
+        "residual_rms": js.number("of lengths; of angles where there are no lengths"),
+        "sigma": js.number("standard deviation of one of them"),
+        "leave_one_out_rms": js.number("of predictions from the other postures", null=True),
+        "noise": {
+            "type": "object",
+            "additionalProperties": _NOISE,
+            "description": "the same by kind: length, angle",
+        },
+        "inflation": js.number("factor on all deviations, as the scatter is larger; else 1"),
+        "suspects": js.list_of(js.integer(), "numbers of rows that the robust fit suspects"),
+        "singular_values": js.numbers("of the regressor with unit columns"),
+        "unseen": js.list_of(
+            js.object_with({"singular_value": {"type": "number"}, "springs": {"type": "object"}}),
+            "combinations of springs that no row sees",
+        ),
+        "checks": _CHECKS,
+        "notes": notes,
+    }
+    return js.document(properties, "identify")
+
+
+def assemble_schema(parts: dict[str, Any]) -> dict[str, Any]:
+    """JSON Schema of what ``cartstiff assemble --json`` prints (draft 2020-12).
+
+    `parts` are those that other commands print too: "mechanism", "frame", "units", "notes".
+    """
+    mode = js.object_with(
+        {
+            "q": js.numbers("coordinates; of a platform x, y, z, roll, pitch, yaw"),
+            "pose": {"type": "array", "description": "4x4, of M in F"},
+            "residual": js.number("largest difference from the lengths, or gap of the closures"),
+            "multiplicity": js.integer("solutions that meet there"),
+            "smallest_eigenvalue": js.number(
+                "of the tangent stiffness, angles times the characteristic length; force/length",
+                null=True,
+            ),
+            "stable": js.flag("null: singular, or unknown", null=True),
+            "determinant": js.number("of the legs' lines, moments over that length", null=True),
+            "frequencies": js.list_of(
+                js.number(null=True), "Hz; null where there is no mass", null=True
+            ),
+            "notes": parts["notes"],
+        }
+    )
+    search = {
+        "type": ["object", "null"],
+        "description": "null where nothing was searched, for the reason in the notes",
+        "properties": {
+            "method": js.one_of("homotopy", "starts"),
+            "complete": js.flag("whether no isolated mode can be missing"),
+            "total": js.integer("homotopy: paths, 40"),
+            "single": js.integer("that ended at solutions of their own"),
+            "real": js.integer("of these"),
+            "multiple": js.integer("that ended where others do"),
+            "moving": js.integer("that ended on curves of solutions"),
+            "nowhere": js.integer("that ended at infinity"),
+            "lost": js.integer("whose end is not known"),
+            "starts": js.integer("starts: how many"),
+            "found": js.integer("starts: different modes"),
+        },
+        "required": ["method", "complete"],
+        "additionalProperties": False,
+    }
+    return js.document(
+        {
+            "schema": js.form(ASSEMBLE_SCHEMA),
+            "mechanism": parts["mechanism"],
+            **{key: parts[key] for key in ("frame", "frame_offset", "base_pose")},
+            "units": parts["units"],
+            "given": {"type": "object", "description": "leg lengths, or actuated joints, by name"},
+            "gravity": parts["gravity"],
+            "weighed": parts["weighed"],
+            "search": search,
+            "modes": js.list_of(mode, "the nearest to the default posture first"),
+            "notes": parts["notes"],
+        },
+        "assemble",
+    )
+
+
+def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
+    """JSON Schema of what ``cartstiff workspace --json`` prints; `parts` as there."""
+    by = "by limit, or the state that ends a ray: share of the directions"
+    centre = js.numbers("x, y, z of M in F")
+    return js.document(
+        {
+            "schema": js.form(WORKSPACE_SCHEMA),
+            "mechanism": parts["mechanism"],
+            **{key: parts[key] for key in ("frame", "frame_offset", "base_pose")},
+            "units": parts["units"],
+            "pose": {"type": "array", "description": "4x4, M in F: its orientation is kept"},
+            "gravity": parts["gravity"],
+            "weighed": parts["weighed"],
+            "load": js.object_with(
+                {
+                    "wrench": js.numbers("moment, force", 6),
+                    "kind": js.one_of("dead", "follower"),
+                    "at": js.numbers("point of the body, in M", 3),
+                    "axes": js.one_of("body", "world"),
+                },
+                "what is carried besides the weight; null: nothing",
+                null=True,
+            ),
+            "axes": js.strings(
+                "coordinates of the pose that are followed; x, y, z if it takes them"
+            ),
+            "volume": js.number(
+                "of the positions with it, in the units of the axes; null where none was followed",
+                null=True,
+            ),
+            "volume_error": js.number(
+                "estimate of its error: the larger of three standard errors of the columns and "
+                "the difference from the volume by rays",
+                null=True,
+            ),
+            "cut_by": js.BY_NAME | {"description": by},
+            "slices": js.list_of(
+                js.object_with(
+                    {"z": js.number("height in F"), "area": js.number("length squared")}
+                ),
+                "of the volume",
+            ),
+            "poses": js.integer("poses that were tried"),
+            "sphere": js.object_with(
+                {"centre": centre, "radius": js.number("length")},
+                "the largest that was found inside",
+                null=True,
+            ),
+            "cube": js.object_with(
+                {"centre": centre, "edge": js.number("length")},
+                "the same, along the axes of F",
+                null=True,
+            ),
+            "rotations": js.object_with(
+                {
+                    "share": js.number("of all rotations, that can be reached at the position"),
+                    "every_axis": js.number("rad: about every axis at least"),
+                    "cut_by": js.BY_NAME | {"description": by},
+                },
+                "at the pose's position",
+                null=True,
+            ),
+            "singularity": js.object_with(
+                {
+                    "least_ratio": js.number(
+                        "smallest over largest singular value of six legs' lines, or of passive "
+                        "joints' twists that meet in the body"
+                    ),
+                    "position": centre,
+                },
+                "the nearest to one that was met; moments over the body's length",
+                null=True,
+            ),
+            "singular": js.object_with(
+                {
+                    "metric": {
+                        "type": "string",
+                        "description": "distances and angles in one number",
+                    },
+                    "length": js.number("of the metric: the body's"),
+                    "distance": js.number("to the nearest singular pose found", null=True),
+                    "pose": {"type": ["array", "null"], "description": "4x4, that pose of M"},
+                    "shift": js.number("to the nearest with the orientation kept", null=True),
+                    "surface": js.list_of(
+                        js.numbers("along the axes"), "changes of sign on the rays"
+                    ),
+                },
+                "where the determinant changes its sign, with or without limits",
+                null=True,
+            ),
+            "tensions": js.object_with(
+                {
+                    "distribution": js.one_of(*TENSIONS),
+                    "at_centre": js.numbers(
+                        "nearest to the middle of the limits; null without an upper limit, or "
+                        "where none carry the load",
+                        null=True,
+                    ),
+                },
+                "which tensions count, where they are limited",
+                null=True,
+            ),
+            "boundary": js.list_of(
+                js.numbers("along the axes"), "boundaries: last ones within the limits"
+            ),
+            "limits": js.strings("what ends each of these"),
+            "notes": parts["notes"],
+        },
+        "workspace",
+    )
+
 
 _ABSENT = "where it does not exist"
 

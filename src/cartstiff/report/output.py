@@ -14,8 +14,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.figures import figure_content
-from cartstiff.report.exchange.files import EXCHANGE, exchanged
-from cartstiff.report.exchange.geometry import urdf_with_closures
+from cartstiff.report.exchange import EXCHANGE, exchanged, urdf_with_closures
 from cartstiff.stiffness.compute import PostureStiffness
 
 

@@ -1,6 +1,10 @@
-"""Assembly modes and workspaces as text and as tables."""
+"""Assembly modes and workspaces as text, as tables and as figures."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +18,8 @@ from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
-from cartstiff.report.layout import body_frame, note_lines, number, numbers, table
+from cartstiff.reach.workspace import Workspace
+from cartstiff.report.layout import body_frame, note_lines, number, numbers, percent, table, vector
 from cartstiff.report.posture import load_lines
 
 _STABLE = {True: "yes", False: "NO", None: "-"}
@@ -152,3 +157,158 @@ def assembly_csv(modes: AssemblyModes) -> str:
             ]
         )
     return csv_rows(head, rows)
+
+
+# Limits that are listed; the rest is one line.
+_MOST = 12
+
+
+def _angle(reached: Workspace) -> str:
+    """The least turn, as people read angles."""
+    angle, turn = reached.elastic.units.shown_angle, reached.least_turn
+    if angle == "deg" and turn is not None:
+        turn = degrees(turn)
+    return f"{number(turn, 4)} {angle}"
+
+
+def describe_workspace(reached: Workspace) -> str:
+    """Volume, slices, what cuts where, rotations, what fits inside, singularities, notes."""
+    elastic, unit = reached.elastic, reached.elastic.units.length
+    units = [unit if name in "xyz" else "rad" for name in reached.axes]
+    is_place = reached.axes == ("x", "y", "z")
+    lines = [
+        f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
+        f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}"
+        if is_place
+        else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",
+        *([f"Load: {_load(reached.load)}"] if reached.load else []),
+        gravity_loads(elastic).text,
+    ]
+    if reached.positions is None or reached.columns is None:
+        return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])
+    poses = reached.as_dict()["poses"]
+    lines += [
+        "",
+        f"Volume{' with this orientation' * is_place}: {number(reached.volume, 5)} "
+        f"{_product(units)}, give or take {number(reached.volume_error, 2)} ({poses} poses tried)",
+        *table(
+            [f"{reached.axes[2]} [{units[2]}]", f"area [{_product(units[:2])}]"],
+            [(number(z), number(area, 4)) for z, area in reached.slices[::2]],
+        ),
+        "",
+        "The outer boundary is cut by (share of directions)",
+        *_shares(reached.positions.shares()),
+    ]
+    if reached.turns is not None:
+        lines += [
+            "",
+            "Rotations at this position",
+            f"  about every axis by at least {_angle(reached)}; "
+            f"{percent(reached.share_of_rotations)} of all rotations",
+            *_shares(reached.turns.shares()),
+        ]
+    for words, fits, size in (("sphere", reached.sphere, "radius"), ("cube", reached.cube, "edge")):
+        if fits is not None:
+            lines.append(
+                f"Largest {words} found inside: {size} {number(fits[1], 4)} {unit} at "
+                f"{vector(fits[0], 4)}"
+            )
+    if reached.distribution:
+        t, how = reached.distribution["at_centre"], reached.distribution["distribution"]
+        words = "any within the limits" if how == "any" else "nearest to the middle of the limits"
+        lines.append(
+            f"Tensions that count: {words}"
+            + (
+                ""
+                if t is None
+                else f"; nearest to the middle at the position: {vector(np.array(t), 5)} "
+                f"{elastic.units.force}"
+            )
+        )
+    if reached.singularity is not None:
+        ratio, place = reached.singularity
+        of, over = "legs' lines", "moments"
+        if elastic.mechanism.kind not in ("stewart-gough", "springs"):
+            of, over = "passive joints' twists that meet in the body", "lengths"
+        lines += [
+            f"Nearest to singular: smallest over largest singular value of the {of} "
+            f"{number(ratio, 3)} at {vector(place, 4)}",
+            f"  ({over} over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
+            f"{unit}; 0 is singular)",
+        ]
+    if (near := reached.singular) is not None and near.distance is not None:
+        lines += [
+            f"Nearest singular pose found: {number(near.distance, 4)} {unit} away, by "
+            f"sqrt(distance^2 + ({number(near.length)} {unit} x angle)^2)"
+            + (f"; {number(near.shift, 4)} {unit} without turning" if near.shift else "")
+        ]
+    return joined([*lines, *note_lines(reached.notes)])
+
+
+def _load(load: Mapping[str, Any]) -> str:
+    """What is carried, in words."""
+    of = "M at the start" if load["axes"] == "body" else "F"
+    W = load["wrench"]
+    return (
+        f"{load['kind']}, moment {vector(W[:3], 6)}, force {vector(W[3:], 6)} along the "
+        f"axes of {of}, at {vector(load['at'], 6)} of the body"
+    )
+
+
+def _product(units: Sequence[str]) -> str:
+    """A product of units: m^3, or m rad^2."""
+    powers = ((unit, units.count(unit)) for unit in dict.fromkeys(units))
+    return " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers)
+
+
+def _shares(shares: dict[str, float]) -> list[str]:
+    listed = list(shares.items())
+    lines = [f"  {percent(share):>6}  {name}" for name, share in listed[:_MOST]]
+    rest = sum(share for _, share in listed[_MOST:])
+    return lines + ([f"  {percent(rest):>6}  others"] if rest else [])
+
+
+def boundary_csv(reached: Workspace) -> str:
+    """A row a boundary position: the axes that are followed, and the limit that cuts."""
+    unit = reached.elastic.units.length
+    edges = () if reached.positions is None else reached.positions.edges
+    rows = ([*xyz, edge[3]] for xyz, edge in zip(reached.boundary.tolist(), edges, strict=True))
+    names = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
+    return csv_rows([*names, "limit"], rows)
+
+
+def draw_workspace(reached: Workspace) -> Any:
+    """The boundary in space and along three axes, coloured by the limit that cuts, as a figure."""
+    from cartstiff.figures import new_figure
+
+    figure = new_figure(11.0, 8.0)
+    from matplotlib import colormaps
+
+    unit, places = reached.elastic.units.length, reached.boundary
+    names = [] if reached.positions is None else [edge[3] for edge in reached.positions.edges]
+    kinds = sorted(set(names))
+    colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
+    labels = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
+    is_place = reached.axes == ("x", "y", "z")
+    for position, plane in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
+        axis = figure.add_subplot(2, 2, position, projection="3d" if len(plane) == 3 else None)
+        for k, kind in enumerate(kinds):
+            own = np.array([name == kind for name in names])
+            axis.scatter(*places[own][:, plane].T, s=4, color=colours[k % 20], label=kind)
+        if len(plane) == 3 and reached.singular is not None and len(reached.singular.surface):
+            axis.scatter(*reached.singular.surface.T, s=1, color="0.6", label="singular surface")
+        for i, name in zip(plane, "xyz", strict=False):
+            getattr(axis, f"set_{name}label")(labels[i])
+        if is_place:
+            axis.set_aspect("equal", adjustable="datalim" if len(plane) == 2 else "box")
+    if kinds:
+        figure.legend(
+            *axis.get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=4,
+            fontsize=7,
+            markerscale=3,
+        )
+    words = "boundary with one orientation" if is_place else "boundary"
+    figure.suptitle(f"{reached.elastic.name}: {words}, and the limit that cuts")
+    return figure

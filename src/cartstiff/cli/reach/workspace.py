@@ -125,7 +125,7 @@ def command(
 
     from cartstiff.reach.workspace import workspace
     from cartstiff.report.output import write_files
-    from cartstiff.report.workspaces import boundary_csv, describe_workspace, draw_workspace
+    from cartstiff.report.reach import boundary_csv, describe_workspace, draw_workspace
 
     with Progress("poses", progress) as bar:
         reached = workspace(

@@ -1,21 +1,31 @@
-r"""A mechanism's geometry for other programs: URDF with closures beside it, Nastran springs, CSV.
+"""A posture for other programs: Nastran, MuJoCo, URDF with closures beside it, a table.
 
-URDF knows trees alone. What closes its loops stands in a mechanism file of the same name beside it:
-closures, drives, springs and the posture, as `cartstiff.load` reads them. Both are in SI units.
+Finite-element programs take one symmetric matrix of a node to the ground, rows and columns
+(translation, rotation): K^B about the body frame's origin, here along the axes of F. What of the
+tangent under a load is not symmetric follows from the load: a comment names it. A body's mass is in
+the unit that goes with those of length, force and second.
+
+URDF knows trees alone. What closes its loops is in a mechanism file of the same name beside it:
+closures, drives, springs and the posture, as `cartstiff.load` reads them. Both are in SI units, and
+so is MuJoCo's file, in which every joint's reference is the posture's coordinate: the model starts
+there, assembled.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from cartstiff import numerics
 from cartstiff.arrays import csv_rows
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, UndefinedError, joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -387,3 +397,321 @@ def geometry_csv(result: PostureStiffness) -> bytes:
 def _known(row: Array) -> list[float | None]:
     """Numbers, and nothing where there is none."""
     return [float(x) if np.isfinite(x) else None for x in row]
+
+
+# What MuJoCo wants of a body that moves, and a link without mass has not: kg, kg m^2.
+_LEAST = "1e-6", "1e-9"
+
+
+def numbers(values: Array) -> str:
+    """Numbers of an attribute, all their digits."""
+    return " ".join(repr(float(x)) for x in values)
+
+
+def quaternion(R: Array) -> Array:
+    """Of a rotation, real part first."""
+    return np.roll(np.asarray(Rotation.from_matrix(R).as_quat()), 1)
+
+
+def load_of_mujoco(result: PostureStiffness, parent: str) -> tuple[list[str], list[str], list[str]]:
+    """The wrench that holds the posture: a site at its point, one in the room, and what pushes.
+
+    A `general` actuator without control exerts its bias on the site: along the site's axes, which
+    turn with the body (follower), or along those of the reference site (dead).
+
+    Raises
+    ------
+    InputError
+        For a moment that turns by half, which MuJoCo does not have.
+    """
+    W, load = result.shown_wrench(np.asarray(result.wrench)), result.load
+    if result.wrench is None or not W.any():
+        return [], [], []
+    length, force = convert_length(result.elastic.units, SI)
+    at = np.array(load.at)
+    m, f = (W[:3] - np.cross(at, W[3:])) * force * length, W[3:] * force
+    if load.kind == "conservative" and np.abs(m).max() > numerics.ROUNDING * np.abs(W).max():
+        raise InputError(
+            "MuJoCo has no moment that turns by half",
+            where="--load-kind",
+            expected="dead or follower",
+            got=load.kind,
+        )
+    reference, room = "", []
+    if load.kind != "follower":
+        R = result.pose[:3, :3]
+        m, f = R @ m, R @ f
+        reference, room = ' refsite="room"', ['<site name="room"/>']
+    gear = numbers(np.concatenate([f, m]))
+    pushes = [
+        "<!-- the load that holds this posture: force, then moment -->",
+        "<actuator>",
+        f'<general name="load" site="load"{reference} gear="{gear}" gaintype="fixed" gainprm="0" '
+        'biastype="affine" biasprm="1 0 0"/>',
+        "</actuator>",
+    ]
+    return [f'<site name="load" {parent}/>'], room, pushes
+
+
+def chain_of_mujoco(result: PostureStiffness) -> bytes:
+    """An arm, or a closed chain such as legs by name: bodies, joints with springs, closures.
+
+    Raises
+    ------
+    InputError
+        For what the file cannot say: beams, links that give, springs by other laws.
+    """
+    elastic, springs = result.elastic, result.elastic.springs
+    refused = [type(p).__name__ for p in elastic.potentials]
+    if refused or not isinstance(springs, JointSprings) or springs.laws:
+        raise InputError(
+            "MuJoCo's file holds linear springs in joints alone, or a platform on straight lines",
+            where=elastic.name,
+            got=", ".join(refused or [type(springs).__name__]),
+        )
+    parts = links, closures, keys = parts_of_chain(result, springs)
+    T = se3.pose(translation=np.multiply(result.load.at, convert_length(elastic.units, SI)[0]))
+    own = next(link for link in links if link.name == "M")
+    load, room, pushes = load_of_mujoco(result, _placed(own.T @ T))
+    gravity = np.zeros(3) if elastic.gravity is None else np.asarray(elastic.gravity)
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
+    ties = [
+        f"<{'weld' if tie['type'] == 'weld' else 'connect'} site1={quoteattr(tie['frames'][0])} "
+        f"site2={quoteattr(tie['frames'][1])}/>"
+        for tie in closures
+    ]
+    q, named = keys["q"], keys["springs"]
+    ties += [
+        f'<joint joint1={quoteattr(joint)} polycoef="{q[joint]!r} 0 0 0 0"/>'
+        for joint, spring in named.items()
+        if spring["stiffness"] == "rigid"
+    ]
+    lines = [
+        f'<mujoco model="{name}">',
+        f"<!-- links without mass are given {_LEAST[0]} kg and {_LEAST[1]} kg m^2 -->",
+        f'<compiler angle="radian" boundmass="{_LEAST[0]}" boundinertia="{_LEAST[1]}"/>',
+        f'<option gravity="{numbers(gravity)}"/>',
+        "<worldbody>",
+        *room,
+        *_within("base", links, parts, (own.parent, load)),
+        "</worldbody>",
+        *(["<equality>", *ties, "</equality>"] if ties else []),
+        *pushes,
+        "</mujoco>",
+    ]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _placed(T: Array) -> str:
+    """Attributes of a frame in its parent."""
+    return f'pos="{numbers(T[:3, 3])}" quat="{numbers(quaternion(T[:3, :3]))}"'
+
+
+def _within(parent: str, links: list[Link], parts: Parts, load: tuple[str, list[str]]) -> list[str]:
+    """Bodies and sites on a link, with all that hangs on them; the load's site on its link."""
+    q, named = parts[2]["q"], parts[2]["springs"]
+    lines = list(load[1]) if load[0] == parent else []
+    for link in links:
+        if link.parent != parent:
+            continue
+        if link.axis is None:
+            lines.append(f"<site name={quoteattr(link.name)} {_placed(link.T)}/>")
+            continue
+        rates = np.concatenate(
+            [np.zeros(3), link.axis] if link.slides else [link.axis, np.zeros(3)]
+        )
+        T = link.T @ se3.exp(rates * q[link.joint])
+        lines.append(f"<body name={quoteattr(link.name)} {_placed(T)}>")
+        mass, centre, inertia = link.body
+        if mass > 0.0:
+            moments, axes = np.linalg.eigh(inertia)
+            axes[:, 0] *= np.linalg.det(axes)
+            lines.append(
+                f'<inertial pos="{numbers(centre)}" quat="{numbers(quaternion(axes))}" '
+                f'mass="{mass!r}" diaginertia="{numbers(moments)}"/>'
+            )
+        lines.append(_joint(link, q[link.joint], named.get(link.joint, {})))
+        lines += [*_within(link.name, links, parts, load), "</body>"]
+    return lines
+
+
+def _joint(link: Link, q: float, spring: dict[str, Any]) -> str:
+    """A hinge or a slide; a spring without a rest position is unloaded at the posture."""
+    kind = "slide" if link.slides else "hinge"
+    axis = numbers(np.asarray(link.axis))
+    text = f'<joint name={quoteattr(link.joint)} type="{kind}" axis="{axis}" ref="{q!r}"'
+    if np.isfinite(link.limits).all():
+        text += f' limited="true" range="{numbers(np.array(link.limits))}"'
+    if spring and spring["stiffness"] != "rigid":
+        text += f' stiffness="{spring["stiffness"]!r}" springref="{spring.get("rest", q)!r}"'
+    return text + "/>"
+
+
+def exchanged(result: PostureStiffness, ending: str) -> bytes:
+    """What a file with an ending of `EXCHANGE` holds of a posture.
+
+    Raises
+    ------
+    UndefinedError
+        If there is no stiffness to write.
+    InputError
+        For a machine that the program cannot have.
+    """
+    return EXCHANGE[ending](result)
+
+
+def _stiffness(result: PostureStiffness) -> Array:
+    """K^B (6, 6), linear first, along the axes of F."""
+    K = result.matrices["B"]
+    if K is None:
+        raise result.reduction.undefined()
+    return _in_room(result, 0.5 * (K + K.T))
+
+
+def _in_room(result: PostureStiffness, K: Array) -> Array:
+    K = se3.to_linear_angular(se3.to_linear_angular(K, 0), 1)
+    turned = np.kron(np.eye(2), result.pose[:3, :3])
+    in_room = turned @ K @ turned.T
+    size = np.sqrt(np.abs(np.diag(in_room)))
+    noise = np.abs(in_room) <= numerics.ROUNDING * np.outer(size, size)
+    return np.where(noise, 0.0, 0.5 * (in_room + in_room.T))
+
+
+def _mass(result: PostureStiffness) -> Array | None:
+    """Masses' matrix (6, 6) of a platform, as `_stiffness`, in the units of K times s^2."""
+    posture = result.posture
+    if not isinstance(posture, PlatformPosture):
+        return None
+    mass = posture.mass_matrix()
+    if not mass.any():
+        return None
+    length, force = convert_length(Units(), result.elastic.units)
+    return _in_room(result, mass * (force / length))
+
+
+def _said(result: PostureStiffness) -> list[str]:
+    """What a reader of the file must know."""
+    units = result.elastic.units
+    lines = [
+        f"{result.elastic.name}: stiffness of {result.elastic.mechanism.frame} to the ground",
+        f"units {units.force}, {units.length}, s; rad",
+        "rows and columns: translation x y z, rotation x y z of the node, along the axes of F",
+    ]
+    if result.wrench is not None and np.any(result.wrench):
+        load = ", ".join(f"{x:.6g}" for x in result.wrench)
+        lines.append(f"under the wrench (moment, force; body axes) {load}: K^B, the symmetric part")
+    # A name that ended the line would be read as what follows the comment.
+    return [joined([line]).encode("ascii", "replace").decode() for line in lines]
+
+
+def _nastran(result: PostureStiffness) -> bytes:
+    """A grid point with its matrices as direct input (DMIG), in large fields."""
+
+    def matrix(name: str, K: Array) -> list[str]:
+        lines = [f"DMIG    {name:<8}{0:>8}{6:>8}{2:>8}{0:>8}"]
+        for j in range(6):
+            entries = [(i + 1, float(K[i, j])) for i in range(j, 6) if K[i, j] != 0.0]
+            if entries:
+                lines.append(f"{'DMIG*':<8}{name:<16}{1:>16}{j + 1:>16}{'':16}")
+                lines += [f"{'*':<8}{1:>16}{i:>16}{large_field(x)}{'':16}" for i, x in entries]
+        return lines
+
+    mass = _mass(result)
+    x, y, z = map(large_field, result.pose[:3, 3])
+    lines = [
+        *[f"$ {line}" for line in _said(result)],
+        "$ in case control: K2GG=KBODY" + ("" if mass is None else ", M2GG=MBODY"),
+        f"{'GRID*':<8}{1:>16}{'':16}{x}{y}",
+        f"{'*':<8}{z}",
+        *matrix("KBODY", _stiffness(result)),
+        *([] if mass is None else matrix("MBODY", mass)),
+    ]
+    return ("\n".join(line.rstrip() for line in lines) + "\n").encode()
+
+
+def _mujoco(result: PostureStiffness) -> bytes:
+    """A platform on lines as a free body on spatial tendons; chains joint by joint; in SI units."""
+    elastic, posture = result.elastic, result.posture
+    platform, springs = elastic.mechanism, elastic.springs
+    if isinstance(platform, Chain):
+        return chain_of_mujoco(result)
+    if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
+        raise InputError(
+            "MuJoCo's file is of platforms on lines and of joints",
+            where=elastic.name,
+            got=f"kind {platform.kind}",
+        )
+    if type(springs) is not LineSprings or elastic.potentials or not springs.is_complete:
+        more = "other springs or loads besides" if elastic.potentials else "legs that bend"
+        raise InputError(
+            "MuJoCo's file holds line springs alone",
+            where=elastic.name,
+            expected="no energy but that of straight legs",
+            got=more,
+        )
+    if platform.struts is not None and platform.struts.mass:
+        raise InputError("tendons have no mass", expected="legs without mass", where="legs.mass")
+    length, force = convert_length(elastic.units, SI)
+    inertia = platform.body_inertia
+    mass, centre = platform.mass, platform.mass_centre * length
+    arm = se3.skew(platform.mass_centre)
+    about = (inertia[:3, :3] + mass * arm @ arm) * length**2
+    if mass <= 0.0 or np.linalg.eigvalsh(about)[0] <= 0.0:
+        raise UndefinedError(
+            "MuJoCo needs a mass and moments of inertia of the body",
+            code="no-mass",
+            values={"mass": mass},
+        )
+
+    T = result.pose
+    t = springs.tensions(posture.lines.lengths)
+    rest = (posture.lines.lengths - t / springs.stiffness) * length
+    k = springs.stiffness * force / length
+    anchors, points = springs.anchors * length, springs.points * length
+    sites = [f'<site name="a{i + 1}" pos="{numbers(a)}"/>' for i, a in enumerate(anchors)]
+    ends = [f'<site name="b{i + 1}" pos="{numbers(b)}"/>' for i, b in enumerate(points)]
+    tendons = [
+        f'<spatial name="leg{i + 1}" stiffness="{float(k[i])!r}" springlength='
+        f'"{"0 " if springs.unilateral else ""}{float(rest[i])!r}">'
+        f'<site site="a{i + 1}"/><site site="b{i + 1}"/></spatial>'
+        for i in range(len(k))
+    ]
+    gravity = np.zeros(3) if elastic.gravity is None else elastic.gravity
+    load, room, pushes = load_of_mujoco(
+        result, f'pos="{numbers(np.array(result.load.at) * length)}"'
+    )
+    I = about  # noqa: E741
+    full = numbers(np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]))
+    quat = quaternion(T[:3, :3])
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
+    lines = [
+        f'<mujoco model="{name}">',
+        '<compiler angle="radian"/>',
+        f'<option gravity="{numbers(gravity)}"/>',
+        "<worldbody>",
+        *room,
+        *sites,
+        f'<body name="platform" pos="{numbers(T[:3, 3] * length)}" quat="{numbers(quat)}">',
+        "<freejoint/>",
+        f'<inertial pos="{numbers(centre)}" mass="{mass!r}" fullinertia="{full}"/>',
+        *ends,
+        *load,
+        "</body>",
+        "</worldbody>",
+        "<tendon>",
+        *tendons,
+        "</tendon>",
+        *pushes,
+        "</mujoco>",
+    ]
+    return ("\n".join(lines) + "\n").encode()
+
+
+#: By the ending of the file.
+EXCHANGE: dict[str, Callable[[PostureStiffness], bytes]] = {
+    ".nas": _nastran,
+    ".bdf": _nastran,
+    ".xml": _mujoco,
+    ".dat": legs_of_nastran,
+    ".csv": geometry_csv,
+}
