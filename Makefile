@@ -122,9 +122,9 @@ lock:
 	@[ -x $(VENV)/lock/bin/python ] || $(PYTHON) -m venv $(VENV)/lock
 	@$(VENV)/lock/bin/python -m pip --disable-pip-version-check -qq install uv
 	@compile="$(VENV)/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-	  --no-annotate --generate-hashes --extra robots --extra plots $(LOCK_ARGS) pyproject.toml"; \
+	  --no-annotate --generate-hashes --extra robots --extra maps --extra mjcf --extra xacro $(LOCK_ARGS) pyproject.toml"; \
 	$$compile --custom-compile-command "make lock" --group build -o requirements.lock && \
-	$$compile --custom-compile-command "make lock" --extra maps --extra mjcf --group dev \
+	$$compile --custom-compile-command "make lock" --group dev \
 	  -c requirements.lock -o requirements-dev.lock
 	@echo "Wrote requirements.lock and requirements-dev.lock"
 

@@ -14,7 +14,6 @@ import platform
 import statistics
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -368,12 +367,9 @@ def flexible_delta() -> Case:
 
 
 def wait_for_code(case: Case) -> None:
-    """Ask until there is machine code where there can be, as somebody does who sweeps."""
+    """Ask until the mechanism is compiled where it can be, as somebody does who sweeps."""
     for k in range(2 * POSTURES + 1):
         case.contenders[CARTSTIFF](k % POSTURES)
-    for thread in threading.enumerate():
-        if thread.name == "cartstiff-code":
-            thread.join()
 
 
 def rest_under_load() -> None:

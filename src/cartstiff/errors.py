@@ -196,3 +196,20 @@ def imported(module: str, package: str, purpose: str, extra: str = "") -> Any:
         return import_module(module)
     except ImportError:
         raise MissingDependencyError(package, purpose, extra) from None
+
+
+def checked_kind(value: object, kinds: type | tuple[type, ...], what: str, expected: str) -> Any:
+    """The value itself; InputError where it is an object of another kind.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    kinds : type or tuple of type
+        What it may be.
+    what, expected : str
+        For the message: what it is for, and how it is made.
+    """
+    if isinstance(value, kinds):
+        return value
+    raise InputError(f"{what} cannot be used", expected=expected, got=type(value).__name__)

@@ -366,7 +366,7 @@ def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Monkey
     )
     assert more.designs[:8] == whole.designs
     assert len(made) == 4
-    with pytest.raises(InputError, match="designs of another study"):
+    with pytest.raises(InputError, match="another study: a differs"):
         cartstiff.design(study(set={"a": 0.2}), output=path)
     path.write_text("{}\n")
     with pytest.raises(InputError, match="holds no designs"):

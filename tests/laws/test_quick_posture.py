@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import threading
 from dataclasses import replace
 
 import numpy as np
@@ -24,11 +23,8 @@ SAME = 1e-11
 
 def asked_often(elastic, wrench=None):
     """Ask until there is machine code, as somebody would who sweeps over postures."""
-    for _ in range(single._OFTEN):
+    for _ in range(single.COMPILED_AT):
         cartstiff.analyse(elastic, wrench=wrench)
-    for thread in threading.enumerate():
-        if thread.name == "cartstiff-code":
-            thread.join()
 
 
 def both_answers(elastic, q, wrench):
@@ -108,8 +104,8 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
 
 def test_links_that_give_are_bent_by_machine_code_too(monkeypatch):
     """Numbers, coordinates, notes and remarks of a delta under loads, also of one far too large."""
-    monkeypatch.setattr(single, "_OFTEN", 5)
-    monkeypatch.setattr(single, "_OFTEN_BENT", 5)
+    monkeypatch.setattr(single, "COMPILED_AT", 5)
+    monkeypatch.setattr(single, "BENT_COMPILED_AT", 5)
     elastic = cartstiff.load("delta")
     asked_often(elastic, 0.3 * WRENCH)
     rng, quick = np.random.default_rng(3), 0

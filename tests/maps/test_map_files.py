@@ -314,7 +314,7 @@ def _stamps(folder):
         ({"wrench": [0, 0, 0, 1, 0, 0]}, "load differs"),
         ({"elastic": arm().with_springs(123.0)}, "another mechanism"),
         ({"sampling": _grid(arm(), 4, 6)}, "differs"),
-        ({"sampling": RandomPostures(9, 1, arm().q, arm().q)}, "another mechanism|differs"),
+        ({"sampling": RandomPostures(9, 1, arm().q, arm().q)}, "differs"),
     ],
 )
 def test_another_map_s_file_is_refused(elastic, tmp_path, change, words):

@@ -22,7 +22,13 @@ from cartstiff.analysis.mechanism_sections import (
 from cartstiff.analysis.plain import Notes, numbers, plain
 from cartstiff.analysis.summary import summarise
 from cartstiff.arrays import checked_input, checked_vector
-from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import (
+    CartstiffError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+    checked_kind,
+)
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import LETTERS
 from cartstiff.stiffness.compute import PostureStiffness
@@ -105,6 +111,7 @@ def analyse_posture(
     InputError
         For a wrong shape or numbers that are not finite.
     """
+    checked_kind(result, PostureStiffness, "posture", "what cartstiff.analyse answers")
     if connection is not None and connection not in LETTERS:
         raise UnknownNameError("connection", connection, LETTERS)
     if samples < 0 or samples == 1:

@@ -32,6 +32,7 @@ from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajec
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, with_default_gravity
+from cartstiff.mechanisms.identity import Files
 from cartstiff.mechanisms.other_units import in_units, shown_factors
 from cartstiff.mechanisms.platform import Platform
 
@@ -81,6 +82,10 @@ class Design:
         }
 
 
+class ChangedFileError(InputError):
+    """A file is not the one that the study was begun with."""
+
+
 class _NoValueError(Exception):
     """A quantity does not exist where it must."""
 
@@ -94,6 +99,8 @@ class StudyEvaluator:
         The study.
     folder : Path
         Where its mechanism's path begins.
+    files : tuple of (str, str), optional
+        What the study was begun with, as `ElasticMechanism.files`; default what is read now.
 
     Attributes
     ----------
@@ -106,7 +113,7 @@ class StudyEvaluator:
         If the mechanism has no such parameters or quantities.
     """
 
-    def __init__(self, study: Study, folder: Path) -> None:
+    def __init__(self, study: Study, folder: Path, files: Files | None = None) -> None:
         self.study = study
         beside = folder / study.mechanism
         source = beside if beside.is_file() else study.mechanism
@@ -120,7 +127,9 @@ class StudyEvaluator:
             )
         self._read: Callable[[dict[str, Any]], ElasticMechanism] = read
         self._tool, self._length = self._in_file_units(read({}).units)
+        self._files = files
         self.home = self._made({})
+        self._files = self.home.files
         check_names(study, self.home.parameters)
         self._formulas = {
             name: Expression(measure.value[1:], name)
@@ -148,6 +157,12 @@ class StudyEvaluator:
 
     def _made(self, values: dict[str, Any]) -> ElasticMechanism:
         elastic, units = self._read({**self._tool, **values}), self.study.units
+        if self._files is not None and elastic.files != self._files:
+            raise ChangedFileError(
+                "a file of the mechanism was changed while the study ran",
+                where=one_line(self.study.mechanism),
+                expected="the same files until its end; what is done is kept in the output",
+            )
         if self.study.payload is not None and self.study.gravity is None:
             elastic = with_default_gravity(elastic, self.study.payload[0])
         return elastic if units is None else in_units(elastic, self._length, units.angle)
@@ -171,6 +186,8 @@ class StudyEvaluator:
             with np.errstate(all="ignore"):
                 elastic = self.mechanism(parameters)
                 measured = self._measured(elastic)
+        except ChangedFileError:
+            raise
         except (CartstiffError, _NoValueError) as error:
             return Design(dict(parameters), {}, "failed", one_line(str(error), 300))
         broken = [

@@ -19,7 +19,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +30,8 @@ from cartstiff.designs.study import Study, read_study
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.loading.catalogue import bundled
-from cartstiff.loading.yaml_file import read_yaml
-from cartstiff.mechanisms.elastic import GravityLoads, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism, GravityLoads, gravity_loads
+from cartstiff.mechanisms.identity import identity_of, require_same
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 
@@ -232,7 +230,7 @@ class Designs(ShownInLines):
         return notes
 
 
-SCHEMA = "cartstiff-designs/1"
+SCHEMA = "cartstiff-designs/2"
 #: Bytes of the file: ten million designs.
 LARGEST = 1 << 32
 
@@ -287,13 +285,17 @@ def design(
         raise InputError("number of workers cannot be used", expected="1 or more", got=count)
     evaluation = StudyEvaluator(asked, folder)
     better = {name: evaluation.better(name) for name in asked.objectives}
-    record = Record(None if output is None else Path(output), digest_of(asked, folder))
+    identity = identity_of_study(asked, evaluation.home)
+    record = Record(None if output is None else Path(output), identity)
     every = {tuple(point.values()): point for point in _chosen(asked)}
     points = list(every.values())
     missing = [point for point in points if point not in record]
     with ExitStack() as stack:
         pool = stack.enter_context(_pool(min(count, len(points)))) if count > 1 else None
-        one = evaluation if pool is None else partial(_one, pickle.dumps((asked, folder.resolve())))
+        one: Callable[[Mapping[str, float]], Design] = evaluation
+        if pool is not None:
+            own = asked, folder.resolve(), evaluation.home.files
+            one = partial(_one, pickle.dumps(own))
         for done, finished in enumerate(_evaluated(missing, one, pool), 1):
             record.add(finished)
             if progress is not None:
@@ -389,27 +391,13 @@ def _one(job: bytes, parameters: Mapping[str, float]) -> Design:
     return _evaluation(job)(parameters)
 
 
-def digest_of(study: Study, folder: Path) -> str:
-    """What tells a study's numbers from another's: all but how designs are chosen and named."""
-    beside = folder / study.mechanism
-    path = beside if beside.is_file() else bundled(study.mechanism) or beside
-    digest = sha256(path.read_bytes())
-    for model in _models(read_yaml(path)[0]):
-        file = path.parent / model
-        digest.update(file.read_bytes() if file.is_file() else model.encode())
+def identity_of_study(study: Study, elastic: ElasticMechanism) -> dict[str, Any]:
+    """What a study's numbers depend on: all but how designs are chosen and named."""
     data = study.model_dump(mode="json", exclude={"method", "description", "mechanism"})
     data = {key: value for key, value in data.items() if value is not None}
     # Ends of a range do not change the numbers of a design within it.
     data["variables"] = sorted(data["variables"])
-    digest.update(json.dumps(data, sort_keys=True).encode())
-    return digest.hexdigest()
-
-
-def _models(data: Any) -> list[str]:
-    if isinstance(data, dict):
-        own = [data["model"]] if isinstance(data.get("model"), str) else []
-        return own + [name for value in data.values() for name in _models(value)]
-    return [name for value in data for name in _models(value)] if isinstance(data, list) else []
+    return identity_of(elastic, data)
 
 
 def key_of(parameters: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
@@ -424,8 +412,8 @@ class Record:
     ----------
     path : Path, optional
         Where they are kept; one that exists is gone on with.
-    digest : str
-        Of the study, from `digest_of`.
+    identity : mapping
+        Of the study, from `identity_of_study`.
 
     Attributes
     ----------
@@ -438,10 +426,10 @@ class Record:
         If the file belongs to another study or cannot be used.
     """
 
-    def __init__(self, path: Path | None, digest: str) -> None:
+    def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
         self.path, self.damaged = path, 0
         self._known: dict[tuple[tuple[str, float], ...], Design] = {}
-        head = {"schema": SCHEMA, "study": digest}
+        head = {"schema": SCHEMA, "study": identity}
         if path is None:
             return
         if path.exists():
@@ -449,7 +437,7 @@ class Record:
         else:
             self._append(head)
 
-    def _read(self, path: Path, head: Mapping[str, str]) -> None:
+    def _read(self, path: Path, head: Mapping[str, Any]) -> None:
         where = one_line(str(path))
         try:
             first, *lines = path.read_bytes().split(b"\n")
@@ -461,13 +449,9 @@ class Record:
             there = None
         if not isinstance(there, dict) or there.get("schema") != SCHEMA:
             raise InputError("file holds no designs", where=where, expected=f"schema {SCHEMA}")
-        if there != head:
-            raise InputError(
-                "the file holds the designs of another study",
-                where=where,
-                expected="the same mechanism, poses, cases, objectives and constraints, or another "
-                "file name",
-            )
+        if not isinstance(there.get("study"), dict):
+            raise InputError("file does not say whose designs it holds", where=where)
+        require_same(there["study"], head["study"], path, "study")
         for line in lines:
             if not line:
                 continue

@@ -18,6 +18,7 @@ from cartstiff.loading.catalogue import (
     example_robots,
 )
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identity import recorded
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
@@ -96,7 +97,9 @@ def load(
                 expected="frame, locked, stiffness, rest, tcp, gravity, payload",
             )
         overrides |= {"parameters": parameters, **_ros_keys(xacro_args, package_path)}
-        loaded = _from_name(source, overrides)
+        with recorded() as files:
+            loaded = _from_name(source, overrides)
+        loaded = replace(loaded, files=tuple(files))
     else:
         from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
 
@@ -120,6 +123,11 @@ def load(
         from cartstiff.mechanisms.elastic import with_default_gravity
 
         loaded = with_default_gravity(loaded, overrides["payload"][0])
+    body = getattr(loaded.mechanism, "body", None)
+    if body is not None:
+        from cartstiff.arrays import checked_reach
+
+        checked_reach(body.T_j_f[:3, 3], f"frame {loaded.mechanism.frame!r}")
     return loaded.with_springs(stiffness, rest)
 
 
@@ -133,7 +141,7 @@ def _positions(locked: Any) -> dict[str, float]:
 
 def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     """What hangs on the robot and pulls at it, checked; as `build.with_overrides` takes it."""
-    from cartstiff.arrays import checked_pose, checked_vector
+    from cartstiff.arrays import checked_pose, checked_reach, checked_vector
     from cartstiff.geometry import se3
     from cartstiff.mechanisms.contract import checked_gravity
 
@@ -144,6 +152,7 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
         else:
             numbers = checked_vector(tcp, 3 if np.size(tcp) == 3 else 6, "tcp")
             keys["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], (*numbers[3:], 0, 0, 0)[:3])
+        checked_reach(keys["tcp"][:3, 3], "tcp")
     if gravity is not None:
         checked_gravity(gravity, where="gravity")
         keys["gravity"] = checked_vector(gravity, 3, "gravity").tolist()
@@ -153,6 +162,7 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
         )
         if numbers[0] < 0:
             raise InputError("mass is negative", where="payload", got=f"{numbers[0]:g}")
+        checked_reach(numbers[1:], "payload")
         keys["payload"] = float(numbers[0]), (*numbers[1:].tolist(), 0.0, 0.0, 0.0)[:3]
     return keys
 
@@ -269,8 +279,15 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
     path = bundled(str(source)) or Path(source).expanduser()
     if path.suffix.lower() not in (".yaml", ".yml"):
         return None
-    data, lines = read_yaml(path)
-    return lambda overrides: from_data(data, lines, path, overrides)
+    with recorded() as own:
+        data, lines = read_yaml(path)
+
+    def mechanism(overrides: dict[str, Any]) -> ElasticMechanism:
+        with recorded() as files:
+            elastic = from_data(data, lines, path, overrides)
+        return replace(elastic, files=(*own, *files))
+
+    return mechanism
 
 
 def _from_file(path: Path, overrides: dict[str, Any]) -> ElasticMechanism:

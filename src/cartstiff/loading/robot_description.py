@@ -7,14 +7,10 @@ and xacro is expanded first (`ros`).
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import pinocchio as pin
@@ -25,6 +21,7 @@ from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
 from cartstiff.loading.urdf import prepare_urdf
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.chain import Description
+from cartstiff.mechanisms.identity import was_read
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
@@ -97,6 +94,7 @@ def read_robot_description(
     expanded, notes = None, list[Note]()
     if root.tag in ("robot", "mujoco") and is_xacro(path, text):
         expanded, notes = expanded_xacro(path, ros, where)
+        was_read(f"{path.name} with all that it includes", expanded.encode())
         root = parse_text(expanded, where)
     elif ros.arguments:
         raise InputError(
@@ -111,13 +109,11 @@ def read_robot_description(
     if root.tag == "robot":
         facts = prepare_urdf(root, where)
         facts = replace(facts, notes=(*facts.notes, *notes))
-        text = ET.tostring(root, encoding="unicode")
-        with quiet():
-            try:
-                root_joint = (pin.JointModelFreeFlyer(), "root") if floating else ()
-                model = pin.buildModelFromXML(text, *root_joint)
-            except Exception as error:
-                raise InputError("not a usable URDF", where=where, got=str(error)) from None
+        try:
+            root_joint = (pin.JointModelFreeFlyer(), "root") if floating else ()
+            model = pin.buildModelFromXML(_moving_parts(root), *root_joint)
+        except Exception as error:
+            raise InputError("not a usable URDF", where=where, got=str(error)) from None
         return RobotDescription(path, model, facts, text=expanded, packages=ros.packages)
     if root.tag == "mujoco" and expanded is None:
         from cartstiff.loading.mjcf.reading import read_mjcf
@@ -130,6 +126,17 @@ def read_robot_description(
         expected="<robot> (URDF) or <mujoco> (MJCF)",
         got=f"<{one_line(root.tag, 40)}>",
     )
+
+
+def _moving_parts(root: ET.Element) -> str:
+    """Links with their masses, and joints: of anything else the C++ parser may print complaints."""
+    kept = ET.Element("robot", root.attrib)
+    for part in root:
+        if part.tag == "joint":
+            kept.append(part)
+        elif part.tag == "link":
+            ET.SubElement(kept, "link", part.attrib).extend(part.findall("inertial"))
+    return ET.tostring(kept, encoding="unicode")
 
 
 def described_text(text: str, floating: bool = False, ros: Ros | None = None) -> RobotDescription:
@@ -182,49 +189,3 @@ def parse_text(text: str, where: str) -> ET.Element:
     except (ET.ParseError, ValueError, RecursionError) as error:
         raise InputError("not valid XML", where=where, got=str(error)) from None
     return root
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keep the C++ parsers' own messages off the terminal; errors come as exceptions.
-
-    The streams belong to the process: the first thread in turns them off, the last one out on.
-    """
-    with _QUIET.lock:
-        if not _QUIET.threads:
-            _QUIET.begin()
-        _QUIET.threads += 1
-    try:
-        yield
-    finally:
-        with _QUIET.lock:
-            _QUIET.threads -= 1
-            if not _QUIET.threads:
-                _QUIET.end()
-
-
-class _Quiet:
-    """Standard output and error of the process on the null device, and where they were."""
-
-    def __init__(self) -> None:
-        self.lock, self.threads = Lock(), 0
-        self.saved: list[tuple[int, int]] = []
-
-    def begin(self) -> None:
-        null = os.open(os.devnull, os.O_WRONLY)
-        try:
-            for target in (1, 2):
-                with suppress(OSError):  # a stream that the caller has closed
-                    self.saved.append((target, os.dup(target)))
-                    os.dup2(null, target)
-        finally:
-            os.close(null)
-
-    def end(self) -> None:
-        while self.saved:
-            target, copy = self.saved.pop()
-            os.dup2(copy, target)
-            os.close(copy)
-
-
-_QUIET = _Quiet()

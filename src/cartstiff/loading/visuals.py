@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff.errors import CartstiffError, one_line
-from cartstiff.loading.robot_description import parse_text, parse_xml, quiet
+from cartstiff.loading.robot_description import parse_text, parse_xml
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
@@ -129,13 +129,12 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
     root = parse_xml(path) if path and text is None else parse_text(str(text), description.name)
     files, missing = _resolve_urdf(root, path or Path("/-"), description.packages, kind)
     text = ET.tostring(root, encoding="unicode")
-    with quiet():
-        try:
-            model = pin.buildModelFromXML(text)
-            geometry = pin.buildGeomFromUrdfString(model, text, _TYPES[kind])
-        except Exception as error:
-            what = "picture" if kind == "visual" else "shapes for collisions"
-            return [], [f"no {what} of {description.name}: {one_line(str(error))}"]
+    try:
+        model = pin.buildModelFromXML(text)
+        geometry = pin.buildGeomFromUrdfString(model, text, _TYPES[kind])
+    except Exception as error:
+        what = "picture" if kind == "visual" else "shapes for collisions"
+        return [], [f"no {what} of {description.name}: {one_line(str(error))}"]
     pieces, words = geometry_pieces(model, geometry, description.name, files)
     return pieces, [*missing, *words]
 

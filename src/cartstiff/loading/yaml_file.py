@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cartstiff.errors import InputError, one_line
+from cartstiff.mechanisms.identity import was_read
 
 #: Line of each value, by its path of keys and indices.
 Lines = dict[tuple[str | int, ...], int]
@@ -55,6 +56,7 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
         raise InputError("file is too large", where=where, expected=f"at most {largest} bytes")
     if not data.strip():
         raise InputError("file is empty", where=where)
+    was_read(path.name, data)
     return data
 
 

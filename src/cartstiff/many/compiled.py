@@ -7,7 +7,6 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, lru_cache
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -51,14 +50,12 @@ class CompiledKernel:
         self.scratch = scratch_size(program, self.block, longest)
         self._longest = longest
         self._made: dict[bool, tuple[Any, Any]] = {}
-        self._lock = Lock()
 
     def entry(self, stream: bool) -> Any:
         """The function that writes through the cache or, with `stream`, past it."""
-        with self._lock:
-            if stream not in self._made:
-                self._made[stream] = self._compile(stream)
-            return self._made[stream][1]
+        if stream not in self._made:  # of two threads that compile it at once one is kept
+            self._made.setdefault(stream, self._compile(stream))
+        return self._made[stream][1]
 
     def _compile(self, stream: bool) -> tuple[Any, Any]:
         llvm = _binding()

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from importlib.util import find_spec
-from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +24,7 @@ from cartstiff.many.plans import CLOSING, SETTLING, BoundCase, Case, known_plan,
 from cartstiff.many.reading.readings import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.numerics.threads import process_lock
 
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
@@ -56,7 +56,7 @@ def _portable_kernel(case: Case, names: tuple[str, ...]) -> portable.PortableKer
 
 
 _compiled: dict[tuple[Case, tuple[str, ...], Readings | None], Any] = {}
-_lock = Lock()
+_lock = process_lock()
 
 
 def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | None = None) -> Any:

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from threading import Lock
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -34,6 +33,7 @@ from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.numerics.threads import process_lock
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import FlexureStruts
@@ -156,7 +156,7 @@ def _planned(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
 
 
 _constants: WeakKeyDictionary[Mechanism, ChainConstants | str] = WeakKeyDictionary()
-_lock = Lock()
+_lock = process_lock()
 
 
 def chain_constants(chain: Chain) -> ChainConstants | str:

@@ -1,8 +1,8 @@
-"""One posture at a time by machine code, where a mechanism is asked for again and again.
+"""One posture at a time by machine code, where a mechanism is analysed again and again.
 
-The first questions to a mechanism go to the engine. From `_OFTEN` on machine code is made beside
-them; once it is there it answers where it finds a posture plainly regular. What it does not compute
-is asked of the engine when it is read: every answer is the engine's, to rounding.
+A mechanism is compiled by its call number `COMPILED_AT`, in the calling thread, so that which calls
+are answered by which arithmetic is the same in every run. The code answers where it finds a posture
+plainly regular, the engine everything else: the answers agree to rounding.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Mapping
 from functools import wraps
-from threading import Thread, main_thread
+from itertools import count
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from numpy.typing import ArrayLike
@@ -30,51 +30,44 @@ if TYPE_CHECKING:
 
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 
-#: Questions to a mechanism from which on machine code is made: as long as some 2000 of them takes
-#: the making, beside the work.
-_OFTEN = 200
-#: Where links are bent first the making takes longer, up to a quarter of a minute, and of more
-#: operations nothing is made.
-_OFTEN_BENT, _LARGEST_BENT = 1000, 150_000
+#: Call of `analyse` in which a mechanism is compiled: the compilation takes as long as some 2000
+#: calls.
+COMPILED_AT = 200
+#: Mechanisms with links that a load bends are compiled in this call, which takes up to a quarter of
+#: a minute, if their programs have no more operations than this.
+BENT_COMPILED_AT, _LARGEST_BENT = 1000, 150_000
 
 
-class _Asked:
-    """How often a mechanism was asked for, and its machine code once there is any."""
+class _Calls:
+    """Number of calls for a mechanism, and its machine code once it is compiled."""
 
     def __init__(self, elastic: ElasticMechanism, key: tuple[int, bool]) -> None:
         self.elastic = weakref.ref(elastic, lambda _: _known.pop(key, None))
-        self.count = 0
+        self.number = count(1)  # each number goes to one thread, without a lock
         self.code: PostureCode | None = None
 
-    def again(self, loaded: bool) -> None:
-        """One more question; the code is made beside it where it pays."""
-        self.count += 1
-        if self.count in (_OFTEN, _OFTEN_BENT):
-            Thread(target=self._make, args=(loaded,), name="cartstiff-code").start()
 
-    def _make(self, loaded: bool) -> None:
-        from cartstiff.many.kernels import LARGEST_PROGRAM, has_package
-        from cartstiff.many.plans import plan, program_for
+def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCode | None:
+    """Machine code of a mechanism; None where it is not compiled."""
+    from cartstiff.many.kernels import LARGEST_PROGRAM, has_package
+    from cartstiff.many.plans import plan, program_for
 
-        elastic = self.elastic()
-        if elastic is None or not has_package("llvmlite"):
-            return
-        chosen = plan(elastic, "shared" if loaded else "none")
-        if (
-            isinstance(chosen, str)
-            or chosen.settles is not (self.count >= _OFTEN_BENT)
-            or chosen.regular != "regular"
-            or chosen.beside.is_dense
-            or elastic.mechanism.rigid
-            or ((chosen.beside or chosen.settles) and not chosen.is_closed)
-            or not _is_plain(elastic, loaded, chosen)
-        ):
-            return
-        program = program_for(chosen.case, RECORDED)
-        waited_for = main_thread().is_alive()
-        is_small = program.size <= (_LARGEST_BENT if chosen.settles else LARGEST_PROGRAM)
-        if "noteworthy" in program.outputs and is_small and waited_for:
-            self.code = PostureCode(elastic, chosen)
+    if not has_package("llvmlite"):
+        return None
+    chosen = plan(elastic, "shared" if loaded else "none")
+    if (
+        isinstance(chosen, str)
+        or chosen.settles is not bent
+        or chosen.regular != "regular"
+        or chosen.beside.is_dense
+        or elastic.mechanism.rigid
+        or ((chosen.beside or chosen.settles) and not chosen.is_closed)
+        or not _is_plain(elastic, loaded, chosen)
+    ):
+        return None
+    program = program_for(chosen.case, RECORDED)
+    is_small = program.size <= (_LARGEST_BENT if bent else LARGEST_PROGRAM)
+    return PostureCode(elastic, chosen) if "noteworthy" in program.outputs and is_small else None
 
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool:
@@ -90,7 +83,7 @@ def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool
     )
 
 
-_known: dict[tuple[int, bool], _Asked] = {}
+_known: dict[tuple[int, bool], _Calls] = {}
 
 
 def _quicker(engine: Ask) -> Ask:
@@ -107,11 +100,13 @@ def _quicker(engine: Ask) -> Ask:
         if load or isinstance(q, Mapping) or not isinstance(elastic, ElasticMechanism):
             return engine(elastic, q, wrench=wrench, **load)
         key = id(elastic), wrench is not None
-        asked = _known.get(key)
-        if asked is None:
-            asked = _known[key] = _Asked(elastic, key)
-        if (code := asked.code) is None:
-            asked.again(wrench is not None)
+        calls = _known.get(key)
+        if calls is None:
+            calls = _known.setdefault(key, _Calls(elastic, key))
+        if (code := calls.code) is None:
+            number = next(calls.number)
+            if number in (COMPILED_AT, BENT_COMPILED_AT):
+                calls.code = _compiled(elastic, wrench is not None, number == BENT_COMPILED_AT)
             return engine(elastic, q, wrench=wrench)
         values = elastic.mechanism.checked(elastic.q if q is None else q)
         force = None if wrench is None else checked_input(wrench, (6,), "wrench")

@@ -16,6 +16,7 @@ import numpy as np
 from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.compiled import _binding, lanes
 from cartstiff.many.tape import Program
+from cartstiff.numerics.threads import process_lock
 
 #: The engine's share, by its name.
 BY_ENGINE = "engine, one posture after the other"
@@ -25,7 +26,7 @@ _CHAINS = 12
 # The machine may be busy: the best of so many measurements counts.
 _TRIES = 4
 _watching: list[Work] = []
-_lock, _thread = threading.Lock(), threading.local()
+_lock, _thread = process_lock(), threading.local()
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_seed, is_pose
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import at_poses
@@ -21,7 +21,7 @@ from cartstiff.many.quick_poses import QuickPoses
 from cartstiff.many.work import timed
 from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, grid_indices
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 #: Which posture of a self-motion is taken: the one nearest to the base posture, or the one at which
 #: the map's first quantity is best.
@@ -81,6 +81,8 @@ class CartesianGrid(Sampling):
         free: Free = "none",
         redundancy: Redundancy = "nearest",
     ) -> None:
+        checked_elastic(elastic)
+        checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
         for name in axes:
             if name not in _NAMES:
                 raise UnknownNameError("axis", name, _NAMES)

@@ -23,6 +23,7 @@ from cartstiff.maps.job import MapJob
 from cartstiff.maps.processes import packed
 from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identity import require_versions, versions
 
 # Chunks that are handed out for each thread of the cluster before one of them comes back.
 _AHEAD = 3
@@ -61,7 +62,7 @@ def run_on_cluster(
         If one chunk's workers die again and again.
     """
     path = file.path.resolve()
-    elastic = packed(job.elastic)
+    elastic, known = packed(job.elastic), tuple(versions().items())
     rest = {f.name: getattr(job, f.name) for f in fields(job) if f.name != "elastic"}
     with _client(scheduler) as client, client.as_current():
         distributed = _distributed()
@@ -75,6 +76,7 @@ def run_on_cluster(
                 _compute_chunk,
                 type(job),
                 elastic,
+                known,
                 {**rest, "sampling": part},
                 str(path),
                 chunk,
@@ -88,6 +90,12 @@ def run_on_cluster(
         for future in finished:
             try:
                 chunk = future.result()
+            except (AttributeError, ImportError) as error:
+                raise InputError(
+                    "a worker has another version of cartstiff",
+                    expected=dict(known)["cartstiff"],
+                    got=one_line(str(error), 100),
+                ) from None
             except distributed.KilledWorker as error:
                 raise CartstiffError(
                     "the workers that computed a chunk died one after the other: "
@@ -107,8 +115,9 @@ def _wanted(client: Any) -> int:
 
 
 @lru_cache(maxsize=4)
-def _elastic_from(data: bytes) -> ElasticMechanism:
+def _elastic_from(data: bytes, versions: tuple[tuple[str, str], ...]) -> ElasticMechanism:
     """The mechanism, once for each worker: what was compiled for it stays with it."""
+    require_versions(dict(versions))  # another Pinocchio does not read it, or not as it was
     elastic = pickle.loads(data)
     if not isinstance(elastic, ElasticMechanism):
         raise TypeError("not a mechanism")
@@ -124,6 +133,7 @@ def _file(path: str) -> MapFile:
 def _compute_chunk(
     kind: type[MapJob],
     elastic: bytes,
+    versions: tuple[tuple[str, str], ...],
     rest: dict[str, Any],
     path: str,
     chunk: int,
@@ -134,7 +144,7 @@ def _compute_chunk(
     if file.is_done(chunk):  # by a worker that died before it could say so
         return chunk
     with _LOADING:
-        mechanism = _elastic_from(elastic)
+        mechanism = _elastic_from(elastic, versions)
     arrays = kind(elastic=mechanism, **rest).compute(box)
     file.write(chunk, arrays)
     return chunk

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff.errors import CartstiffError, InputError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.job import BEYOND, NO_REST, STATES, MapJob, Solved
 from cartstiff.maps.quantity import MapRows, Quantity
 from cartstiff.maps.sampling import Axis, Grid, Sampling
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import force_notes
 from cartstiff.statics.command import analyse_commanded, checked_command, drives
 
@@ -41,7 +41,8 @@ class CommandGrid(Sampling):
         elastic: ElasticMechanism,
         base: ArrayLike | None = None,
     ) -> None:
-        checked_command(elastic, dict.fromkeys(axes, 0.0))
+        checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
+        checked_command(checked_elastic(elastic), dict.fromkeys(axes, 0.0))
         names = drives(elastic)
         self.base = elastic.mechanism.assembled(elastic.q if base is None else base)
         self.names = tuple(axes)

@@ -67,6 +67,7 @@ def draw_map(
     InputError
         If the kind does not fit the dimensions.
     """
+    quantity_of(dataset, quantity)
     if angle == "deg":
         dataset = _in_degrees(dataset)
     array = quantity_of(dataset, quantity)

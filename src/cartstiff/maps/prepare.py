@@ -13,10 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_input, checked_unit, checked_vector
-from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, UnknownNameError, checked_kind, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_READING, Backend, lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
@@ -27,15 +26,13 @@ from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identity import identity_of, require_same
 from cartstiff.statics.command import checked_command
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
 from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.milling import Milling
-
-# Numbers that tell one mechanism from another agree to this, whatever the processor.
-_SAME = numerics.PORTABLE
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
@@ -150,17 +147,6 @@ def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
             )
 
 
-def _acting(job: MapJob) -> dict[str, Any]:
-    """The load of a map as `analyse` takes it."""
-    kind = job.settings.load
-    return {
-        "wrench": job.wrench,
-        "load_kind": kind.kind,
-        "load_at": kind.at,
-        "load_axes": job.load_axes,
-    }
-
-
 def prepare_map(
     elastic: ElasticMechanism,
     sampling: Sampling,
@@ -183,7 +169,7 @@ def prepare_map(
             got=type(sampling).__name__,
             expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
         )
-    path = Path(file)
+    path = Path(checked_kind(file, (str, Path), "name of a map", "a path"))
     if path.suffix != ".zarr":
         raise InputError("unknown file ending", where=one_line(str(file)), expected=".zarr")
     if not path.absolute().parent.is_dir():
@@ -201,10 +187,8 @@ def prepare_map(
             where="redundancy",
             expected="another first quantity, or the nearest posture",
         )
-    probe = _probe(elastic, sampling, _acting(job))
-    description = {
+    options = {
         "joints": list(elastic.names),
-        "probe": probe,
         "sampling": sampling.as_dict(),
         "quantities": list(job.names),
         "connection": settings.connection,
@@ -223,12 +207,12 @@ def prepare_map(
         "states": list(STATES),
     }
     if elastic.identified is not None:
-        description["identified"] = elastic.identified.as_dict()
-    description = json.loads(json.dumps(description))
+        options["identified"] = elastic.identified.as_dict()
+    description = identity_of(elastic, options)
     if path.exists():
         existing = MapFile.at(path)
         there = json.loads(existing.attributes["description"])
-        _require_same(there, description, path)
+        require_same(there, description, path, "map")
         return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
     postures = int(np.prod(sampling.shape, dtype=object))
     load: Literal["none", "shared", "each"]
@@ -333,73 +317,3 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return versions
-
-
-def _probe(
-    elastic: ElasticMechanism, sampling: Sampling, acting: Mapping[str, Any]
-) -> list[list[float | None]]:
-    """What tells this mechanism from another: its numbers at two postures."""
-    first = tuple(slice(0, 1) for _ in sampling.shape)
-    postures = [elastic.q]
-    if "branch" not in sampling.dims:
-        postures.append(sampling.postures(first, elastic)[0])
-    groups: list[list[float | None]] = []
-    for q in postures:
-        try:
-            result = analyse(elastic, q, **acting)
-        except InputError:
-            raise
-        except CartstiffError:
-            groups.append([])
-            continue
-        matrix = result.tangent_compliance if result.tangent is None else result.tangent
-        # In one group what may be rounding only: it is compared with the largest number there.
-        forces = [a for a in (result.wrench, matrix, result.energy) if a is not None]
-        for array in (result.q, result.pose, np.concatenate([np.ravel(a) for a in forces])):
-            groups.append([v if np.isfinite(v) else None for v in array.ravel().tolist()])
-    return groups
-
-
-def _require_same(there: dict[str, Any], here: dict[str, Any], path: Path) -> None:
-    """Refuse to go on with another map's file, saying what differs."""
-    # What the load is before the numbers that follow from it.
-    for key in sorted(here, key=lambda name: not name.startswith("load")):
-        difference = _difference(there.get(key), here[key], key)
-        if difference is None:
-            continue
-        if key == "probe":
-            raise InputError(
-                "the file holds a map of another mechanism",
-                where=one_line(str(path)),
-                expected="the same geometry, springs and loads, or another file name",
-            )
-        part, a, b = difference
-        raise InputError(
-            f"the file holds another map: {part} differs",
-            where=one_line(str(path)),
-            expected=f"{one_line(json.dumps(a))} as in the file, or another file name",
-            got=json.dumps(b),
-        )
-
-
-def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
-    """Name and values of the first part that differs; numbers may differ by rounding."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in {**a, **b}:
-            if (difference := _difference(a.get(key), b.get(key), key)) is not None:
-                return difference
-        return None
-    if _numeric(a) and _numeric(b) and len(a) == len(b):
-        x, y = np.array(a, float), np.array(b, float)
-        largest = max(np.abs(x).max(initial=0.0), numerics.ROUNDING)
-        return (name, a, b) if np.abs(x - y).max(initial=0.0) > _SAME * largest else None
-    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        pairs = zip(a, b, strict=True)
-        return next(((name, a, b) for x, y in pairs if _difference(x, y, name)), None)
-    return None if a == b else (name, a, b)
-
-
-def _numeric(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
-    )

@@ -74,13 +74,17 @@ def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
         If the map has no such quantity.
     """
     known = quantities_of(dataset)
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise UnknownNameError("quantity of the map", name, known)
     return dataset[name]
 
 
 def quantities_of(dataset: xarray.Dataset) -> list[str]:
     """Names of the quantities of a map."""
+    if not hasattr(dataset, "data_vars"):
+        raise InputError(
+            "map cannot be used", expected="what open_map answers", got=type(dataset).__name__
+        )
     return [str(v) for v in dataset.data_vars if v not in OTHERS]
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_seed, checked_vector, real_array
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.arrays import checked_array, checked_number, checked_seed, checked_vector, real_array
+from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -36,6 +36,8 @@ class Axis:
     count: int
 
     def __post_init__(self) -> None:
+        for name in ("low", "high", "count"):
+            checked_number(getattr(self, name), f"{name} of an axis")
         if not (np.isfinite(self.low) and np.isfinite(self.high)):
             raise InputError("ends of an axis must be finite", got=(self.low, self.high))
         if not 1 <= self.count <= _MOST_VALUES:
@@ -149,8 +151,10 @@ class Grid(Sampling):
         names: Sequence[str],
         base: ArrayLike,
     ) -> None:
+        checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
         if not axes:
             raise InputError("a grid needs an axis")
+        names = [checked_kind(name, str, "name of a coordinate", "text") for name in names]
         for name in axes:
             if name not in names:
                 raise UnknownNameError("coordinate", name, names)
@@ -217,6 +221,7 @@ class RandomPostures(Sampling):
     """
 
     def __init__(self, count: int, seed: int, lower: ArrayLike, upper: ArrayLike) -> None:
+        count = int(checked_number(count, "number of postures"))
         if count < 1:
             raise InputError("no postures were asked for", expected="1 or more", got=count)
         self.lower = checked_array(lower, ("n",), "lower limits of random postures")

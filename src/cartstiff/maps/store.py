@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, imported, one_line
+from cartstiff.errors import InputError, checked_kind, imported, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.chunks import chunk_shape
 from cartstiff.maps.damage import (
@@ -76,7 +76,8 @@ class MapFile:
         InputError
             If there is no map.
         """
-        place, where = Path(path), one_line(str(path))
+        place = Path(checked_kind(path, (str, Path), "name of a map", "a path"))
+        where = one_line(str(path))
         try:
             if not (place / "zarr.json").is_file():
                 raise InputError(

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_input, checked_number, checked_vector, fixed
-from cartstiff.errors import InputError
+from cartstiff.arrays import checked_input, checked_number, checked_reach, checked_vector, fixed
+from cartstiff.errors import InputError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.chain import Chain
@@ -269,6 +269,8 @@ class ElasticMechanism(ShownInLines):
         Where the numbers come from, for readers; empty where nobody has said it.
     parameters : mapping of str to float
         Values of the parameters of the mechanism's file, in its units; empty without any.
+    files : tuple of (str, str)
+        Name and SHA-256 of everything that was read; empty for what was made in Python.
     """
 
     name: str
@@ -282,8 +284,12 @@ class ElasticMechanism(ShownInLines):
     identified: Identified | None = None
     source: str = ""
     parameters: Mapping[str, float] = field(default_factory=dict)
+    files: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
+        checked_kind(
+            self.mechanism, Mechanism, "mechanism", "a Mechanism; cartstiff.load reads one"
+        )
         object.__setattr__(self, "q", fixed(np.asarray(self.q, float)))
         rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
         if rigid != self.mechanism.rigid:
@@ -489,6 +495,7 @@ class ElasticMechanism(ShownInLines):
         if mass < 0.0:
             raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
         centre = checked_vector(point, 3, "mass centre")
+        checked_reach(centre, "mass centre")
         return replace(self, mechanism=self.mechanism.with_mass(mass, centre))
 
     def balanced(

@@ -264,8 +264,9 @@ class KinematicTree:
         self._workspaces: list[Any] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the workspaces, which are large and made anew."""
-        return {**vars(self), "frames": self.frames, "given_frames": {}, "_workspaces": []}
+        """Everything but what is made anew when it is needed."""
+        made: dict[str, Any] = {"given_frames": {}, "_paths": {}, "_workspaces": []}
+        return {**vars(self), "frames": self.frames, **made}
 
     @cached_property
     def frames(self) -> dict[str, FixedFrame]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +12,16 @@ from typing import Any
 #: Below so many rows BLAS takes one thread by itself; from so many on, several are worth it.
 _FROM, _TO = 16, 300
 
-_lock = Lock()
+
+def process_lock() -> Lock:
+    """A lock that is free in a forked child, whichever thread of its parent held it."""
+    lock = Lock()
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=lock._at_fork_reinit)  # type: ignore[attr-defined]
+    return lock
+
+
+_lock = process_lock()
 _inside = 0
 _libraries: dict[bool, list[Any]] = {}
 _before: list[tuple[Any, int]] = []

@@ -19,7 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_number, checked_vector, fixed, real_array
+from cartstiff.arrays import (
+    checked_array,
+    checked_number,
+    checked_reach,
+    checked_vector,
+    fixed,
+)
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -292,4 +298,6 @@ def payload(
     if not checked_number(mass, "payload mass") >= 0.0:
         raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
     weight = mass * _numbers(acceleration, 3, "acceleration")
-    return DeadForce(weight, real_array(point), frame_b, float(mass))
+    centre = _numbers(point, 3, "mass centre")
+    checked_reach(centre, "mass centre")
+    return DeadForce(weight, centre, frame_b, float(mass))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_number
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -167,7 +167,8 @@ def checked_command(elastic: ElasticMechanism, command: Mapping[str, float]) -> 
     """
     names, driven = elastic.spring_names, drives(elastic)
     steps = {}
-    for name, value in dict(command).items():
+    checked_kind(command, Mapping, "command", "names of drives and how far they move")
+    for name, value in command.items():
         if name not in names:
             raise UnknownNameError("drive", str(name), names, where="command")
         if name not in driven:

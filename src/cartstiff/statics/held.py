@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_number, is_pose, real_array
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
@@ -69,6 +69,7 @@ class Held:
     frame: str = "body"
 
     def __post_init__(self) -> None:
+        checked_kind(self.values, Mapping, "held displacement", "components and values")
         for name, value in self.values.items():
             if name not in COMPONENTS:
                 raise UnknownNameError("displacement component", str(name), COMPONENTS)

@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_input, checked_vector, read_only
+from cartstiff.arrays import checked_input, checked_reach, checked_vector, read_only
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -61,6 +61,7 @@ class LoadKind:
         if self.kind not in LOAD_KINDS:
             raise UnknownNameError("kind of load", self.kind, LOAD_KINDS)
         point = checked_vector(self.at, 3, "point of the load")
+        checked_reach(point, "point of the load")
         object.__setattr__(self, "at", tuple(point.tolist()))
 
     @property

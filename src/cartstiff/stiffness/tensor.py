@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, real_array, safe_cell
 from cartstiff.choices import AXES, Axes, Order
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
@@ -150,6 +150,7 @@ class StiffnessTensor(LabelledMatrix):
                     "unknown connection", expected=", ".join(NAMED), got=repr(connection)
                 )
             connection = NAMED[connection]
+        checked_kind(connection, Connection, "connection", f"{', '.join(NAMED)} or a Connection")
         here = self.to_order("angular-linear")
         change = here.connection.wrench_term(here.wrench) - connection.wrench_term(here.wrench)
         C = here.inverse

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free
@@ -243,6 +243,7 @@ def optimise_path(
         ``"path-without-stiffness"``, ``"path-discontinuous"``.
     """
     mechanism = checked_elastic(elastic).mechanism
+    checked_kind(path, ToolPath, "path", "a ToolPath")
     connection = connection or ("load" if loaded else "B")
     if isinstance(mechanism, Chain) and mechanism.closures:
         raise InputError("paths are for serial arms and platforms", got=mechanism.kind)

@@ -15,11 +15,12 @@ from cartstiff.errors import (
     InputError,
     UndefinedError,
     UnknownNameError,
+    checked_kind,
     imported,
 )
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.toolpaths.optimise import optimise_path
 from cartstiff.toolpaths.optimised import OptimisedPath
@@ -156,7 +157,9 @@ def best_placement(
     UndefinedError
         Code ``"no-placement"`` if the path can be followed from no place of the grid.
     """
-    axes = _axes(region)
+    checked_elastic(elastic)
+    checked_kind(path, ToolPath, "path", "a ToolPath")
+    axes = _axes(checked_kind(region, Mapping, "region", "names and values"))
     refine = bool(options.pop("refine", True))
     shape = tuple(len(values) for values in axes.values())
     worst = np.full(shape, np.nan)

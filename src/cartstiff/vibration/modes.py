@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_input
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture, Units
@@ -94,6 +94,8 @@ def modes(
             return _plain(subject, q, load, kind)
         subject = analyse(subject, q, **load)
     else:
+        expected = "a mechanism, or what analyse or equilibrium answers"
+        checked_kind(subject, (PostureStiffness, Equilibrium), "posture", expected)
         if q is not None or wrench is not None:
             raise InputError(
                 "a result has its posture and its load",

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.arrays import Array, Result
-from cartstiff.errors import CartstiffError, InputError, UndefinedError, one_line
+from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.compute import PostureStiffness
@@ -199,6 +199,8 @@ def sensitivities(
 
 def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
     """Modes of a result; None where nothing that moves has a mass."""
+    kinds, expected = (PostureStiffness, Equilibrium), "what analyse or equilibrium answers"
+    checked_kind(subject, kinds, "posture", expected)
     try:
         return modes(subject)
     except UndefinedError:

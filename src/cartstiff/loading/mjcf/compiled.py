@@ -18,6 +18,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf import worker
 from cartstiff.loading.robot_facts import Obstacle
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
+from cartstiff.mechanisms.identity import fingerprint, was_read
 
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
 LARGEST = {"nv": 200, "nbody": 5000, "nsite": 5000, "ngeom": 20000, "neq": 100, "nkey": 1000}
@@ -65,6 +66,9 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
     if "error" in data:
         message = str(data["error"]).replace(str(path.resolve()), path.name)
         raise InputError("not a usable MJCF", where=where, got=one_line(message, 400))
+    # Included files, and meshes where a mass depends on them, are in what was compiled.
+    numbers = {key: value for key, value in data.items() if key != "meshes"}
+    was_read(f"{path.name} with all that it includes", fingerprint(numbers).encode())
     return data
 
 

@@ -1,0 +1,283 @@
+"""Identity of stored results: everything that was read, every option, and whose arithmetic it is.
+
+Loading records the files (`recorded`, `was_read`); maps and design studies keep `identity_of`
+beside their results and ask `require_same` before they go on with them.
+"""
+
+from __future__ import annotations
+
+import json
+import types
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import fields
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from cartstiff import version as own
+from cartstiff.errors import InputError, one_line
+from cartstiff.mechanisms.chain import Description
+from cartstiff.numerics import LAST_DIGITS, UNCOUPLED
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.elastic import ElasticMechanism
+
+#: Names and SHA-256 of what was read, in order.
+Files = tuple[tuple[str, str], ...]
+
+# Packages whose arithmetic the numbers are, beside this one.
+_PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
+# Numbers of two processors agree to this share. A file is compared byte by byte; this is for what
+# was computed from it, or made in Python.
+_SAME = UNCOUPLED
+# Fields of a mechanism that are words, or kept by themselves.
+_WORDS = ("name", "notes", "source", "files")
+_READ: ContextVar[dict[tuple[str, str], None] | None] = ContextVar("read", default=None)
+
+
+@contextmanager
+def recorded() -> Iterator[dict[tuple[str, str], None]]:
+    """While this holds, `was_read` fills the mapping; its keys are names and digests."""
+    files: dict[tuple[str, str], None] = {}
+    token = _READ.set(files)
+    try:
+        yield files
+    finally:
+        _READ.reset(token)
+        if (outer := _READ.get()) is not None:
+            outer.update(files)
+
+
+def was_read(name: str, content: bytes) -> None:
+    """Record a file, or what another program made of it."""
+    if (files := _READ.get()) is not None:
+        files[name, sha256(content).hexdigest()] = None
+
+
+def identity_of(elastic: ElasticMechanism, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What a stored result must have in common with one that goes on with it, for JSON.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Its files, and the numbers in it, so that a change in Python counts as one of a file does.
+    options : mapping
+        Everything else that the numbers depend on.
+    """
+    parts = {
+        field.name: fingerprint(getattr(elastic, field.name))
+        for field in fields(elastic)
+        if field.name not in _WORDS
+    }
+    whole = {
+        "files": [list(entry) for entry in elastic.files],
+        "mechanism": parts,
+        **options,
+        "versions": versions(),
+    }
+    return dict(json.loads(json.dumps(whole)))
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of those whose arithmetic the numbers are."""
+    from importlib.metadata import PackageNotFoundError, version  # slow to import
+
+    known = {"cartstiff": own.__version__}
+    for package in _PACKAGES:
+        try:
+            known[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return known
+
+
+def require_versions(wanted: Mapping[str, str]) -> None:
+    """On a worker: refuse to go on where its versions are not those of who sent the work."""
+    for package, number in wanted.items():
+        if (here := versions().get(package)) != number:
+            raise InputError(
+                f"a worker has another version of {package}",
+                expected=f"{number}, as where the command was given",
+                got=here or "none",
+            )
+
+
+def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, what: str) -> None:
+    """Refuse to go on with a stored result of another identity, in one line with what differs.
+
+    Parameters
+    ----------
+    there, here : mapping
+        From `identity_of`: kept in the file, and asked for now.
+    path : Path
+        The file.
+    what : str
+        What it holds: "map".
+    """
+    where, anew = one_line(str(path)), "or another output file for a new one"
+    files = _changed(there.get("files", []), here["files"])
+    if files is not None:
+        raise InputError(
+            f"the file holds the {what} of another mechanism: {files}",
+            where=where,
+            expected=f"the files that it was made from, {anew}",
+        )
+    kept = there.get("versions", {})
+    for package, number in here["versions"].items():
+        if kept.get(package) != number:
+            raise InputError(
+                f"the file holds the {what} of another version of {package}",
+                where=where,
+                expected=f"{kept.get(package)} as in the file, {anew}",
+                got=number,
+            )
+    # What the load is before the numbers that follow from it.
+    for key in sorted(here, key=lambda name: (name == "mechanism", not name.startswith("load"))):
+        if key in ("files", "versions"):
+            continue
+        difference = _difference(there.get(key), here[key], key)
+        if difference is None:
+            continue
+        part, a, b = difference
+        if key == "mechanism":
+            raise InputError(
+                f"the file holds the {what} of another mechanism: its {part} differs",
+                where=where,
+                expected=f"the same geometry, springs and masses, {anew}",
+            )
+        raise InputError(
+            f"the file holds another {what}: {part} differs",
+            where=where,
+            expected=f"{one_line(json.dumps(a))} as in the file, {anew}",
+            got=json.dumps(b),
+        )
+
+
+def _changed(there: list[list[str]], here: list[list[str]]) -> str | None:
+    """What is to be said of the first file that differs."""
+    if [digest for _, digest in there] == [digest for _, digest in here]:
+        return None
+    for name, digest in here:
+        if digest not in [other for _, other in there]:
+            known = name in [other for other, _ in there]
+            return f"{one_line(name)} " + ("was changed" if known else "was not read for it")
+    gone = next((name for name, digest in there if [name, digest] not in here), None)
+    return "files were read in another order" if gone is None else f"{one_line(gone)} is not read"
+
+
+def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
+    """Name and values of the first part that differs; numbers may differ by rounding."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in {**a, **b}:
+            if (difference := _difference(a.get(key), b.get(key), key)) is not None:
+                return difference
+        return None
+    if _numeric(a) and _numeric(b) and len(a) == len(b):
+        x, y = np.array(a, float), np.array(b, float)
+        sizes = np.maximum(np.abs(x), np.abs(y))
+        slack = _SAME * sizes + LAST_DIGITS * sizes.max(initial=0.0)
+        return (name, a, b) if np.any(np.abs(x - y) > slack) else None
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        pairs = zip(a, b, strict=True)
+        return next(((name, a, b) for x, y in pairs if _difference(x, y, name)), None)
+    return None if type(a) is type(b) and a == b else (name, a, b)
+
+
+def _numeric(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
+    )
+
+
+def fingerprint(value: Any) -> str:
+    """SHA-256 of everything that an object holds, to ten digits; what it looks like left out."""
+    return _Fingerprints().of(value)
+
+
+class _Fingerprints:
+    """Fingerprints of objects that may share others, each made once."""
+
+    def __init__(self) -> None:
+        # The objects are kept, too, so that no other can have their identity.
+        self._known: dict[int, tuple[Any, str]] = {}
+
+    def of(self, value: Any) -> str:
+        """That of one object, the same for equal objects in any process."""
+        if isinstance(value, (float, np.floating)):
+            return _digits(float(value), 0.0)
+        if value is None or isinstance(value, (str, bytes, bool, int, complex, np.generic)):
+            return repr(value)
+        if id(value) not in self._known:
+            self._known[id(value)] = value, "itself"
+            digest = sha256()
+            for part in self._parts(value):
+                digest.update(part.encode() + b"\0")
+            self._known[id(value)] = value, digest.hexdigest()
+        return self._known[id(value)][1]
+
+    def _parts(self, value: Any) -> Iterator[str]:
+        kind = type(value)
+        if isinstance(value, Description):
+            return
+        if isinstance(value, Mapping):
+            yield "mapping"
+            for key, entry in sorted((repr(key), entry) for key, entry in value.items()):
+                yield from (key, self.of(entry))
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            largest = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
+            yield f"{value.shape}"
+            yield from (_digits(x, LAST_DIGITS * largest) for x in value.ravel().tolist())
+        elif isinstance(value, (list, tuple, np.ndarray)):
+            yield f"{kind.__name__} {len(value)}"
+            yield from map(self.of, value)
+        elif isinstance(value, (set, frozenset)):
+            yield from sorted(map(self.of, value))
+        elif isinstance(value, pin.Model):
+            yield from map(_token, value.saveToString().split())
+        elif isinstance(value, types.FunctionType):
+            inside = [cell.cell_contents for cell in value.__closure__ or ()]
+            yield value.__qualname__
+            code = [value.__code__, value.__defaults__, value.__kwdefaults__, inside]
+            yield from map(self.of, code)
+        elif isinstance(value, types.CodeType):
+            yield from (value.co_code.hex(), repr(value.co_names), self.of(value.co_consts))
+        elif isinstance(value, (type, types.BuiltinFunctionType, np.ufunc, types.ModuleType)):
+            yield f"{getattr(value, '__module__', '')} {value.__name__}"
+        else:
+            yield from (f"{kind.__module__}.{kind.__qualname__}", self.of(_state(value)))
+
+
+def _state(value: Any) -> Any:
+    """What an object holds, less what it has computed for itself."""
+    try:
+        is_plain = getattr(type(value), "__reduce__", None) is object.__reduce__
+        state = value.__getstate__() if is_plain else value.__reduce_ex__(4)[1:3]
+    except Exception:  # what cannot be sent says no more than its words
+        return repr(value)
+    if not isinstance(state, dict):
+        return state
+    made = {
+        name
+        for base in type(value).__mro__
+        for name, entry in vars(base).items()
+        if isinstance(entry, cached_property)
+    }
+    return {name: entry for name, entry in state.items() if name not in made}
+
+
+def _token(word: str) -> str:
+    """A word of Pinocchio's own text, numbers to ten digits."""
+    try:
+        return word if word.lstrip("-").isdigit() else _digits(float(word), LAST_DIGITS)
+    except ValueError:
+        return word
+
+
+def _digits(x: float, least: float) -> str:
+    return "0" if abs(x) <= least else f"{x:.10g}"

@@ -1,0 +1,73 @@
+"""Objects of another kind than a function takes, and points out of reach: refused in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import InputError
+
+PLATFORM = cartstiff.load("stewart-gough")
+AXES = {"x": (0.0, 1.0, 2)}
+GRID = cartstiff.Grid(AXES, PLATFORM.names, PLATFORM.q)
+WRONG = (None, 3, "x", [], {"a": 1}, object())
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda w: cartstiff.Held(w),
+        lambda w: cartstiff.analyse(PLATFORM).K.to_connection(w),
+        lambda w: cartstiff.CommandGrid(w, PLATFORM),
+        lambda w: cartstiff.CommandGrid(AXES, w),
+        lambda w: cartstiff.CartesianGrid(w, PLATFORM, PLATFORM.q),
+        lambda w: cartstiff.CartesianGrid(AXES, w, PLATFORM.q),
+        lambda w: cartstiff.Grid(w, PLATFORM.names, PLATFORM.q),
+        lambda w: cartstiff.RandomPostures(-1 if w == 3 else w, 1, PLATFORM.q, PLATFORM.q),
+        lambda w: cartstiff.Axis(0.0, 1.0, -1 if w == 3 else w),
+        lambda w: cartstiff.analyse_posture(w),
+        lambda w: cartstiff.sensitivities(w),
+        lambda w: cartstiff.accuracy(w),
+        lambda w: cartstiff.modes(w),
+        lambda w: cartstiff.optimise_path(PLATFORM, w),
+        lambda w: cartstiff.best_placement(PLATFORM, w, AXES),
+        lambda w: cartstiff.draw_map(w, "condition"),
+        lambda w: cartstiff.open_map(w),
+        lambda w: cartstiff.compute_map(PLATFORM, GRID, ["condition"], w),
+        lambda w: cartstiff.commanded(PLATFORM, w),
+        lambda w: cartstiff.ElasticMechanism("name", w, np.zeros(6)),
+    ],
+)
+def test_another_kind_of_object_is_refused(call, wrong):
+    with pytest.raises(InputError) as refusal:
+        call(wrong)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "analyse grasp --axes body --tcp 1e30,0,0 --sensitivities",
+        "equilibrium ur5 --load 1,2,3,4,5,6 --no-limits --tcp 1e30,0,0",
+        "equilibrium ur5 --payload 1,1e30,0,0",
+        "analyse ur5 --load 0,0,0,0,0,1 --load-at 0,1e30,0",
+    ],
+)
+def test_points_out_of_reach_are_refused(words):
+    """Turns about them leave no digits of what is at the robot: a double has sixteen."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cartstiff", *words.split()],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("cartstiff: ")
+    assert "too far away" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,125 @@
+"""A map or a study goes on only with what it was begun with: files, options, versions."""
+
+from __future__ import annotations
+
+import pickle
+import runpy
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff import version
+from cartstiff.errors import InputError
+from cartstiff.loading.catalogue import bundled_folder
+from cartstiff.maps.cluster import _elastic_from
+from cartstiff.maps.prepare import prepare_map
+from cartstiff.mechanisms.identity import identity_of
+
+TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
+#: A tenth of what the tool does by itself.
+EDITS = 40
+
+
+def prepared(elastic, folder, **options):
+    grid = cartstiff.Grid({elastic.names[0]: (0.1, 0.4, 4)}, elastic.names, elastic.q)
+    return prepare_map(elastic, grid, ["condition"], folder / "m.zarr", **options)
+
+
+def test_one_number_edits_are_never_mixed():
+    outcome = runpy.run_path(str(TOOL))["outcome"]
+    found = [outcome(index, seed=7) for index in range(EDITS)]
+    assert [what for state, what in found if state == "MIXED"] == []
+    assert Counter(state for state, _ in found)["refused"] > EDITS // 2
+
+
+def test_masses_of_an_included_file_are_seen(tmp_path):
+    """The case that statics at two postures did not see: frequencies changed, stiffness did not."""
+    for name in ("five-bar.yaml", "five-bar.urdf"):
+        shutil.copy(bundled_folder() / name, tmp_path)
+    model = tmp_path / "five-bar.urdf"
+    prepared(cartstiff.load(tmp_path / "five-bar.yaml"), tmp_path)
+    text = model.read_text()
+    assert "<mass value=" in text
+    model.write_text(text.replace('<mass value="', '<mass value="9', 1))
+    with pytest.raises(InputError, match=r"another mechanism: five-bar.urdf was changed; expected"):
+        prepared(cartstiff.load(tmp_path / "five-bar.yaml"), tmp_path)
+    model.write_text(text)
+    prepared(cartstiff.load(tmp_path / "five-bar.yaml"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda e: e.with_springs(stiffness=2e4), "its springs differs"),
+        (lambda e: e.with_payload(0.001), "its mechanism differs"),
+        (lambda e: e.with_gravity([0, 0, -9.0]), "its gravity differs"),
+        (lambda e: e.with_potential(cartstiff.DeadForce([0, 0, 1.0], [0, 0, 0])), "its potentials"),
+    ],
+)
+def test_changes_in_python_are_seen(tmp_path, change, words):
+    elastic = cartstiff.load("ur5")
+    prepared(elastic, tmp_path, length=0.3)
+    with pytest.raises(InputError, match=words):
+        prepared(change(elastic), tmp_path, length=0.3)
+
+
+def test_another_version_is_refused(tmp_path, monkeypatch):
+    elastic = cartstiff.load("stewart-gough")
+    prepared(elastic, tmp_path)
+    study = {
+        "mechanism": "inclined-hexapod",
+        "variables": {"sz": {"values": [0.5]}},
+        "objectives": {"a": {"quantity": "translation_held_min"}},
+    }
+    cartstiff.design(study, output=tmp_path / "d.jsonl")
+    monkeypatch.setattr(version, "__version__", "0.0.9")
+    with pytest.raises(InputError, match="map of another version of cartstiff"):
+        prepared(elastic, tmp_path)
+    with pytest.raises(InputError, match="study of another version of cartstiff"):
+        cartstiff.design(study, output=tmp_path / "d.jsonl")
+
+
+def test_a_worker_with_another_pinocchio_is_named():
+    data = pickle.dumps(cartstiff.load("stewart-gough"))
+    with pytest.raises(InputError, match=r"another version of pin; expected 3\.0\.0"):
+        _elastic_from(data, (("pin", "3.0.0"),))
+
+
+@pytest.mark.parametrize("name", ["ur5", "delta", "6-pus", "flexure-hexapod", "stewart-gough"])
+def test_use_does_not_change_an_identity(name):
+    elastic = cartstiff.load(name)
+    before = identity_of(elastic, {})
+    cartstiff.analyse(elastic)
+    cartstiff.analyse_many(elastic, np.repeat(elastic.q[None], 3, axis=0))
+    assert identity_of(elastic, {}) == before
+    assert identity_of(pickle.loads(pickle.dumps(elastic)), {}) == before
+    assert identity_of(cartstiff.load(name), {}) == before
+
+
+def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
+    for name in ("five-bar.yaml", "five-bar.urdf"):
+        shutil.copy(bundled_folder() / name, tmp_path)
+    file, model = tmp_path / "five-bar.yaml", tmp_path / "five-bar.urdf"
+    text = file.read_text()
+    assert "stiffness: 800" in text
+    file.write_text(
+        text.replace("stiffness: 800", 'stiffness: "=k"', 1) + "\nparameters: {k: 800}\n"
+    )
+    study = {
+        "mechanism": str(file),
+        "variables": {"k": {"values": [700, 800, 900]}},
+        "objectives": {"a": {"quantity": "compliance_translation_free_max", "goal": "smallest"}},
+    }
+
+    def progress(done, _):
+        if done == 1:
+            model.write_text(model.read_text().replace('<mass value="', '<mass value="9', 1))
+
+    with pytest.raises(InputError, match="was changed while the study ran"):
+        cartstiff.design(study, output=tmp_path / "d.jsonl", progress=progress)
+    with pytest.raises(InputError, match=r"another mechanism: five-bar.urdf was changed"):
+        cartstiff.design(study, output=tmp_path / "d.jsonl")
