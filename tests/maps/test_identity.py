@@ -6,6 +6,7 @@ import pickle
 import runpy
 import shutil
 from collections import Counter
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_folder
 from cartstiff.maps.cluster import _elastic_from
 from cartstiff.maps.prepare import prepare_map
-from cartstiff.mechanisms.identity import identity_of
+from cartstiff.mechanisms.identity import _PARTS, identity_of
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
 #: A tenth of what the tool does by itself.
@@ -54,17 +55,20 @@ def test_masses_of_an_included_file_are_seen(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda e: e.with_springs(stiffness=2e4), "its springs differs"),
-        (lambda e: e.with_payload(0.001), "its mechanism differs"),
-        (lambda e: e.with_gravity([0, 0, -9.0]), "its gravity differs"),
-        (lambda e: e.with_potential(cartstiff.DeadForce([0, 0, 1.0], [0, 0, 0])), "its potentials"),
+        (lambda e: e.with_springs(stiffness=2e4), "with other springs"),
+        (lambda e: e.with_payload(0.001), "with other geometry"),
+        (lambda e: e.with_gravity([0, 0, -9.0]), "with other gravity"),
+        (
+            lambda e: e.with_potential(cartstiff.DeadForce([0, 0, 1.0], [0, 0, 0])),
+            "with other potentials",
+        ),
     ],
 )
 def test_changes_in_python_are_seen(tmp_path, change, words):
     elastic = cartstiff.load("ur5")
-    prepared(elastic, tmp_path, length=0.3)
+    prepared(elastic, tmp_path, length=0.3, connection="B")
     with pytest.raises(InputError, match=words):
-        prepared(change(elastic), tmp_path, length=0.3)
+        prepared(change(elastic), tmp_path, length=0.3, connection="B")
 
 
 def test_another_version_is_refused(tmp_path, monkeypatch):
@@ -87,6 +91,11 @@ def test_a_worker_with_another_pinocchio_is_named():
     data = pickle.dumps(cartstiff.load("stewart-gough"))
     with pytest.raises(InputError, match=r"another version of pin; expected 3\.0\.0"):
         _elastic_from(data, (("pin", "3.0.0"),))
+
+
+def test_every_field_with_numbers_is_compared():
+    words = {"name", "notes", "source", "files"}
+    assert {f.name for f in fields(cartstiff.ElasticMechanism)} - words == set(_PARTS)
 
 
 @pytest.mark.parametrize("name", ["ur5", "delta", "6-pus", "flexure-hexapod", "stewart-gough"])

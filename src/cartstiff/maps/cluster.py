@@ -174,27 +174,6 @@ def _client(scheduler: str) -> Iterator[Any]:
         yield client
 
 
-@contextmanager
-def shared_out(scheduler: str) -> Iterator[Any]:
-    """An executor of a running scheduler, which answers in the order of what it is given.
-
-    Raises
-    ------
-    InputError
-        If the scheduler does not answer, or has no workers.
-    CartstiffError
-        If the workers of one task die again and again.
-    """
-    with _client(scheduler) as client:
-        try:
-            yield client.get_executor(pure=False)
-        except _distributed().KilledWorker as error:
-            raise CartstiffError(
-                "the workers that had one task died one after the other: "
-                + one_line(str(error), 200)
-            ) from None
-
-
 def _require_folder(client: Any, path: Path) -> None:
     """Refuse workers that would write somewhere else."""
     answers = client.run(_sees, str(path))

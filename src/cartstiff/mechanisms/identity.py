@@ -11,7 +11,6 @@ import types
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import fields
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -36,8 +35,17 @@ _PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
 # Numbers of two processors agree to this share. A file is compared byte by byte; this is for what
 # was computed from it, or made in Python.
 _SAME = UNCOUPLED
-# Fields of a mechanism that are words, or kept by themselves.
-_WORDS = ("name", "notes", "source", "files")
+# Fields of a mechanism that hold numbers, in words.
+_PARTS = {
+    "mechanism": "geometry, limits or masses",
+    "q": "default posture",
+    "springs": "springs",
+    "potentials": "potentials",
+    "gravity": "gravity",
+    "damping": "dampers",
+    "identified": "measured compliances",
+    "parameters": "parameters",
+}
 _READ: ContextVar[dict[tuple[str, str], None] | None] = ContextVar("read", default=None)
 
 
@@ -70,11 +78,7 @@ def identity_of(elastic: ElasticMechanism, options: Mapping[str, Any]) -> dict[s
     options : mapping
         Everything else that the numbers depend on.
     """
-    parts = {
-        field.name: fingerprint(getattr(elastic, field.name))
-        for field in fields(elastic)
-        if field.name not in _WORDS
-    }
+    parts = {name: fingerprint(getattr(elastic, name)) for name in _PARTS}
     whole = {
         "files": [list(entry) for entry in elastic.files],
         "mechanism": parts,
@@ -147,9 +151,9 @@ def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, 
         part, a, b = difference
         if key == "mechanism":
             raise InputError(
-                f"the file holds the {what} of another mechanism: its {part} differs",
+                f"the file holds the {what} of another mechanism, with other {_PARTS[part]}",
                 where=where,
-                expected=f"the same geometry, springs and masses, {anew}",
+                expected=f"the same mechanism, {anew}",
             )
         raise InputError(
             f"the file holds another {what}: {part} differs",
