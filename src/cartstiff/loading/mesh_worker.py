@@ -86,7 +86,7 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
             io.BytesIO(data),
             file_type=kind[1:],
             process=False,
-            resolver=_Materials(path) if kind == ".obj" else None,
+            resolver=_Materials(path) if kind == ".obj" else None,  # type: ignore[arg-type]
         )
         parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     parts = [part for part in parts if len(part.faces)]
@@ -122,10 +122,15 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     first, faces = first[order], rank[faces.reshape(-1)].reshape(-1, 3)
-    arrays = [positions[first], faces.astype(np.int32), normals[first]]
+    arrays: list[NDArray[Any]] = [positions[first], faces.astype(np.int32), normals[first]]
     if several:
         arrays.append(np.concatenate(shades)[first])
-    entry = {"vertices": len(first), "faces": len(faces), "coloured": several, "colour": single}
+    entry: dict[str, Any] = {
+        "vertices": len(first),
+        "faces": len(faces),
+        "coloured": several,
+        "colour": single,
+    }
     return entry, arrays
 
 

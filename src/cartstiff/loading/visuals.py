@@ -87,8 +87,8 @@ def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[
         for piece in pieces:
             at = chain.tree.frames.get(description.prefix + piece.link)
             if not _is_usable(piece):
-                words = f"link {one_line(piece.link)}: a shape whose numbers cannot be shown"
-                missing += [words] if words not in missing else []
+                unusable = f"link {one_line(piece.link)}: a shape whose numbers cannot be shown"
+                missing += [unusable] if unusable not in missing else []
             elif at is not None:
                 T_l_v = np.array(piece.T_l_v)
                 T_l_v[:3, 3] *= metre
