@@ -30,8 +30,6 @@ Shape = tuple[int | str, ...]
 _DOUBLE = np.dtype(float)
 # Pinocchio has the linear part first.
 _SWAP = (3, 4, 5, 0, 1, 2)
-# Points farther away than this, in the mechanism's unit, leave the robot fewer than seven digits.
-_FARTHEST = 1e9
 # On fewer numbers than this the test of Python is several times as fast as NumPy's.
 _FEW = 64
 # Numbers that are tested at once: the mask of everything would be an eighth of a large array.
@@ -345,11 +343,11 @@ def checked_input(
 def checked_reach(point: Array, what: str) -> None:
     """Refuse points of a body so far away that turns about them keep no digits of what is here."""
     farthest = float(np.abs(point).max(initial=0.0))
-    if not farthest <= _FARTHEST:
+    if not farthest <= numerics.FARTHEST_POINT:
         raise InputError(
             "point is too far away",
             where=what,
-            expected=f"coordinates up to {_FARTHEST:g}",
+            expected=f"coordinates up to {numerics.FARTHEST_POINT:g}",
             got=f"{farthest:g}",
         )
 

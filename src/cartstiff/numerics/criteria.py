@@ -66,6 +66,10 @@ PLAIN_CHANGE: Final = 1e9
 #: all its eigenvalues.
 PLAIN_BLOCK: Final = 1e4
 
+#: Coordinates of a point fixed to a body up to which it is used: farther away, in the mechanism's
+#: unit of length, it leaves the robot fewer than seven digits.
+FARTHEST_POINT: Final = 1e9
+
 # -- searches -----------------------------------------------------------------------------------
 
 #: Residual of an equilibrium that ends the search at once, and
