@@ -13,7 +13,6 @@ import psutil
 import pytest
 from tests.maps.machines import arm, marks, start, start_held_map, start_map
 
-import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.maps import RandomPostures, compute_map, open_map
 from cartstiff.maps.cluster import _require_folder
@@ -87,25 +86,6 @@ def worker(scheduler, tmp_path):
     yield one_more
     for process in started:
         _end(process)
-
-
-def test_designs_on_workers_are_those_of_one_process(scheduler, worker):
-    worker(), worker()
-    asked = {
-        "mechanism": "inclined-hexapod",
-        "variables": {"sz": {"values": [0.4, 0.5, 0.6, 0.7]}},
-        "objectives": {"stiff": {"quantity": "translation_held_min"}},
-    }
-    for _ in range(300):
-        with contextlib.suppress(InputError):
-            shared = cartstiff.design(asked, scheduler=scheduler)
-            break
-        time.sleep(0.1)
-    assert shared.designs == cartstiff.design(asked).designs
-    with pytest.raises(InputError, match="no scheduler answers"):
-        cartstiff.design(asked, scheduler="nonsense://1")
-    with pytest.raises(InputError, match="has its own workers"):
-        cartstiff.design(asked, scheduler=scheduler, workers=2)
 
 
 def _same(file, expected):
