@@ -394,6 +394,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "SerialFile.flexible": (ELASTIC, ("flexible",), {"upper": {"beam": BEAM}}, {}),
     "SerialFile.lines": (ARM, ("lines",), [LINE], {}),
     "ParallelFile.legs": (PAIR, ("legs",), [LEG], {}),
+    "ParallelFile.offset": (PAIR, ("offset",), {"xyz": [0, 0, 0.1]}, {}),
     "ParallelFile.pose": (PAIR, ("pose",), {"xyz": [0.35, 0.1, 0.5]}, {}),
     "ParallelFile.actuated": (PAIR, ("actuated",), [f"leg1/j{i}" for i in range(1, 7)], {}),
     "ParallelFile.lines": (
