@@ -321,18 +321,12 @@ def _reactions(system: System, solution: Solution) -> Reactions:
 
 # Points of the curve on which critical loads are looked for.
 _POINTS = 200
-# Codes and words of the critical loads on it, by kind.
+# Words of the critical loads on it, by kind.
 _PASSED = {
-    "limit": (
-        "limit-point",
-        "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a small "
-        "load leads to",
-    ),
-    "bifurcation": (
-        "bifurcation",
-        "a bifurcation, where the mechanism buckles: another state, in a symmetric mechanism the "
-        "mirror image of this one, is as good",
-    ),
+    "limit": "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a "
+    "small load leads to",
+    "bifurcation": "a bifurcation, where the mechanism buckles: another state, in a symmetric "
+    "mechanism the mirror image of this one, is as good",
 }
 
 
@@ -450,7 +444,11 @@ class Equilibrium(Result, ShownInLines):
                 return [Note("other-equilibrium", words, {"q": end.q.tolist()})]
         words = "the way from the unloaded state passes, at {:.4g} of the load, {}"
         return [
-            Note(_PASSED[kind][0], words.format(factor, _PASSED[kind][1]), {"factor": factor})
+            Note(
+                "limit-point" if kind == "limit" else "bifurcation",
+                words.format(factor, _PASSED[kind]),
+                {"factor": factor},
+            )
             for kind, factor in passed.items()
         ]
 
