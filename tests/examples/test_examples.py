@@ -181,7 +181,7 @@ NUMBERS: dict[str, dict[str, object]] = {
         "smallest at 85 deg, N m/rad": 1671.47,
         "smallest at 90 deg, N m/rad": 0.0,
         "notes at 85 deg": [],
-        "notes at 90 deg": ["singular-stiffness", "type-2-singularity"],
+        "notes at 90 deg": ["singular-stiffness", "tensions-chosen", "type-2-singularity"],
         "K^F exists at 90 deg": False,
     },
     "six_ups": {

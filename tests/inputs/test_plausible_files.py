@@ -130,18 +130,18 @@ GAZEBO = '<gazebo reference="j"><springStiffness>100</springStiffness></gazebo><
     [
         (URDF.replace('rpy="0 0 0"', 'rpy="0 90 0"'), "many-turns", "rpy of joint j"),
         (URDF.replace("0 0 0.4", "0 0 400"), "doubtful-units", "xyz of joint j"),
-        (URDF.replace("</robot>", GAZEBO), "ignored", "springStiffness of j"),
-        (
-            URDF.replace("</joint>", '<dynamics spring_stiffness="5"/></joint>'),
-            "ignored",
-            "spring_stiffness",
-        ),
     ],
 )
 def test_urdf_that_is_hardly_meant_is_named(changed, code, words):
     assert DOUBTS.isdisjoint(note.code for note in cartstiff.load(URDF).notes)
     found = {note.code: note.message for note in cartstiff.load(changed).notes}
     assert words in found[code]
+
+
+def test_springs_beside_the_joints_of_a_urdf_act():
+    assert cartstiff.load(URDF.replace("</robot>", GAZEBO)).springs.stiffness == [100.0]
+    dynamics = '<dynamics spring_stiffness="5"/></joint>'
+    assert cartstiff.load(URDF.replace("</joint>", dynamics)).springs.stiffness == [5.0]
 
 
 def test_degrees_beside_the_file_are_named():

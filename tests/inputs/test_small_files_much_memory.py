@@ -119,7 +119,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.loading.mjcf import compiled as mjcf_data
     from cartstiff.loading.mjcf import worker as mjcf_worker
     from cartstiff.maps import sampling, store
-    from cartstiff.mechanisms import chain, joint_kinds
+    from cartstiff.mechanisms import chain, tree
     from cartstiff.page import state
     from cartstiff.statics import problem as effort
 
@@ -131,7 +131,7 @@ def test_the_limits_are_those_of_the_reference():
         "64 MiB": meshes._LARGEST / 1024**2,
         "64 MiB |": robot_description._LARGEST / 1024**2,
         "40 000": yaml_file.MOST_VALUES,
-        "| 200 |": joint_kinds.MOST_COORDINATES,
+        "| 200 |": tree.MOST_COORDINATES,
         "of which 200 move": urdf.MOST_MOVING,
         "2000, of": urdf._MOST_JOINTS,
         "| 100 |": chain._MOST_CLOSURES,

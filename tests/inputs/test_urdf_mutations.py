@@ -88,7 +88,7 @@ def check_against_pinocchio(path: Path, rng: np.random.Generator, capfd: Any) ->
         return False
     tree = tree_to(description, None, {}, "file", [])
     names = [str(n) for n in list(model.names)[1:]]
-    leaders = {n: (m.leader, m.multiplier, m.offset) for n, m in description.urdf.mimics.items()}
+    leaders = description.facts.followers
     q = rng.uniform(-1, 1, tree.n)
     given = dict(zip((c.name for c in tree.coordinates), q.tolist(), strict=True))
     for follower, (leader, factor, offset) in leaders.items():

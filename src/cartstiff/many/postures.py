@@ -250,7 +250,8 @@ def analyse_many(
         raise InputError(
             "count cannot be used", where="one_by_one", expected="0 or more", got=one_by_one
         )
-    arrays = arrays_for(names, out, coordinates.shape, {"q": coordinates, "wrench": loads})
+    given = q if isinstance(q, np.ndarray) else coordinates
+    arrays = arrays_for(names, out, coordinates.shape, {"q": given, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
     kind = checked_load(load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded)
