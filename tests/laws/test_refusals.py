@@ -406,7 +406,7 @@ def test_flexible_links():
         plain_tree(model, flexible={"lnk": Give(np.eye(4))})
     # Two links beside each other: a joint that no frame places may hang on either.
     model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "wrist")
-    with pytest.raises(InputError, match="several links that give are fixed together"):
+    with pytest.raises(InputError, match="several compliant links are fixed together"):
         plain_tree(model, flexible={"link": Give(np.eye(4)), "cover": Give(np.eye(4))})
 
 

@@ -175,7 +175,8 @@ def state_of_rest(
     if system.elastic.gravity is not None:
         notes += gravity_loads(system.elastic).notes
     notes += _drowned(system.elastic, point)
-    if stable is not False:  # at an unstable one nothing stays
+    # At an unstable one nothing stays; a sign of a determinant says nothing of where it is.
+    if stable is not False or not conservative:
         notes += unresolved
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
