@@ -191,9 +191,8 @@ def test_tensions_are_the_engines(name, axes):
     q = postures(elastic)
     kind = LoadKind("dead", (0.0, 0.0, 0.0) if axes == "none" else (0.1, 0.0, -0.2))
     load = None if axes == "none" else np.array([0.1, 0.2, -0.1, 3.0, -2.0, 5.0])
-    tensions, known = tensions_of_many(
-        elastic, q, load, kind, "world" if axes == "world" else "body"
-    )
+    tensions = tensions_of_many(elastic, q, load, kind, "world" if axes == "world" else "body")
+    known = np.isfinite(tensions).all(axis=1)
     assert known.any()
     for posture, found in zip(q[known], tensions[known], strict=True):
         acting = {} if load is None else {"wrench": load, "load_at": kind.at, "load_axes": axes}
