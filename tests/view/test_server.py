@@ -310,7 +310,7 @@ def test_of_long_questions_the_newest_is_answered_and_the_others_are_told(tab):
     assert set(answers) == {1, 2, 3}
     for number in (1, 2):
         assert "newer question" in answers[number]["error"]
-    assert len(answers[3]["rows"]) == 201
+    assert len(answers[3]["rows"]) >= 201  # and more where the curve bends
 
 
 def test_too_many_waiting_questions_are_refused(tab):
