@@ -208,14 +208,16 @@ def test_assembly_modes_of_a_closed_chain():
 @pytest.mark.parametrize("name", ["five-bar", "delta"])
 def test_starts_closed_at_once_end_where_the_engine_ends(name, monkeypatch):
     """Where recorded steps close a start, the mode is one of those found one by one."""
-    from cartstiff.reach import starts
+    from cartstiff.reach import assembly
 
     elastic, seen = cartstiff.load(name), []
-    monkeypatch.setattr(starts, "_BY_ENGINE", 0)
+    monkeypatch.setattr(assembly, "_BY_ENGINE", 0)
     quick = cartstiff.assemble(elastic, starts=25, progress=lambda *far: seen.append(far))
     assert (seen[0], seen[-1]) == ((1, 26), (26, 26))
     none = np.zeros(26, bool)
-    monkeypatch.setattr(starts, "Closer", lambda *_: lambda q: (q, none[: len(q)], none[: len(q)]))
+    monkeypatch.setattr(
+        assembly, "Closer", lambda *_: lambda q: (q, none[: len(q)], none[: len(q)])
+    )
     slow = cartstiff.assemble(elastic, starts=25)
     assert 2 <= len(quick) <= len(slow)
     for mode in quick:
