@@ -299,7 +299,7 @@ def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, de
                 assert back["eigenvalues"] == pytest.approx(wanted, rel=known)
     # What only K is read for says how much K knows.
     told = [n["values"] for n in answer["notes"] if n["code"] == "ill-conditioned"]
-    assert told or values.max() < 1e10 * values.min()
+    assert told or values.max() < 1e11 * values.min()
     moving, turning = expected["translation", "held"], expected["rotation", "held"]
     wanted = {
         "translation_held_min": moving[0],
