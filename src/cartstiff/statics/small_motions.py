@@ -245,6 +245,11 @@ def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[
     The rank of M is found in decades: among the motions that are left, the ones that carry most
     mass per stiffness are taken out, so that those with less are seen without their rounding.
     """
+    sizes = np.sqrt(np.diag(mass).clip(min=0.0))
+    if len(mass) and (sizes > 0.0).all():  # a mass on every motion, known to its digits
+        inertias, axes = np.linalg.eigh(mass / np.outer(sizes, sizes))
+        if inertias[0] > numerics.CLOSE * inertias[-1]:
+            return axes / np.sqrt(inertias) / sizes[:, None], np.zeros((len(mass), 0))
     left, found = _metric(stiffness, terms), []
     # Rounding of M: of each sum, and of what cancels where an axis runs through a body's centre.
     size = size + np.diag(np.full(len(mass), float(np.diag(mass).max(initial=0.0))))
