@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import struct
 import zipfile
 import zlib
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.memory import megabytes_of_children
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -18,6 +18,13 @@ from cartstiff.loading.collisions import Collisions
 from cartstiff.loading.meshes import read_mesh, read_meshes
 from cartstiff.scene import theme
 from cartstiff.scene.robot import ChainPicture
+
+READS_MESHES = """
+from pathlib import Path
+from cartstiff.loading.meshes import read_meshes
+def ask(paths):
+    assert read_meshes([Path(path) for path in paths])
+"""
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 COLLADA = """<?xml version="1.0" encoding="utf-8"?>
@@ -82,7 +89,6 @@ def bad(tmp_path_factory):
 def test_each_bad_mesh_is_refused_by_name_and_none_spoils_another(bad, tmp_path):
     good = tmp_path / "good.obj"
     good.write_text(TRIANGLE)
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss  # of other tests' children
     read = read_meshes([*bad, good])
     assert read[good].positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     for path, words in bad.items():
@@ -91,12 +97,11 @@ def test_each_bad_mesh_is_refused_by_name_and_none_spoils_another(bad, tmp_path)
         assert words in str(error), path
         assert path.name in str(error)
         assert "root:x" not in str(error)
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < max(before + 1, 700 * 1024)
+    assert megabytes_of_children(READS_MESHES, [[*bad, good]]) < 700
 
 
 def test_images_are_not_opened(tmp_path):
     """Textures of an OBJ and a PLY that would be half a gigabyte; colours of materials are read."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     picture(tmp_path / "huge.png")
     (tmp_path / "m.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd huge.png\n")
     obj, ply = tmp_path / "m.obj", tmp_path / "m.ply"
@@ -111,7 +116,7 @@ def test_images_are_not_opened(tmp_path):
     mesh = read_mesh(obj)
     assert len(mesh.faces) == 1
     assert mesh.colour is None or mesh.colour[:3] == (255, 0, 0)
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < max(before + 1, 400_000)
+    assert megabytes_of_children(READS_MESHES, [[ply], [obj]]) < 400
 
 
 def test_a_mesh_that_was_changed_is_read_again(tmp_path):

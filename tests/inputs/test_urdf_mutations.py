@@ -82,6 +82,9 @@ def check_against_pinocchio(path: Path, rng: np.random.Generator, capfd: Any) ->
     capfd.readouterr()
     description = read_robot_description(path)
     assert capfd.readouterr() == ("", "")
+    for obstacle in description.facts.obstacles:  # refused for each frame that the joint moves
+        assert obstacle.error is not None
+        raise obstacle.error
     try:
         model = pin.buildModelFromXML(for_pinocchio(path.read_text(encoding="utf-8")))
     except ValueError:
