@@ -24,6 +24,15 @@ new MutationObserver((changes) => changes.forEach(({ addedNodes }) => addedNodes
   if (node.classList?.contains("toast")) window.heard.push(node.textContent);
 }))).observe(document, { childList: true, subtree: true });
 """
+# Pictures are put together as ever, and no dot of them is computed: that is most of a test's time where
+# software renders. What is seen is asked in test_screenshot.py, which draws.
+_UNDRAWN = """
+for (const { prototype } of [WebGLRenderingContext, WebGL2RenderingContext]) {
+  for (const name of ["Elements", "Arrays", "ElementsInstanced", "ArraysInstanced"]) {
+    if (`draw${name}` in prototype) prototype[`draw${name}`] = () => {};
+  }
+}
+"""
 
 
 def heard(page: Any, words: str) -> None:
@@ -64,6 +73,18 @@ class Watch:
 
     console: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
+    #: What may stand in the console: the browser reports each attempt to reach a server that is gone.
+    expected: tuple[str, ...] = ("GPU stall", "GroupMarker")  # software rendering is slow
+
+    def without_server(self) -> None:
+        """From now on the server may be gone."""
+        self.expected += ("WebSocket connection to", "Failed to load resource")
+
+    def faults(self) -> list[str]:
+        """What has come into the console since this was last called, and nobody expects."""
+        found = [t for t in self.console if not any(part in t for part in self.expected)]
+        self.console.clear()
+        return found
 
     def outside(self) -> list[str]:
         """Requests that leave this machine."""
@@ -108,7 +129,7 @@ class Pages:
         self._watches.append(watch)
         page = context.new_page()
         page.set_default_timeout(_PATIENCE)
-        page.add_init_script(_HEARD)
+        page.add_init_script(_HEARD + _UNDRAWN)
         page.on(
             "console",
             lambda m: watch.console.append(m.text) if m.type in ("error", "warning") else None,
@@ -129,13 +150,12 @@ class Pages:
         return page
 
     def check(self) -> None:
-        """No error stands in any console, and nothing was asked of another machine."""
+        """No error came into any console since the last check, and nothing left this machine."""
         for watch in self._watches:
-            assert watch.outside() == []
-            # Software rendering warns that it is slow; nothing else is allowed.
-            assert [
-                t for t in watch.console if "GPU stall" not in t and "GroupMarker" not in t
-            ] == []
+            faults, outside = watch.faults(), watch.outside()
+            watch.requests.clear()
+            assert outside == []
+            assert faults == []
 
 
 #: As if the page had just been opened.

@@ -12,7 +12,8 @@ from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
 
 
-@pytest.mark.parametrize("seed", range(4))
+# Those of six joints or more: the file of another holds one posture.
+@pytest.mark.parametrize("seed", [0, 2, 3])
 def test_a_posture_that_the_file_never_saw(seed, tmp_path, pages):
     """A slider is moved in the file, without a server: pose, wrench and compliance follow."""
     one = Arm.generated(seed)

@@ -559,13 +559,13 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
             return window.unanswered;
         }"""
     )
+    page.watch.without_server()
     server.close()
     page.wait_for_selector("#banner:has-text('does not answer')")
     page.wait_for_timeout(800)  # longer than the page waits before it asks for curves
     assert "does not answer" in page.inner_text("#banner")
     assert page.evaluate("() => window.unanswered") == 1
     page.close()
-    page.watch.console.clear()  # refused connections are reported by the browser itself
 
 
 def test_the_page_comes_back_when_the_server_does(pages):
@@ -577,9 +577,9 @@ def test_the_page_comes_back_when_the_server_does(pages):
     page.keyboard.press("PageUp")
     settled(page)
     q = page.evaluate("() => window.cartstiff.numbers.result.q")
+    page.watch.without_server()
     server.close()
     page.wait_for_selector("#banner:has-text('does not answer')")
-    page.watch.console.clear()
     server = Background(source, port=port)
     page.wait_for_selector("#banner:has-text('started anew')")
     server.close()
@@ -589,7 +589,6 @@ def test_the_page_comes_back_when_the_server_does(pages):
     assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
     server.close()
     page.close()
-    page.watch.console.clear()  # refused connections are reported by the browser itself
 
 
 def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
 import pytest
 from tools.screenshot import settled
@@ -21,13 +23,15 @@ SHOWN = {"deflection": 1e3, "turn": 1e3}
 
 
 def read_table(download, path) -> tuple[list[str], list[str], np.ndarray]:
-    """Comments, names and numbers of a saved plot."""
+    """Comments, names and numbers of a saved plot; what has no number has a reason."""
     download.save_as(path)
     lines = path.read_text("utf-8").splitlines()
     comments = [line for line in lines if line.startswith("#")]
-    names, *rows = lines[len(comments) :]
-    numbers = [[float(x) if x else np.nan for x in row.split(",")] for row in rows]
-    return comments, names.split(","), np.array(numbers)
+    (*names, why), *rows = csv.reader(lines[len(comments) :])
+    assert why == "why there is no value"
+    numbers = np.array([[float(x) if x else np.nan for x in row[:-1]] for row in rows])
+    assert np.isnan(numbers[[row[-1] != "" for row in rows], -1]).all()
+    return comments, names, numbers
 
 
 def saved(page, kind: str, path):
@@ -67,9 +71,9 @@ def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i
     page.context.close()
 
 
-@pytest.mark.parametrize(("name", "i"), [("ur5", 2), ("cubic", 2), ("five-bar", 0)])
+@pytest.mark.parametrize(("name", "i"), [("ur5", 2), ("cubic", 2)])
 def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
-    """By its own arithmetic, or from its frames."""
+    """By its own arithmetic."""
     elastic = cartstiff.load(name)
     path = tmp_path / "page.html"
     path.write_text(export_page(Source(elastic, load=np.array(LOAD))), "utf-8")
