@@ -24,8 +24,8 @@ new MutationObserver((changes) => changes.forEach(({ addedNodes }) => addedNodes
   if (node.classList?.contains("toast")) window.heard.push(node.textContent);
 }))).observe(document, { childList: true, subtree: true });
 """
-# Pictures are put together as ever, and no dot of them is computed: that is most of a test's time where
-# software renders. What is seen is asked in test_screenshot.py, which draws.
+# Pictures are put together as ever, and no dot of them is computed: that is most of a test's time
+# where software renders. What is seen is asked in test_screenshot.py, which draws.
 _UNDRAWN = """
 for (const { prototype } of [WebGLRenderingContext, WebGL2RenderingContext]) {
   for (const name of ["Elements", "Arrays", "ElementsInstanced", "ArraysInstanced"]) {
@@ -73,11 +73,11 @@ class Watch:
 
     console: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
-    #: What may stand in the console: the browser reports each attempt to reach a server that is gone.
+    #: Parts of what may stand in the console.
     expected: tuple[str, ...] = ("GPU stall", "GroupMarker")  # software rendering is slow
 
     def without_server(self) -> None:
-        """From now on the server may be gone."""
+        """From now on the server may be gone: the browser reports each attempt to reach it."""
         self.expected += ("WebSocket connection to", "Failed to load resource")
 
     def faults(self) -> list[str]:

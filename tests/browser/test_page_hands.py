@@ -118,7 +118,8 @@ def test_two_coordinates_are_a_map_of_colours(serve, pages):
     page.context.close()
 
 
-# Places on the screen, from -1 to 1, around the ring of that radius; null where it is not shown.
+# Places on the screen, from -1 to 1, half around the ring of that radius; null if hidden.
+# The first is the one furthest from the head of the force's arrow, which is held before the ring.
 AROUND = """(radius) => {
     const { viewer } = window.cartstiff.pane;
     viewer.scene.updateMatrixWorld(true);
@@ -126,12 +127,19 @@ AROUND = """(radius) => {
     viewer.scene.traverseVisible((node) => {
         if (node.geometry?.parameters?.radius === radius && node.renderOrder) ring ??= node;
     });
-    return ring && [1, 2, 3, 4, 5].map((eighth) => {
-        const [x, y] = [Math.cos, Math.sin].map((f) => radius * f((eighth * Math.PI) / 4));
-        const at = viewer.camera.position.clone().set(x, y, 0).applyMatrix4(ring.matrixWorld);
+    if (!ring) return null;
+    const seen = (node, ...place) => {
+        const at = viewer.camera.position.clone().set(...place).applyMatrix4(node.matrixWorld);
         at.project(viewer.camera);
         return [at.x, at.y];
-    });
+    };
+    const arrow = ["meshcat", "cartstiff", "wrench", "force", "arrow"];
+    const head = seen(viewer.scene_tree.find(arrow).object, 1, 0, 0);
+    const places = [0, 1, 2, 3, 4, 5, 6, 7].map((eighth) =>
+        seen(ring, ...[Math.cos, Math.sin].map((f) => radius * f((eighth * Math.PI) / 4)), 0));
+    const away = places.map(([x, y]) => Math.hypot(x - head[0], y - head[1]));
+    const first = away.indexOf(Math.max(...away));
+    return [0, 1, 2, 3, 4].map((step) => places[(first + step) % 8]);
 }"""
 
 

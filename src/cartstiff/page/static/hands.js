@@ -318,7 +318,7 @@ export function hands(store) {
     if (hold.kind === "ball" && !hold.moved) pin(!pinned);
     hold = null;
     feel(null);
-    viewer.set_dirty();
+    pane.center();
   }
 
   pane.node.addEventListener("pointerdown", (event) => {

@@ -106,8 +106,8 @@ export class Pane {
   /** Put the middle of the picture into the middle of what the legend leaves free. */
   center() {
     const { clientWidth: width, clientHeight: height } = this.node;
-    // Never back: a legend that comes and goes does not shake the picture.
-    if (this.over.includes("legend")) this.covered = Math.max(this.covered, byId("legend").offsetHeight);
+    // Never back, and not under a hand: a legend that comes and goes does not shake the picture.
+    if (this.over.includes("legend") && !this.holding) this.covered = Math.max(this.covered, byId("legend").offsetHeight);
     this.viewer.camera.setViewOffset(width, height, 0, this.covered / 2, width, height);
     this.boxes = this.over.map((id) => box(byId(id), width, height));
     // A view that nobody has turned is framed anew for another shape of the pane.
