@@ -446,7 +446,7 @@ def _answer(
         "schema": about["schema"],
         "file": str(output),
         "mechanism": about["mechanism"],
-        "frame": about["frame"],
+        **{key: about[key] for key in ("frame", "frame_offset", "base_pose")},
         "connection": about["connection"],
         "load": {key: about[f"load_{key}"] for key in ("kind", "at", "meaning")},
         "characteristic_length": about["characteristic_length"],

@@ -40,6 +40,7 @@ def command(request: MechanismRequest, table: Path, controller: str, output: Pat
 
     from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
+    from cartstiff.report.layout import body_frame
     from cartstiff.report.output import write_whole
     from cartstiff.report.robot_table import robot_table
 
@@ -52,9 +53,11 @@ def command(request: MechanismRequest, table: Path, controller: str, output: Pat
     text = robot_table(elastic, q, controller)
     known = ("before_", "after_", *elastic.names)  # written beside commands, and said below
     say_unused(table, [name for name in unused if not (commanded and name.startswith(known))])
+    where = f"{body_frame(elastic.mechanism)}, in the robot's base"
     if output is None:
+        say(f"cartstiff: poses of the {where}", error=True)
         say(text.rstrip("\n"))
         return
     write_whole(output, text.encode())
     what = "commands that compensate the deflection" if commanded else "postures"
-    say(f"{output}: {len(q)} {what}")
+    say(f"{output}: {len(q)} {what}; poses of the {where}")

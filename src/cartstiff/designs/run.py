@@ -59,6 +59,10 @@ class Designs(ShownInLines):
         Lines of the output that could not be read again.
     weighed : GravityLoads
         What weighs in the mechanism with its file's own parameters.
+    frames : mapping
+        Where M sits in its link and the robot's base in F, with those parameters.
+    length_unit : str
+        Of these.
     """
 
     study: Study
@@ -68,6 +72,8 @@ class Designs(ShownInLines):
     units: Mapping[str, str]
     damaged: int = 0
     weighed: GravityLoads = field(default_factory=lambda: GravityLoads(None, {}, (), 0.0, 0.0, "N"))
+    frames: Mapping[str, Any] = field(default_factory=dict)
+    length_unit: str = ""
 
     def _lines(self) -> list[str]:
         counts = ", ".join(f"{n} {state}" for state, n in self.counts().items())
@@ -171,6 +177,7 @@ class Designs(ShownInLines):
         return {
             "schema": DESIGN_SCHEMA,
             "mechanism": self.mechanism,
+            **self.frames,
             "method": study.method.kind,
             "variables": list(study.variables),
             "set": dict(study.set),
@@ -309,6 +316,8 @@ def design(
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
         record.damaged,
         gravity_loads(evaluation.home),
+        evaluation.home.mechanism.frames_as_dict(),
+        evaluation.home.units.length,
     )
 
 

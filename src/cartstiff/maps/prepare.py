@@ -229,7 +229,7 @@ def prepare_map(
         "title": f"stiffness map of {elastic.name}",
         "mechanism": elastic.name,
         "kind": mechanism.kind,
-        "frame": mechanism.frame,
+        **mechanism.frames_as_dict(),
         "connection": settings.connection,
         "load_kind": kind.kind,
         "load_at": list(kind.at),

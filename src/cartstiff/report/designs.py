@@ -12,7 +12,7 @@ from cartstiff.designs.run import Designs
 from cartstiff.errors import InputError, joined
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
-from cartstiff.report.layout import note_lines, number, table
+from cartstiff.report.layout import body_frame, note_lines, number, table
 
 #: Reasons that are listed.
 _REASONS = 5
@@ -32,7 +32,8 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
     """
     study, counts = designs.study, designs.counts()
     lines = [
-        f"{designs.mechanism}: {len(designs)} designs by {study.method.kind}, "
+        f"{designs.mechanism}, {body_frame(designs.frames, designs.length_unit)}: "
+        f"{len(designs)} designs by {study.method.kind}, "
         f"{study.poses.count} pose(s) each",
         ", ".join(f"{n} {state}" for state, n in counts.items()),
         *(

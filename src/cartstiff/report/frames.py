@@ -15,7 +15,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.report.layout import placed, vector
+from cartstiff.report.layout import body_frame, placed, vector
 
 #: Name and version of the form of `frames_of`.
 FRAMES_SCHEMA = "cartstiff-frames/1"
@@ -172,7 +172,7 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
     units, joints = Units.from_dict(answer["units"]), answer["joints"]
     mechanism = answer["mechanism"]
     lines = [
-        f"{mechanism['name']}: {mechanism['kind']}, body frame {answer['frame']!r}, "
+        f"{mechanism['name']}: {mechanism['kind']}, {body_frame(answer, units.length)}, "
         f"lengths in {units.length}, forces in {units.force}, masses in kg",
         "",
         f"F: {', '.join(answer['frames'])}",
@@ -199,13 +199,10 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
         lines += [f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}" for c in answer["closures"]]
     pose = np.array(answer["pose"])
     turned = np.degrees(se3.roll_pitch_yaw(pose))
-    offsets = [
-        ("M", placed(np.array(answer["frame_offset"]), units.length), repr(answer["frame"])),
-        ("The robot's base B", placed(np.array(answer["base_pose"]), units.length), "F"),
-    ]
+    base = placed(np.array(answer["base_pose"]), units.length)
     lines += [
         "",
-        *(f"{what} {where} in {frame}" for what, where, frame in offsets if where),
+        *([f"The robot's base B {base} in F"] if base else []),
         f"M at {vector(pose[:3, 3], 6, length)} {units.length} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
         "Gravity: none"

@@ -31,6 +31,7 @@ def design_schema(parts: dict[str, Any]) -> dict[str, Any]:
         {
             "schema": js.form(DESIGN_SCHEMA),
             "mechanism": js.text("as the study names it"),
+            **{key: parts[key] for key in ("frame", "frame_offset", "base_pose")},
             "method": js.text("how designs were chosen"),
             "variables": js.strings("parameters that vary"),
             "set": by_name | {"description": "parameters that do not, where the study gives them"},

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +95,17 @@ def placed(T: Array, unit: str) -> str:
     return ", ".join(parts)
 
 
-def body_frame(mechanism: Mechanism) -> str:
-    """The body frame M in words, and where it sits in its link's frame."""
-    where = placed(mechanism.frame_offset, mechanism.units.length)
-    return f"body frame {f'M {where} in ' if where else ''}{mechanism.frame!r}"
+def body_frame(frames: Mechanism | Mapping[str, Any], unit: str = "") -> str:
+    """The body frame M in words, and where it sits in its link's frame.
+
+    Parameters
+    ----------
+    frames : Mechanism or mapping
+        Whose frame, or what its `frames_as_dict` says.
+    unit : str
+        Of lengths, beside a mapping.
+    """
+    if not isinstance(frames, Mapping):
+        frames, unit = frames.frames_as_dict(), frames.units.length
+    where = placed(np.array(frames["frame_offset"]), unit)
+    return f"body frame {f'M {where} in ' if where else ''}{frames['frame']!r}"

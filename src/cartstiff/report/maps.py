@@ -15,7 +15,7 @@ from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import quantities_of, quantity_of
 from cartstiff.maps.totals import summary
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.report.layout import number, table
+from cartstiff.report.layout import body_frame, number, table
 from cartstiff.report.posture import BALANCING
 
 
@@ -28,8 +28,8 @@ def describe_map(
     """
     parts, units = answer["parts"], answer["units"]
     lines = [
-        f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
-        f"K^{answer['connection']}, characteristic length "
+        f"{answer['mechanism']}: {answer['postures']} postures, "
+        f"{body_frame(answer, units['length'])}, K^{answer['connection']}, characteristic length "
         f"{answer['characteristic_length']:.6g} {units['length']}",
         f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
         f"{parts['computed']} computed",

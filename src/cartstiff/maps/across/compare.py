@@ -35,7 +35,17 @@ _ASKED = {
     "damping": (("damping", "damping"),),
     "milling": (("milling", "cut"),),
 }
-_TOLD = ("mechanism", "frame", "connection", "load_kind", "load_at", "wrench", "gravity")
+_TOLD = (
+    "mechanism",
+    "frame",
+    "frame_offset",
+    "base_pose",
+    "connection",
+    "load_kind",
+    "load_at",
+    "wrench",
+    "gravity",
+)
 
 
 def compare_maps(
