@@ -29,9 +29,9 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates, simulated
-from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.identification import identify
+from cartstiff.identify.models import LinearModel
+from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
 
 # Share of the campaigns and of the deflection that noise is.

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from cartstiff import numerics
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.key_types import Number, Positive, Text, only_one
+from cartstiff.loading.schema import Number, Positive, Text, only_one
 from cartstiff.loading.yaml_file import read_yaml
 
 #: How close to a stored value its own tool must come, relative to the largest entry.

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.vibration.chatter import Lobes, lobes
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.chatter import Lobes, Milling, lobes
 from cartstiff.vibration.response import FrequencyResponse, frequency_response
 
 TIP = (0.0, 0.0, 0.05)  # m, in the body frame

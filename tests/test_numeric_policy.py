@@ -26,7 +26,7 @@ ALLOWED = {
     "mechanisms/contract.py": "units",
     "mechanisms/tree.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
-    "identify/sessions.py": "how rarely chance may speak for other axes",
+    "identify/identification.py": "how rarely chance may speak for other axes",
     "choices.py": "the largest number that is taken",
     "report/exchange.py": "limits that stand for none",
     "scene/arrows.py": "the smallest loads and motions that are drawn",

@@ -30,8 +30,8 @@ import numpy as np
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError
-from cartstiff.loading.mjcf import compiled as mjcf_data
 from cartstiff.loading.mjcf import reading as mjcf
+from cartstiff.loading.mjcf import reading as mjcf_data
 from cartstiff.loading.mjcf import worker as mjcf_worker
 from cartstiff.loading.parts import tree_to
 from cartstiff.loading.robot_description import read_robot_description

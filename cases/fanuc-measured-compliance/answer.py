@@ -1,7 +1,7 @@
 """Joint compliances from measured loads, by cartstiff's least squares."""
 
 import cartstiff
-from cartstiff.identify.campaign import identify
+from cartstiff.identify.identification import identify
 from cartstiff.identify.table import read_measurements
 
 

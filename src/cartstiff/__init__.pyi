@@ -66,7 +66,7 @@ from .toolpaths.optimise import optimise_path as optimise_path
 from .toolpaths.placement import best_placement as best_placement
 from .toolpaths.tool_path import ToolPath as ToolPath
 from .version import __version__ as __version__
-from .vibration.accuracy import accuracy as accuracy
-from .vibration.mode_set import Modes as Modes
+from .vibration.modes import Modes as Modes
 from .vibration.modes import modes as modes
+from .vibration.sensitivities import accuracy as accuracy
 from .vibration.sensitivities import sensitivities as sensitivities

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.analysis.plain import numbers, unit_of
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.sections import Analysis
-from cartstiff.analysis.summary import summarise
+from cartstiff.analysis.posture import analyse_posture, summarise
+from cartstiff.analysis.sections import Analysis, numbers, unit_of
 from cartstiff.analysis.tolerances import Tolerances
 from cartstiff.loading.catalogue import bundled_files, example_robots
 from cartstiff.potentials.loads import DeadForce, FollowerWrench

@@ -11,7 +11,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.identify.candidates import candidates, simulated
+from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.yaml_file import read_yaml

@@ -7,7 +7,7 @@ import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign
 
 from cartstiff.errors import InputError
-from cartstiff.identify.campaign import identify
+from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import Measurements
 
 COLUMNS = ("drx", "dry", "drz", "dx", "dy", "dz")

@@ -16,11 +16,11 @@ from tests.identify.test_polynomials import _campaign, _five_bar, _pulled
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import main
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.writing import with_result
+from cartstiff.identify.identification import identify
+from cartstiff.identify.result import with_result
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadForce
-from cartstiff.vibration.accuracy import intervals
+from cartstiff.vibration.sensitivities import intervals
 
 Q = np.array([0.3, 0.5, 0.9, 0.2, 0.7, -0.3])
 FORCE = np.array([0, 0, 0, 40.0, -30.0, -160.0])

@@ -11,9 +11,9 @@ from tests.identify.neighbours import neighbours
 
 import cartstiff
 from cartstiff.cli.main import main
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates, simulated
-from cartstiff.identify.writing import with_result
+from cartstiff.identify.identification import identify
+from cartstiff.identify.plan import candidates, simulated
+from cartstiff.identify.result import with_result
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadWrench
 from cartstiff.statics.equilibrium import equilibrium

@@ -13,7 +13,7 @@ from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campai
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import main
-from cartstiff.identify.campaign import identify
+from cartstiff.identify.identification import identify
 from cartstiff.identify.table import read_measurements
 from cartstiff.report.json_schema import json_schema
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from scipy import stats
 from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop
 
-from cartstiff.identify.campaign import identify
+from cartstiff.identify.identification import identify
 from cartstiff.identify.unknowns import unknowns_of
 
 

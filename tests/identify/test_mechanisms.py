@@ -21,10 +21,9 @@ from tests.identify.campaigns import (
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.linear_model import LinearModel
-from cartstiff.identify.loaded_model import LoadedModel
+from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.models import LinearModel, LoadedModel
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.potentials.loads import DeadForce

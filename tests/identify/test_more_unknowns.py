@@ -7,11 +7,11 @@ import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
 
 import cartstiff
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates, simulated
+from cartstiff.identify.identification import identify
+from cartstiff.identify.plan import candidates, simulated
+from cartstiff.identify.result import mechanism_file
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.identify.writing import mechanism_file
 
 LINK = """
 flexible:

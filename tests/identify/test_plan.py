@@ -12,11 +12,10 @@ from tests.identify.campaigns import SPRINGS, arm, load
 
 import cartstiff
 from cartstiff.cli.main import main
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import beside, candidates, simulated
 from cartstiff.identify.fitting import Noise, solved
-from cartstiff.identify.linear_model import LinearModel
-from cartstiff.identify.plan import information, plan
+from cartstiff.identify.identification import identify
+from cartstiff.identify.models import LinearModel
+from cartstiff.identify.plan import beside, candidates, information, plan, simulated
 from cartstiff.identify.result import estimates
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.report.identification import describe_plan

@@ -11,12 +11,10 @@ from tests.identify.campaigns import SPRINGS, arm, jacobian, load, table_of
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates, simulated
-from cartstiff.identify.linear_model import BentModel
-from cartstiff.identify.loaded_model import LoadedModel
+from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import Measurements
-from cartstiff.identify.plan import plan
+from cartstiff.identify.models import BentModel, LoadedModel
+from cartstiff.identify.plan import candidates, plan, simulated
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.potentials.loads import DeadForce

@@ -12,7 +12,7 @@ import scipy.stats
 from cases.case import read_case
 
 import cartstiff
-from cartstiff.identify.campaign import identify
+from cartstiff.identify.identification import identify
 from cartstiff.identify.table import read_measurements
 
 CASE = Path(__file__).parents[2] / "cases" / "fanuc-measured-compliance"

@@ -11,7 +11,7 @@ import pytest
 
 from cartstiff.cli.main import command as group
 from cartstiff.cli.main import main
-from cartstiff.cli.requests.units import UnitsCommand
+from cartstiff.cli.options import UnitsCommand
 from cartstiff.cli.types import OptionType, Pairs
 
 MM = ("--units", "mm,deg")

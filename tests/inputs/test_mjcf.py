@@ -12,8 +12,8 @@ import pytest
 from tests.inputs.mjcf_tool import compile_here, verdict
 
 from cartstiff import load
-from cartstiff.loading.mjcf import compiled as mjcf_data
 from cartstiff.loading.mjcf import reading as mjcf
+from cartstiff.loading.mjcf import reading as mjcf_data
 
 Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]

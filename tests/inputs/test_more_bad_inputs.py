@@ -11,7 +11,7 @@ from cartstiff.errors import InputError
 from cartstiff.maps.prepare import prepare_map
 from cartstiff.maps.sampling import Grid
 from cartstiff.statics.command import commanded
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.chatter import Milling
 
 URDF = """<robot name='r'><link name='l0'/><link name='l1'/><link name='tool0'/>
 <joint name='a' type='revolute'><parent link='l0'/><child link='l1'/><axis xyz='0 0 1'/>

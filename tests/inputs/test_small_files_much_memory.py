@@ -104,9 +104,9 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
 
 
 def test_the_limits_are_those_of_the_reference():
+    from cartstiff.cli import map as map_request
     from cartstiff.cli import path
-    from cartstiff.cli.requests import map as map_request
-    from cartstiff.cli.requests import target_file
+    from cartstiff.cli import tables as target_file
     from cartstiff.loading import (
         mesh_worker,
         meshes,
@@ -116,7 +116,7 @@ def test_the_limits_are_those_of_the_reference():
         xacro_worker,
         yaml_file,
     )
-    from cartstiff.loading.mjcf import compiled as mjcf_data
+    from cartstiff.loading.mjcf import reading as mjcf_data
     from cartstiff.loading.mjcf import worker as mjcf_worker
     from cartstiff.maps import sampling, store
     from cartstiff.mechanisms import chain, tree

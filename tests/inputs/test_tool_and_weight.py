@@ -153,7 +153,7 @@ def test_every_command_takes_them(arm, tmp_path):
 
 def test_pages_start_with_the_load_that_was_stated(arm):
     from cartstiff.cli.options import LoadRequest, MechanismRequest
-    from cartstiff.cli.requests.view import source_from_options
+    from cartstiff.cli.view import source_from_options
     from cartstiff.page.session import Session
 
     request = MechanismRequest(str(arm), tcp=list(TCP), payload=[2.0], wrench=[0, 0, 0, 0, 0, -100])

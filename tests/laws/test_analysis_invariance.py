@@ -16,11 +16,9 @@ from cartstiff.analysis.centres import (
     centre_of_elasticity,
     centre_of_stiffness,
     centres_of,
+    decoupling_frame,
+    normal_form,
     point_of_least_coupling,
-)
-from cartstiff.analysis.compliant_axes import (
-    twist_compliant_axes,
-    wrench_compliant_axes,
 )
 from cartstiff.analysis.ellipsoids import (
     Freedom,
@@ -35,12 +33,13 @@ from cartstiff.analysis.ellipsoids import (
 from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices_of
 from cartstiff.analysis.matrices import move_compliance, move_stiffness, scale_lengths
 from cartstiff.analysis.metrics import inertia_metric, length_metric, modes, natural_length
-from cartstiff.analysis.normal_forms import (
-    decoupling_frame,
-    normal_form,
-)
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.screws import SWAP_FORM, eigenscrews
+from cartstiff.analysis.screws import (
+    SWAP_FORM,
+    eigenscrews,
+    twist_compliant_axes,
+    wrench_compliant_axes,
+)
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import BI_INVARIANT, CARTAN_MINUS, CARTAN_PLUS, KINEMATIC

@@ -13,9 +13,9 @@ from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_a
 
 import cartstiff
 from cartstiff.analysis.deflection import joint_shares
-from cartstiff.analysis.plain import numbers
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.springs import Spring, parallel_stiffness
+from cartstiff.analysis.sections import numbers
+from cartstiff.analysis.synthesis import Spring, parallel_stiffness
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.choices import LEVELS
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError

@@ -7,16 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartstiff.analysis.congruence import cartesian_stiffness, joint_stiffness
+from cartstiff.analysis.congruence import cartesian_stiffness, fit_diagonal, joint_stiffness
 from cartstiff.analysis.deflection import (
     compliance_deflection,
     displacement_of_point,
     joint_shares,
 )
-from cartstiff.analysis.diagonal_fit import fit_diagonal
 from cartstiff.analysis.matrices import move_stiffness
-from cartstiff.analysis.springs import Spring, parallel_stiffness
-from cartstiff.analysis.synthesis import realisability, realise
+from cartstiff.analysis.synthesis import Spring, parallel_stiffness, realisability, realise
 from cartstiff.geometry import se3
 
 # The promise made to users: the springs give the matrix to ten digits of each block.

@@ -71,7 +71,7 @@ def test_the_way_back_to_a_limit_is_no_deflection(
 
 
 def test_it_is_said_first() -> None:
-    from cartstiff.report.posture import describe
+    from cartstiff.report.analysis import describe
     from cartstiff.report.statics import describe_equilibrium
 
     elastic = arm(LIMITED.format(-1, 0.1))

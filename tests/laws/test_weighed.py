@@ -14,7 +14,7 @@ from tests.support import robot_file
 import cartstiff
 from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.potentials.loads import DeadForce, payload
-from cartstiff.report.posture import describe
+from cartstiff.report.analysis import describe
 from cartstiff.report.statics import describe_curve, describe_equilibrium, describe_path
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.equilibrium import equilibrium

@@ -13,9 +13,8 @@ from cartstiff.analysis.asymmetry import compare_connections
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import DeadForce, Scaled
-from cartstiff.report.analysis import summary_text
+from cartstiff.report.analysis import describe, summary_text
 from cartstiff.report.layout import percent
-from cartstiff.report.posture import describe
 from cartstiff.report.statics import describe_equilibrium
 from cartstiff.statics.equilibrium import equilibrium
 

@@ -86,7 +86,7 @@ def test_plain_data(found):
 
 @pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs matplotlib")
 def test_pictures(found):
-    from cartstiff.report.toolpaths import draw_path, draw_placement
+    from cartstiff.report.statics import draw_path, draw_placement
 
     figure = draw_placement(found)
     (mesh,) = figure.axes[0].collections

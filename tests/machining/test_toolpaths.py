@@ -9,7 +9,7 @@ from tests.support import frame_pose, loaded_arm
 
 import cartstiff
 from cartstiff.analysis.deflection import compliance_deflection
-from cartstiff.cli.requests.path_file import read_path_file
+from cartstiff.cli.tables import read_path_file
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import example_robots

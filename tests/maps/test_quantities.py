@@ -18,8 +18,7 @@ from cartstiff.analysis.ellipsoids import (
 from cartstiff.analysis.indices import indices_of
 from cartstiff.analysis.matrices import stiffness_of_motion, symmetric_part
 from cartstiff.analysis.metrics import natural_length
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.summary import summarise
+from cartstiff.analysis.posture import analyse_posture, summarise
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.many.postures import analyse_many
 from cartstiff.maps import row_by_row

@@ -11,7 +11,7 @@ from tests.support import relative_error
 
 from cartstiff import analyse, analyse_many, load
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.report.posture import describe
+from cartstiff.report.analysis import describe
 
 # Differences of the reduced energy and of the load, step 0.005.
 DIFFERENCES = 1e-9

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from cartstiff.analysis.centres import centres_of
-from cartstiff.analysis.compliant_axes import twist_compliant_axes, wrench_compliant_axes
 from cartstiff.analysis.congruence import cartesian_stiffness
 from cartstiff.analysis.deflection import compliance_deflection, joint_shares
 from cartstiff.analysis.ellipsoids import stiffness_block, stiffness_ellipsoid
@@ -22,16 +21,21 @@ from cartstiff.analysis.metrics import (
     modes,
     natural_length,
 )
-from cartstiff.analysis.plain import plain
-from cartstiff.analysis.screws import eigenscrews, screw_of_twist, screw_of_wrench
-from cartstiff.analysis.springs import Spring, parallel_stiffness
-from cartstiff.analysis.summary import summarise
-from cartstiff.analysis.synthesis import realise
-from cartstiff.analysis.uncertainty import (
+from cartstiff.analysis.posture import summarise
+from cartstiff.analysis.screws import (
+    eigenscrews,
+    screw_of_twist,
+    screw_of_wrench,
+    twist_compliant_axes,
+    wrench_compliant_axes,
+)
+from cartstiff.analysis.synthesis import Spring, parallel_stiffness, realise
+from cartstiff.analysis.tolerances import (
     Tolerance,
     propagate_first_order,
     propagate_monte_carlo,
 )
+from cartstiff.arrays import plain
 from cartstiff.geometry import se3
 from cartstiff.geometry.charts import product_of_exponentials
 from cartstiff.report.analysis import summary_text

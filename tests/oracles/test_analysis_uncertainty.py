@@ -10,8 +10,12 @@ from tests.support import loaded_arm
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
-from cartstiff.analysis.uncertainty import Tolerance, propagate_first_order
+from cartstiff.analysis.tolerances import (
+    Tolerance,
+    Tolerances,
+    UncertainParameters,
+    propagate_first_order,
+)
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.analysis import summary_text

@@ -10,8 +10,7 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.page.shown import shown_numbers
 from cartstiff.page.state import ViewState
-from cartstiff.report.analysis import summary_text
-from cartstiff.report.posture import describe
+from cartstiff.report.analysis import describe, summary_text
 from cartstiff.scene.quantities import block_ellipsoid
 
 MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]

@@ -12,7 +12,7 @@ from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.placements import PLACED, Placements
-from cartstiff.vibration.changes import MATRICES, Home
+from cartstiff.vibration.sensitivities import MATRICES, Home
 
 #: Required of every derivative, of its largest entry; struts give 1e-10.
 EXACT = 1e-8

@@ -22,7 +22,7 @@ from tests.oracles.test_sensitivities_fifty_digits import (
 )
 
 import cartstiff
-from cartstiff.vibration.changes import MATRICES, Home
+from cartstiff.vibration.sensitivities import MATRICES, Home
 
 
 def inverse(T):

@@ -14,11 +14,11 @@ from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.chatter import (
     MeasuredReceptance,
+    Milling,
     limiting_depth,
     limiting_depths,
     lobes,
 )
-from cartstiff.vibration.milling import Milling
 
 MASS, ZETA, KT = 0.5, 0.03, 6e8
 SLOT = Milling(KT, 0.3, 4, 0.0, np.pi)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.vibration.damping import Damping, poles
-from cartstiff.vibration.response import frequency_response
+from cartstiff.vibration.response import Damping, frequency_response, poles
 
 BODY = '<inertial><mass value="2"/><origin xyz="0.5 0 0"/>' + (
     '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'

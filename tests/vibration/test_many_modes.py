@@ -22,10 +22,9 @@ from cartstiff import (
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.cost import criteria
-from cartstiff.vibration.chatter import limiting_depth, limiting_depths
-from cartstiff.vibration.damping import Damping, poles
+from cartstiff.vibration.chatter import Milling, limiting_depth, limiting_depths
 from cartstiff.vibration.many_modes import ManyModes, moves_as_body
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.response import Damping, poles
 
 
 def test_arrays_equal_single_postures():

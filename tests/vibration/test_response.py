@@ -11,8 +11,7 @@ from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import analyse, load, modes
 from cartstiff.errors import InputError
-from cartstiff.vibration.damping import Damping, poles
-from cartstiff.vibration.response import frequency_response, transmissibility
+from cartstiff.vibration.response import Damping, frequency_response, poles, transmissibility
 
 #: Two ways through the same matrices.
 AGREE = 1e-9

@@ -17,9 +17,8 @@ from tests.vibration.test_modes_command import run
 from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.vibration.accuracy import intervals
 from cartstiff.vibration.comparison import compare
-from cartstiff.vibration.sensitivities import sensitivities
+from cartstiff.vibration.sensitivities import intervals, sensitivities
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5

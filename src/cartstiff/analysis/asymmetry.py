@@ -21,10 +21,16 @@ from cartstiff.analysis.matrices import (
     scale_lengths,
     symmetric_part,
 )
-from cartstiff.arrays import Result, checked_length, checked_matrix, checked_number, checked_vector
+from cartstiff.arrays import (
+    Array,
+    Result,
+    checked_length,
+    checked_matrix,
+    checked_number,
+    checked_vector,
+)
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 
 #: Below this relative change of stiffness the choice of connection is said not to matter.
 THRESHOLD = 0.01

@@ -14,9 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import Result, checked_array, checked_matrix, checked_vector, real_array
+from cartstiff.arrays import (
+    Array,
+    Result,
+    checked_array,
+    checked_matrix,
+    checked_vector,
+    real_array,
+)
 from cartstiff.errors import UndefinedError
-from cartstiff.geometry.se3 import Array
 
 
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:

@@ -34,9 +34,8 @@ from cartstiff.analysis.matrices import (
     move_stiffness,
     symmetric_part,
 )
-from cartstiff.arrays import checked_matrix, checked_unit, read_only
+from cartstiff.arrays import Array, checked_matrix, checked_unit, read_only
 from cartstiff.errors import UndefinedError, UnknownNameError
-from cartstiff.geometry.se3 import Array
 
 Freedom = Literal["translation", "rotation"]
 Others = Literal["free", "held"]

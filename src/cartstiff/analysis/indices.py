@@ -26,9 +26,8 @@ from cartstiff.analysis.matrices import (
     scale_lengths,
     with_angles_times,
 )
-from cartstiff.arrays import Result, checked_array, checked_length, real_array
+from cartstiff.arrays import Array, Result, checked_array, checked_length, real_array
 from cartstiff.errors import UndefinedError
-from cartstiff.geometry.se3 import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import (
+    Array,
     checked_length,
     checked_matrix,
     checked_pose,
@@ -28,7 +29,6 @@ from cartstiff.arrays import (
 )
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units
 
 #: Units with the names of the units of length and force left open.

@@ -29,10 +29,9 @@ from cartstiff.analysis.matrices import (
     loss_of_elimination,
     lost_digits,
 )
-from cartstiff.arrays import Result, checked_length, checked_matrix, checked_vector
+from cartstiff.arrays import Array, Result, checked_length, checked_matrix, checked_vector
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 
 #: Share of the largest eigenvalue above which a stiffness alone has digits enough.
 _PLAIN = numerics.PLAIN

@@ -1,4 +1,4 @@
-r"""Screws of a stiffness matrix: a line, a pitch and a stiffness instead of six mixed numbers.
+"""Screws of a stiffness matrix: a line, a pitch and a stiffness instead of six mixed numbers.
 
 An *eigenscrew* s is a twist answered by a wrench on the same screw, ``K s = lambda Delta s`` with
 Delta = [[0, 1], [1, 0]] ([Ball]_'s principal screws of the potential; [PattersonLipkin]_). No
@@ -9,22 +9,25 @@ Where eigenvalues are equal the screws are arbitrary within their eigenspace.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import (
+    ROTATION,
+    TRANSLATION,
     Definiteness,
     as_symmetric,
     balancing_length,
     lost_digits,
     with_angles_times,
 )
-from cartstiff.arrays import Result, checked_length, checked_vector
-from cartstiff.geometry.se3 import Array
+from cartstiff.arrays import Array, Result, checked_length, checked_vector
+from cartstiff.errors import UndefinedError
 
 #: The matrix Delta that takes a twist (omega, v) to the wrench (v, omega) on the same screw.
 SWAP_FORM: Final[Array] = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
@@ -222,3 +225,130 @@ def _eigenscrew(mu: float, x: Array, length: float) -> Eigenscrew:
         rotational = value * screw.pitch
         translational = value / screw.pitch if screw.pitch != 0.0 else float("inf")
     return Eigenscrew(screw, value, rotational, translational, twist)
+
+
+@dataclass(frozen=True, eq=False)
+class CompliantAxis(Result):
+    """A wrench-compliant or twist-compliant axis.
+
+    Attributes
+    ----------
+    kind : {"wrench", "twist"}
+        Which of the two.
+    stiffness : float
+        Force per translation along the axis (held rotations), or moment per rotation about it
+        (free translations).
+    screw : Screw
+        Screw of the wrench that answers a unit translation, or of the twist that a moment causes.
+    components : ndarray, shape (6,)
+        That wrench per unit of force, or that twist per unit of rotation.
+    """
+
+    kind: Literal["wrench", "twist"]
+    stiffness: float
+    screw: Screw
+    components: Array
+
+
+def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array | None:
+    r"""``G = K_rt K_tt^-1 = -C_rr^-1 C_rt`` (3, 3), by the block that is better conditioned.
+
+    A body that translates by v is answered by a force f and the moment ``G f``; a moment that turns
+    it by w moves it by ``-G^T w``. None where neither K_tt nor C_rr has an inverse.
+
+    Parameters
+    ----------
+    stiffness, compliance : ndarray, shape (6, 6), or None
+        Symmetric, each the other's inverse; one of them is enough.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"ill-conditioned"`` where rounding leaves fewer than four digits.
+    """
+    found: list[tuple[float, Array]] = []
+    for matrix, own, other in (
+        (stiffness, TRANSLATION, ROTATION),
+        (compliance, ROTATION, TRANSLATION),
+    ):
+        inverse = None if matrix is None else numerics.invert(matrix[own, own])
+        if matrix is not None and inverse is not None:
+            product = matrix[other, own] @ inverse.matrix
+            found.append((inverse.error, product if own is TRANSLATION else -product.T))
+    if not found:
+        return None
+    error, G = min(found, key=lambda each: each[0])
+    if error > numerics.LOST_ERROR:
+        raise UndefinedError(
+            "how turning and moving are coupled is lost in the rounding of the stiffest directions",
+            code="ill-conditioned",
+            values={"relative_error": error},
+        )
+    return G
+
+
+def _given_pair(K: ArrayLike, C: ArrayLike | None) -> tuple[Array, Array | None]:
+    return as_symmetric(K), None if C is None else as_symmetric(C, "compliance")
+
+
+def wrench_compliant_axes(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> tuple[CompliantAxis, ...]:
+    r"""Three wrenches that answer pure translations by a parallel force, [PattersonLipkin]_.
+
+    ``K_tt e = k e`` and w = (K_rt e / k, e). Where k is zero no force answers: the axis has
+    stiffness zero and, unless a moment answers, neither point nor pitch (NaN). The compliance,
+    the inverse where it is known, gives what the stiffness has no digits for.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"ill-conditioned"`` where neither knows a stiffness or an axis.
+    """
+    K, C = _given_pair(stiffness, compliance)
+    length = balancing_length(K)
+    shape = stiffness_ellipsoid(K, "translation", "held", None, C)
+    G = coupling_matrix(K, C)
+    result = []
+    for k, e in zip(shape.eigenvalues.tolist(), shape.axes.T, strict=True):
+        e = e if e[np.argmax(np.abs(e))] > 0 else -e
+        w = np.concatenate([np.full(3, np.nan), e])
+        screw = Screw(e, np.full(3, np.nan), float("nan"))
+        if k != 0.0:
+            w[:3] = K[ROTATION, TRANSLATION] @ e / k if G is None else G @ e
+            screw = screw_of_wrench(w, length)
+        result.append(CompliantAxis("wrench", k, screw, w))
+    return tuple(result)
+
+
+def twist_compliant_axes(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> tuple[CompliantAxis, ...]:
+    r"""Three twists with a rotation parallel to the pure moment that causes them.
+
+    ``S g = k g`` with S = K_rr - K_rt K_tt^-1 K_tr, and t = (g, -K_tt^-1 K_tr g), the twist that
+    needs no force [PattersonLipkin]_. With the compliance C: ``C_rr g = g / k``,
+    ``t = k C (g, 0)``.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"`` where K_tt is singular: the translation is then not determined; code
+        ``"ill-conditioned"`` where neither stiffness nor compliance knows a value or an axis.
+    """
+    K, C = _given_pair(stiffness, compliance)
+    G = coupling_matrix(K, C)
+    if G is None:
+        raise UndefinedError(
+            "twist-compliant axes do not exist: the translational stiffness is singular",
+            code="singular",
+            values={"principal_values": np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION]).tolist()},
+        )
+    length = balancing_length(K)
+    shape = stiffness_ellipsoid(K, "rotation", "free", None, C)
+    result = []
+    for k, g in zip(shape.eigenvalues.tolist(), shape.axes.T, strict=True):
+        g = g if g[np.argmax(np.abs(g))] > 0 else -g
+        t = np.concatenate([g, -G.T @ g])
+        result.append(CompliantAxis("twist", k, screw_of_twist(t, length), t))
+    return tuple(result)

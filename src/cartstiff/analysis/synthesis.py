@@ -1,4 +1,4 @@
-r"""Springs that realise a given symmetric stiffness.
+"""Springs that realise a given symmetric stiffness.
 
 In ``K = sum k w w^T`` the trace of the coupling block, ``tr K_rt = sum k h`` over springs of pitch
 h, is the same in every frame, and line and torsional springs have none. Hence
@@ -18,7 +18,9 @@ springs: s of them, with sum k w w^T <= K, carry at most the s largest eigenvalu
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,10 +35,50 @@ from cartstiff.analysis.matrices import (
     block_scales,
 )
 from cartstiff.analysis.screws import SWAP_FORM, screw_of_wrench
-from cartstiff.analysis.springs import Spring, parallel_stiffness
-from cartstiff.arrays import Result
+from cartstiff.arrays import Array, Result
 from cartstiff.errors import UndefinedError
-from cartstiff.geometry.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Spring(Result):
+    """One spring of a parallel connection.
+
+    Attributes
+    ----------
+    kind : {"line", "screw", "torsional"}
+        Line: a force along a line. Screw: with a moment about the same line. Torsional: a moment.
+    stiffness : float
+        Positive; force per length, or moment per angle for a torsional spring.
+    direction : ndarray, shape (3,)
+        Unit vector of the force (of the moment, if torsional).
+    point : ndarray, shape (3,)
+        Point of the line nearest to the origin; zero for a torsional spring.
+    pitch : float
+        Moment over force; 0 for a line spring, infinite for a torsional one.
+    """
+
+    kind: Literal["line", "screw", "torsional"]
+    stiffness: float
+    direction: Array
+    point: Array
+    pitch: float
+
+    @property
+    def wrench(self) -> Array:
+        """Wrench (moment, force) per unit of load, shape (6,)."""
+        if self.kind == "torsional":
+            return np.concatenate([self.direction, np.zeros(3)])
+        moment = np.cross(self.point, self.direction) + self.pitch * self.direction
+        return np.concatenate([moment, self.direction])
+
+
+def parallel_stiffness(springs: Iterable[Spring]) -> Array:
+    """Stiffness (6, 6) of unloaded springs in parallel: sum of k w w^T."""
+    K = np.zeros((6, 6))
+    for spring in springs:
+        K += spring.stiffness * np.outer(spring.wrench, spring.wrench)
+    return K
+
 
 # A column counts as torsional when its force is below this share of its length-scaled moment.
 _TORSIONAL = numerics.CLOSE

@@ -12,20 +12,19 @@ import click
 from cartstiff.cli.options import (
     LoadRequest,
     MechanismRequest,
-    command_option,
-    load_options,
-    mechanism_options,
-)
-from cartstiff.cli.output import say_unused, tell
-from cartstiff.cli.requests.parameters import (
+    UnitsCommand,
     add_accuracy,
     add_sensitivities,
     checked_tolerance,
+    column_factors,
+    command_option,
+    load_options,
+    mechanism_options,
     sensitivities_option,
     tolerance_option,
 )
-from cartstiff.cli.requests.path_file import WRENCH
-from cartstiff.cli.requests.units import UnitsCommand, column_factors
+from cartstiff.cli.output import say_unused, tell
+from cartstiff.cli.tables import WRENCH
 from cartstiff.cli.types import (
     PICTURE,
     Number,

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
+from cartstiff.cli.options import UnitsCommand
 from cartstiff.cli.output import say
-from cartstiff.cli.requests.units import UnitsCommand
-from cartstiff.cli.requests.view import needs_view, page_options, source_from_options
 from cartstiff.cli.types import OutputFile
+from cartstiff.cli.view import needs_view, page_options, source_from_options
 from cartstiff.errors import one_line
 
 _EPILOG = """\b

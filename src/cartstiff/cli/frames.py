@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.options import MechanismRequest, UnitsCommand, mechanism_options
 from cartstiff.cli.output import tell
-from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import json_option
 
 

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import math
+import re
 import sys
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, file_options, frame_option, tool_options
-from cartstiff.cli.output import say, tell
-from cartstiff.cli.requests.identify import (
-    deviations_of,
-    in_own_units,
-    reject_of,
-    stiffnesses_of,
-    ties_of,
-    units_of,
+from cartstiff.cli.options import (
+    MechanismRequest,
+    UnitsCommand,
+    file_options,
+    frame_option,
+    given_length,
+    tool_options,
 )
-from cartstiff.cli.requests.plan import PlanRequest, say_read
-from cartstiff.cli.requests.units import UnitsCommand, given_length
+from cartstiff.cli.output import say, say_unused, tell
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -29,13 +30,277 @@ from cartstiff.cli.types import (
     JointValues,
     Number,
     OutputFile,
+    TableUnits,
+    Values,
     gathered,
     json_option,
     option,
     option_group,
     repeated_option,
 )
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.parsing import parse_numbers
+
+_VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?")
+
+
+def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:
+    """``NAME=TEXT`` of an option that may be given several times."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError("cannot be used", where=option, expected="NAME=VALUE", got=repr(text))
+        if name.strip() in pairs:
+            raise InputError("given twice", where=option, got=repr(name.strip()))
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, float]:
+    """Standard deviations by column in SI, from "dx=0.02 mm"."""
+    from cartstiff.identify.measurements import MEASURED
+    from cartstiff.loading.tables import UNITS
+
+    deviations = {}
+    for name, text in _pairs(texts, "--sd").items():
+        if name not in MEASURED:
+            raise UnknownNameError("column", name, MEASURED, where="--sd")
+        kind = MEASURED[name]
+        match = _VALUE.fullmatch(text)
+        number, unit = (match[1], match[2]) if match else (text, None)
+        known = UNITS[kind]
+        if unit is None and kind not in units:
+            raise InputError(
+                f"--sd of {name!r} declares no unit",
+                where="--sd",
+                got=text,
+                expected=f"a number with one of {', '.join(known)}",
+            )
+        unit = (unit or units[kind]).strip()
+        if unit not in known:
+            raise UnknownNameError("unit", unit, known, where=f"--sd {name}")
+        value = parse_numbers(number, f"--sd {name}", 1)[0] * known[unit]
+        if not value > 0.0:
+            raise InputError(
+                "cannot be used", where=f"--sd {name}", expected="above zero", got=text
+            )
+        deviations[name] = value
+    return deviations
+
+
+def stiffnesses_of(texts: Iterable[str], option: str, count: int) -> dict[str, list[float]]:
+    """Numbers by spring, from "NAME=K" or "NAME=K,DEVIATION"."""
+    return {
+        name: parse_numbers(text, f"{option} {name}", count)
+        for name, text in _pairs(texts, option).items()
+    }
+
+
+def in_own_units(
+    springs: Mapping[str, list[float]], a: float, elastic: Any
+) -> dict[str, list[float]]:
+    """Stiffnesses by spring where lengths of `elastic` are a times as large in number."""
+    from cartstiff.mechanisms.elements import Elements
+
+    elements = Elements(elastic)
+    slides = dict(zip(elements.names, elements.is_length, strict=True))
+    slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
+    return {
+        name: [k / a if slides.get(name) else k * a for k in numbers]
+        for name, numbers in springs.items()
+    }
+
+
+def ties_of(texts: Iterable[str]) -> list[list[str]]:
+    """Springs that are equal, from "A=B=C"."""
+    return [[name.strip() for name in text.split("=")] for text in texts]
+
+
+def reject_of(text: str | None) -> float | str | None:
+    """A rule: "suspects", or a number of standard deviations."""
+    if text is None or text == "suspects":
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(
+            "unknown rule",
+            where="--reject",
+            got=repr(text),
+            expected="suspects, or a number of standard deviations",
+        )
+    return number
+
+
+_Answer = tuple[dict[str, Any], Callable[[], str]]
+
+
+def say_read(table: str, measured: Any, axes: str | None) -> None:
+    """On standard error, what of a table plays no part, and along which axes its loads are."""
+    words = "" if axes else "; its loads, if any, are along the body's axes"
+    say_unused(Path(table), measured.unused, words)
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """The options about a plan and a simulation."""
+
+    count: int | None
+    criterion: str | None
+    q: Values | None
+    load: list[float] | None
+    mass: float | None
+    force: float | None
+    ranges: dict[str, tuple[float, ...]]
+    within: dict[str, tuple[float, ...]]
+    candidates: int | None
+    have: Path | None
+    simulate: int | None
+    outliers: int | None
+    csv: Path | None
+
+    def check(self, table: str | None) -> None:
+        """Refuse options that do not go together."""
+        if self.count is None:
+            for name in (
+                "criterion",
+                "q",
+                "load",
+                "mass",
+                "force",
+                "ranges",
+                "within",
+                "candidates",
+                "have",
+            ):
+                if getattr(self, name):
+                    option = {"ranges": "range"}.get(name, name)
+                    raise InputError("is for --plan", where=f"--{option}")
+            if table is None:
+                raise InputError("no measurements", expected="DATA.csv, or --plan N")
+        elif table is not None:
+            raise InputError(
+                "give DATA.csv or --plan, not both: --have names rows that are measured already"
+            )
+        if self.simulate is None and self.outliers is not None:
+            raise InputError("is for --simulate", where="--outliers")
+        if self.count is None and self.simulate is None and self.csv is not None:
+            raise InputError("is for --plan and --simulate", where="--csv")
+        if self.count is not None and self.simulate is not None:
+            raise InputError("give --plan or --simulate, not both")
+        if self.mass is not None and self.force is not None:
+            raise InputError("give --mass or --force, not both")
+        if self.criterion != "posture" and (self.q is not None or self.load is not None):
+            raise InputError("--q and --load are for --criterion posture")
+
+    def run_plan(self, elastic: Any, of_table: dict[str, Any], request: Any) -> _Answer:
+        """Rows to be measured."""
+        import numpy as np
+
+        from cartstiff.identify.plan import beside, candidates, plan
+        from cartstiff.identify.table import read_measurements, table_text
+        from cartstiff.identify.unknowns import unknowns_of
+        from cartstiff.report.identification import describe_plan
+        from cartstiff.report.output import write_files
+
+        spreads = _deviations(of_table["deviations"], elastic)
+        unknowns = unknowns_of(elastic, **request.of_unknowns(elastic))
+        point = of_table["point"]
+        quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
+        offered = candidates(
+            elastic,
+            spreads,
+            count=self.candidates or (10_000 if quick else 1000),
+            mass=self.mass or 0.0,
+            force=(self.force or 0.0) / elastic.units.newtons,
+            ranges=self.ranges,
+            within=self.within,
+            point=point,
+            load_at=of_table["load_at"],
+        )
+        near = partial(beside, elastic, ranges=self.ranges, within=self.within)
+        have = None
+        if self.have is not None:
+            have = read_measurements(self.have, elastic, **of_table)
+        test = None
+        if self.criterion == "posture":
+            if self.load is None:
+                raise InputError(
+                    "the criterion needs a load", where="--criterion posture", expected="--load"
+                )
+            given = None if self.q is None else self.q.of(elastic.names)
+            test = elastic.placed(given, "--q")[1].q, np.array(self.load)
+        chosen = plan(
+            unknowns,
+            offered,
+            self.count or 1,
+            criterion=self.criterion or "worst",  # type: ignore[arg-type]
+            test=test,
+            have=have,
+            beside=near,
+            level=request.level,
+        )
+        write_files((self.csv, lambda: table_text(chosen.rows, elastic, tuple(spreads))))
+        return chosen.as_dict(), lambda: describe_plan(chosen)
+
+    def run_simulation(
+        self, elastic: Any, table: str, of_table: dict[str, Any], request: Any
+    ) -> _Answer:
+        """Measurements as the mechanism would show them."""
+        import numpy as np
+
+        from cartstiff.identify.plan import simulated
+        from cartstiff.identify.table import read_measurements, table_text
+        from cartstiff.report.output import write_files
+
+        if self.csv is None:
+            raise InputError(
+                "simulated measurements need a file", where="--simulate", expected="--csv FILE.csv"
+            )
+        reading = {**of_table, "deviations": None}
+        settings = read_measurements(Path(table), elastic, **reading, open_cells=True)
+        say_read(table, settings, of_table["axes"])
+        if self.outliers is not None and self.outliers > len(settings):
+            raise InputError(
+                "more outliers than rows",
+                where="--outliers",
+                expected=f"at most {len(settings)}",
+                got=self.outliers,
+            )
+        spreads = _deviations(of_table["deviations"], elastic)
+        rng = np.random.default_rng(self.simulate)
+        bad = rng.choice(len(settings), self.outliers or 0, replace=False).tolist()
+        campaign = simulated(
+            elastic, settings, spreads, seed=self.simulate or 0, outliers=bad, loaded=request.loaded
+        )
+        write_files((self.csv, lambda: table_text(campaign, elastic)))
+        rows = sorted(int(n) + 1 for n in bad)
+        data = {
+            "schema": "cartstiff-identify-simulation/1",
+            "rows": len(campaign),
+            "outliers": rows,
+        }
+        words = f"{len(campaign)} rows" + (f", gross errors in rows {rows}" if rows else "")
+        return data, lambda: words
+
+
+def _deviations(spreads: dict[str, float], elastic: Any) -> dict[str, float]:
+    """Standard deviations of --sd in the mechanism's units."""
+    from cartstiff.identify.measurements import MEASURED
+    from cartstiff.mechanisms.contract import SI, convert_length
+
+    if not spreads:
+        raise InputError(
+            "what is to be measured, and how well?",
+            where="--sd",
+            expected="COLUMN=VALUE for each column, such as d=0.005mm",
+        )
+    length, _ = convert_length(SI, elastic.units)
+    return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}
+
 
 #: Probability of the intervals.
 _LEVEL = 0.95
@@ -70,7 +335,7 @@ _about_the_table = option_group(
     ),
     option(
         "--units",
-        metavar="UNITS",
+        type=TableUnits("UNITS"),
         help="Units of numbers given and shown, such as mm,deg, and "
         "of columns without one in their head; there SI otherwise.",
     ),
@@ -208,7 +473,7 @@ class _Request:
     point: list[float] | None
     load_at: list[float] | None
     axes: str | None
-    units: str | None
+    units: dict[str, str] | None
     sd: tuple[str, ...]
     unknown: tuple[str, ...]
     tie: tuple[str, ...]
@@ -223,7 +488,7 @@ class _Request:
     @property
     def of_table(self) -> dict[str, Any]:
         """Keywords for reading the table."""
-        units = units_of(self.units)
+        units = self.units or {}
         return {
             "axes": self.axes,
             "units": units,
@@ -236,7 +501,7 @@ class _Request:
     def shown(self) -> dict[str, str] | None:
         """Units in which the mechanism's numbers are given and shown."""
         kinds = ("length", "angle") if given_length() == 1.0 else ("angle",)
-        return {k: u for k, u in units_of(self.units).items() if k in kinds} or None
+        return {k: u for k, u in (self.units or {}).items() if k in kinds} or None
 
     def of_unknowns(self, elastic: Any) -> dict[str, Any]:
         """Keywords about what is to be found."""
@@ -334,7 +599,7 @@ def command(
 
     import numpy as np
 
-    from cartstiff.identify.campaign import identify
+    from cartstiff.identify.identification import identify
     from cartstiff.identify.table import read_measurements
 
     measured = read_measurements(Path(table), elastic, **of_table)
@@ -374,7 +639,7 @@ def _write(
     result: Any, robot: MechanismRequest, table: Path, output: Path | None, plot: Path | None
 ) -> None:
     """The files that were asked for."""
-    from cartstiff.identify.writing import mechanism_file
+    from cartstiff.identify.result import mechanism_file
     from cartstiff.report.output import write_files
 
     def identified_file() -> str:

@@ -13,9 +13,9 @@ from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.damping import Damping
-    from cartstiff.vibration.milling import Milling
-    from cartstiff.vibration.mode_set import Modes
+    from cartstiff.vibration.chatter import Milling
+    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.response import Damping
 
 cutting_options = option_group(
     option(
@@ -68,7 +68,7 @@ def damping_of(damping: list[float] | None, rayleigh: list[float] | None) -> Dam
     InputError
         For negative numbers.
     """
-    from cartstiff.vibration.damping import Damping
+    from cartstiff.vibration.response import Damping
 
     for name, value in (("damping", damping), ("rayleigh", rayleigh)):
         if value is not None and min(value) < 0.0:
@@ -98,7 +98,7 @@ def cutter(
             if given is not None:
                 raise InputError("is for --milling", where=f"--{name}")
         return None
-    from cartstiff.vibration.milling import Milling
+    from cartstiff.vibration.chatter import Milling
 
     kt, kr, teeth, entry, exit_ = milling
     more: dict[str, Any] = {"feed": feed, "normal": normal, "at": tip}

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.choices import AXES, ORDERS
-from cartstiff.cli.controller import ControllerRequest
+from cartstiff.choices import AXES, ORDERS, RESPONSES
 from cartstiff.cli.milling import LobesRequest, cutting_options
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
-from cartstiff.cli.output import tell
-from cartstiff.cli.requests.parameters import (
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    UnitsCommand,
     add_accuracy,
     add_intervals,
     add_sensitivities,
     checked_tolerance,
+    load_options,
+    mechanism_options,
     sensitivities_option,
     tolerance_option,
 )
-from cartstiff.cli.requests.units import UnitsCommand
-from cartstiff.cli.response import KINDS, ResponseRequest
+from cartstiff.cli.output import tell
+from cartstiff.cli.tables import read_target
 from cartstiff.cli.types import (
     DIRECTION,
     PICTURE,
@@ -29,13 +33,184 @@ from cartstiff.cli.types import (
     Numbers,
     OutputFile,
     json_option,
+    only_with,
     option,
     option_group,
 )
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.mode_set import Modes
+    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.response import Damping
+
+
+@dataclass(frozen=True)
+class ControllerRequest:
+    """The options about the controller, checked."""
+
+    impedance: Path | None
+    order: str | None
+    axes: str
+    ratio: list[float] | None
+    output: Path | None
+
+    def __post_init__(self) -> None:
+        if self.impedance is None:
+            axes = None if self.axes == "body" else self.axes
+            only_with(
+                "impedance", order=self.order, axes=axes, ratio=self.ratio, output=self.output
+            )
+        elif self.ratio is not None and min(self.ratio) < 0.0:
+            raise InputError(
+                "cannot be used", where="--ratio", expected="zero or more", got=self.ratio
+            )
+
+    def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
+        """Computes, adds to the JSON object, writes the file; lines for people."""
+        if self.impedance is None:
+            return []
+        from cartstiff.report.modes import describe_impedance
+        from cartstiff.stiffness.tensor import StiffnessTensor
+        from cartstiff.vibration.controllers import impedance
+
+        target = read_target(self.impedance, self.order)
+        wanted = StiffnessTensor.from_controller(
+            target.in_units_of(modes.elastic.mechanism),
+            order=target.order,  # type: ignore[arg-type]
+            axes=self.axes,  # type: ignore[arg-type]
+            pose=modes.posture.pose,
+            base=modes.elastic.mechanism.base_pose,
+            frame=modes.elastic.mechanism.frame,
+            units=modes.elastic.units,
+        )
+        answer = impedance(modes, wanted, self.ratio or 0.7)
+        gains = {
+            "given": {"order": target.order, "axes": self.axes, "ratios": self.ratio or [0.7]},
+            "q": dict(zip(modes.elastic.names, modes.q.tolist(), strict=True)),
+            "units": modes.elastic.units.as_dict(),
+            "for_controller": answer.for_controller(target.order, self.axes),  # type: ignore[arg-type]
+            **answer.as_dict(),
+        }
+        data["impedance"] = gains
+        if self.output is not None:
+            from cartstiff.report.output import write_whole
+
+            write_whole(self.output, _text(gains, self.output.suffix).encode())
+        shown = gains["for_controller"]
+        return describe_impedance(answer, shown, modes.elastic.units)
+
+
+def _text(gains: dict[str, Any], ending: str) -> str:
+    """JSON, or the same as YAML: one key a line, rows of matrices in brackets."""
+    if ending == ".json":
+        return json.dumps(gains, allow_nan=False, indent=1) + "\n"
+    lines = []
+    for key, value in gains.items():
+        if isinstance(value, dict):
+            lines.append(f"{key}:")
+            lines += [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items()]
+        elif value and isinstance(value, list) and isinstance(value[0], list):
+            lines += [f"{key}:", *(f"  - {json.dumps(row)}" for row in value)]
+        else:
+            lines.append(f"{key}: {json.dumps(value)}")
+    return "\n".join(lines) + "\n"
+
+
+#: Responses that can be asked for: to a force, and to a motion of the base.
+KINDS = (*RESPONSES, "transmissibility")
+
+_COUNT, _MOST = 400, 1_000_000
+
+
+@dataclass(frozen=True)
+class ResponseRequest:
+    """The options about the response, checked."""
+
+    response: str | None
+    kind: str
+    point: list[float] | None
+    direction: list[float] | None
+    damping: list[float] | None
+    rayleigh: list[float] | None
+    csv: Path | None = None
+    plot: Path | None = None
+    lobes: bool = False
+
+    def __post_init__(self) -> None:
+        if self.response is None:
+            for name in ("point", "direction", "damping", "rayleigh", "csv", "plot"):
+                if getattr(self, name) is not None and not (
+                    self.lobes and name in ("damping", "rayleigh")
+                ):
+                    raise InputError("is for --response", where=f"--{name}")
+            if self.kind != KINDS[0]:
+                raise InputError("is for --response", where="--kind")
+            return
+        self._range()
+        if self.direction is not None and not any(self.direction):
+            raise InputError("must not be zero", where="--direction", got=self.direction)
+
+    @property
+    def damped(self) -> Damping:
+        """What damps."""
+        from cartstiff.cli.milling import damping_of
+
+        return damping_of(self.damping, self.rayleigh)
+
+    def _range(self) -> tuple[float, float, int]:
+        parts = (self.response or "").split(":")
+        if len(parts) not in (2, 3):
+            raise InputError(
+                "cannot be used", where="--response", expected="LOW:HIGH[:COUNT]", got=self.response
+            )
+        numbers = [parse_numbers(part, "--response", 1)[0] for part in parts]
+        low, high = numbers[:2]
+        count = numbers[2] if len(numbers) == 3 else _COUNT
+        if not 0.0 <= low < high:
+            raise InputError(
+                "frequencies cannot be used",
+                where="--response",
+                expected="0 <= LOW < HIGH, in Hz",
+                got=self.response,
+            )
+        if not (count == int(count) and 2 <= count <= _MOST):
+            raise InputError(
+                "count cannot be used",
+                where="--response",
+                expected=f"a whole number from 2 to {_MOST}",
+                got=count,
+            )
+        return low, high, int(count)
+
+    def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
+        """Computes, adds to the JSON object, writes the files; lines for people."""
+        if self.response is None:
+            return []
+        import numpy as np
+
+        from cartstiff.report.modes import describe_response
+        from cartstiff.vibration.response import frequency_response, transmissibility
+
+        low, high, count = self._range()
+        hertz = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
+        damping = self.damped
+        at = self.point or (0.0, 0.0, 0.0)
+        answer: Any = (
+            transmissibility(modes, hertz, damping, at=at)
+            if self.kind == "transmissibility"
+            else frequency_response(modes, hertz, damping, kind=self.kind, at=at)  # type: ignore[arg-type]
+        )
+        data["response"] = answer.as_dict(self.direction)
+        from cartstiff.report.modes import draw_response
+        from cartstiff.report.output import write_files
+
+        write_files(
+            (self.csv, lambda: answer.as_csv(self.direction)),
+            (self.plot, lambda: draw_response(answer, self.direction, modes)),
+        )
+        return describe_response(answer, self.direction)
+
 
 _EPILOG = """\b
 Examples:
@@ -189,8 +364,7 @@ def command(
 
     import numpy as np
 
-    from cartstiff.vibration.mode_set import MODES_SCHEMA
-    from cartstiff.vibration.modes import modes
+    from cartstiff.vibration.modes import MODES_SCHEMA, modes
 
     try:
         with np.errstate(all="ignore"):

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cartstiff.choices import LARGEST_INPUT, LOAD_KINDS
+from cartstiff.cli.output import Progress
 from cartstiff.cli.types import (
     DIRECTION,
     PAYLOAD,
     POINT,
     POSE,
     TCP,
+    TOLERANCE,
     WRENCH,
     Arguments,
     Factors,
     JointValues,
     Numbers,
+    OptionType,
     Pairs,
     UnitList,
     Values,
@@ -31,6 +34,72 @@ from cartstiff.cli.types import (
     repeated_option,
 )
 from cartstiff.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.sensitivities import Sensitivities
+
+
+_FACTOR = "cartstiff.given_length"
+
+
+class UnitsCommand(click.Command):
+    """A command with --units; it sees the options' numbers converted.
+
+    Angles become radians. With --json, lengths become those of the mechanism's file, as does all
+    that comes out; without, the mechanism is put into the unit that was given.
+    """
+
+    #: Whether the JSON is in the units of the mechanism's file.
+    has_json_of_file = True
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command."""
+        units = ctx.params.get("units") or {}
+        is_json = self.has_json_of_file and ctx.params.get("as_json")
+        length = units.get("length") if is_json else None
+        if length is not None or units.get("angle") == "deg":
+            _convert(ctx, length, math.pi / 180.0 if units.get("angle") == "deg" else 1.0)
+        return super().invoke(ctx)
+
+
+def given_length() -> float:
+    """The unit of length of numbers that are given, in the one that is computed in."""
+    context = click.get_current_context(silent=True)
+    return 1.0 if context is None else float(context.meta.get(_FACTOR, 1.0))
+
+
+def column_factors(elastic: Any) -> dict[str, float]:
+    """Factors of columns whose head names no unit: angles, and what has lengths in its unit."""
+    from cartstiff.mechanisms.other_units import shown_factors
+
+    a = given_length()
+    lengths = [
+        *(c.name for c in elastic.mechanism.coordinates if c.is_length),
+        "x",
+        "y",
+        "z",
+        "mx",
+        "my",
+        "mz",
+    ]
+    return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
+
+
+def _convert(ctx: click.Context, length: str | None, angle: float) -> None:
+    from cartstiff.mechanisms.contract import Units, convert_length
+
+    read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
+    request = MechanismRequest(**{k: v for k, v in ctx.params.items() if k in read})
+    elastic = request.bare(request.frame)
+    a = 1.0 if length is None else convert_length(Units(length), elastic.units)[0]
+    for one in ctx.command.params:
+        value = ctx.params.get(one.name or "")
+        if value is not None and isinstance(one.type, OptionType):
+            ctx.params[str(one.name)] = one.type.converted(value, Factors(a, angle), elastic)
+    if length is not None:
+        ctx.meta[_FACTOR] = a
+
 
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
@@ -403,3 +472,92 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
         ),
     )
     return gathered(options, "applied", LoadRequest)
+
+
+_LABEL = "parameters"
+
+sensitivities_option = click.option(
+    "--sensitivities",
+    is_flag=True,
+    help="Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, "
+    "by each stiffness, mass, length and parameter of the file.",
+)
+
+
+def tolerance_option(gives: str) -> Any:
+    """Standard deviations of the parameters."""
+    return option(
+        "--tolerance",
+        type=TOLERANCE,
+        help="Standard deviations: relative of every spring stiffness, absolute of every length "
+        f"and rotation (rad) of the geometry. The answer has {gives}.",
+    )
+
+
+def checked_tolerance(numbers: list[float] | None) -> None:
+    """Refuse numbers below zero, and zeros alone."""
+    if numbers is not None and (min(numbers) < 0.0 or not any(numbers)):
+        raise InputError(
+            "cannot be used",
+            where="--tolerance",
+            expected="zero or more, not all zero",
+            got=numbers,
+        )
+
+
+def add_sensitivities(
+    subject: Any,
+    request: MechanismRequest,
+    data: dict[str, Any],
+    finish: Callable[[Any], Any] = lambda elastic: elastic,
+) -> tuple[list[str], Sensitivities]:
+    """Adds the derivatives to the JSON object, and gives them as lines and as they are.
+
+    `finish` is what becomes of the mechanism after its file was read.
+    """
+    from cartstiff.report.modes import describe_sensitivities
+    from cartstiff.vibration.sensitivities import sensitivities
+
+    def reread(values: Any) -> Any:
+        told = {**(request.parameters or {}), **values}
+        return finish(replace(request, parameters=told).load()[0])
+
+    elastic = subject.elastic
+    with Progress(_LABEL) as bar:
+        known = sensitivities(subject, reread=reread if elastic.parameters else None, progress=bar)
+    data["sensitivities"] = known.as_dict()
+    return describe_sensitivities(known, elastic.units), known
+
+
+def add_accuracy(
+    subject: Any, numbers: list[float], data: dict[str, Any], given: Sensitivities | None = None
+) -> list[str]:
+    """Adds what the tolerances leave to the JSON object, and gives it as lines."""
+    from cartstiff.analysis.tolerances import Tolerances
+    from cartstiff.report.modes import describe_accuracy
+    from cartstiff.vibration.sensitivities import accuracy
+
+    with Progress(_LABEL) as bar:
+        known = accuracy(subject, Tolerances(*numbers), given=given, progress=bar)
+    data["accuracy"] = known.as_dict()
+    return describe_accuracy(known, subject.elastic.units)
+
+
+def add_intervals(
+    modes: Modes, numbers: list[float] | None, data: dict[str, Any], given: Sensitivities | None
+) -> tuple[list[str], Sensitivities | None]:
+    """Adds the intervals of the frequencies to the JSON object.
+
+    Gives them as lines, and the derivatives that they took.
+    """
+    from cartstiff.analysis.tolerances import Tolerances
+    from cartstiff.report.modes import describe_intervals
+    from cartstiff.vibration.sensitivities import intervals, sensitivities
+
+    t = Tolerances(*(numbers or ()))
+    if given is None and t.any:
+        with Progress(_LABEL) as bar:
+            given = sensitivities(modes, geometry=bool(t.length or t.angle), progress=bar)
+    band = intervals(modes, t, given=given)
+    data["intervals"] = band.as_dict()
+    return describe_intervals(modes, band), given

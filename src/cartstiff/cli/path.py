@@ -9,9 +9,15 @@ from typing import Any
 import click
 
 from cartstiff.cli.milling import vibration_options
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    UnitsCommand,
+    column_factors,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.requests.units import UnitsCommand, column_factors
 from cartstiff.cli.types import (
     DIRECTION,
     PICTURE,
@@ -218,9 +224,9 @@ def command(
     region = _region(place)
     elastic = request.at_posture()
 
-    from cartstiff.cli.requests.path_file import read_path_file
+    from cartstiff.cli.tables import read_path_file
     from cartstiff.report.output import write_files
-    from cartstiff.report.toolpaths import (
+    from cartstiff.report.statics import (
         describe_optimised_path,
         describe_placement,
         draw_path,

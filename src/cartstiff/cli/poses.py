@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.options import MechanismRequest, UnitsCommand, mechanism_options
 from cartstiff.cli.output import say, say_unused
-from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import OutputFile, option
 
 _EPILOG = """\b

@@ -8,9 +8,14 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    UnitsCommand,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import say
-from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import OutputFile, option
 from cartstiff.errors import InputError, one_line
 

@@ -125,13 +125,17 @@ class Arguments(OptionType):
 
 
 class UnitList(OptionType):
-    """Units of lengths and angles, such as ``mm,deg``, by their kind."""
+    """Units by their kind, such as ``mm,deg``: of lengths and angles."""
+
+    @property
+    def known(self) -> dict[str, str]:
+        """Kind of each unit; lengths as in `contract.LENGTHS`, without NumPy."""
+        lengths = ("m", "dm", "cm", "mm", "um", "in", "ft")
+        return {**dict.fromkeys(lengths, "length"), **dict.fromkeys(("rad", "deg"), "angle")}
 
     def parsed(self, text: str, where: str) -> dict[str, str]:
-        """Units of "length" and "angle", as far as they are given."""
-        lengths = ("m", "dm", "cm", "mm", "um", "in", "ft")  # as `contract.LENGTHS`, without NumPy
-        kinds = {**dict.fromkeys(lengths, "length"), **dict.fromkeys(("rad", "deg"), "angle")}
-        chosen: dict[str, str] = {}
+        """Units by kind, as far as they are given."""
+        kinds, chosen = self.known, dict[str, str]()
         for unit in (part.strip() for part in text.split(",")):
             if unit not in kinds:
                 raise UnknownNameError("unit", unit, kinds, where=where)
@@ -139,6 +143,26 @@ class UnitList(OptionType):
                 raise InputError(f"two units of {kinds[unit]}", where=where, got=text)
             chosen[kinds[unit]] = unit
         return chosen
+
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
+        """Lengths are in the mechanism's unit where they were converted."""
+        is_there = by.length == 1.0 or "length" not in value
+        return value if is_there else {**value, "length": elastic.units.length}
+
+
+class TableUnits(UnitList):
+    """Units by kind, of columns of tables, too; the columns keep them."""
+
+    @property
+    def known(self) -> dict[str, str]:
+        """Kind of each unit."""
+        from cartstiff.loading.tables import UNITS
+
+        return {unit: kind for kind, units in UNITS.items() for unit in units if unit}
+
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
+        """The same."""
+        return value
 
 
 PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))

@@ -3,14 +3,142 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
 
-from cartstiff.cli.output import say
-from cartstiff.cli.requests.units import UnitsCommand
-from cartstiff.cli.requests.view import needs_view, page_options, source_from_options
-from cartstiff.errors import InputError, joined
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    UnitsCommand,
+    command_option,
+    load_options,
+    mechanism_options,
+)
+from cartstiff.cli.output import Progress, say, say_unused
+from cartstiff.cli.types import Values, option_group
+from cartstiff.errors import InputError, MissingDependencyError, joined
+
+#: Keywords of `source_from_options`.
+page_options = option_group(
+    mechanism_options(),
+    load_options("--load"),
+    command_option,
+    click.option(
+        "--map",
+        "map_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Also draw the points of a stiffness map, or of the table that `cartstiff workspace "
+        "--csv` writes, coloured by a quantity or by the limit that cuts.",
+    ),
+    click.option(
+        "--workspace",
+        "with_workspace",
+        is_flag=True,
+        help="Also draw the boundary of the workspace around the posture, coloured by the limit "
+        "that cuts, and the singular surface, as `cartstiff workspace` finds them.",
+    ),
+    click.option(
+        "--trajectory",
+        "trajectory_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE.csv",
+        help="Postures for a time slider: one a line, in joint order or under a line of names; a "
+        "column `time` in seconds may come first.",
+    ),
+)
+
+
+def source_from_options(
+    request: MechanismRequest,
+    applied: LoadRequest,
+    told: Values | None,
+    map_path: Path | None,
+    trajectory_path: Path | None,
+    with_workspace: bool = False,
+) -> Any:
+    """The page's `Source`, with everything checked that a page would show.
+
+    Raises
+    ------
+    InputError
+        For what cannot be used; UndefinedError and ConvergenceError where there is no posture.
+    """
+    if with_workspace and map_path is not None:
+        raise InputError("one cloud of points at a time", where="--workspace", expected="no --map")
+    load = request.balanced_wrench
+    applied.check_world(load=load)
+    elastic, q = request.load()
+    import numpy as np
+
+    from cartstiff.mechanisms.other_units import shown_factors
+    from cartstiff.page.source import Source, read_cloud, read_trajectory
+    from cartstiff.statics.command import checked_command
+    from cartstiff.stiffness.compute import analyse
+
+    with np.errstate(all="ignore"):
+        first = analyse(elastic, q, wrench=load, **applied.keywords(load))
+    cloud = None if map_path is None else read_cloud(map_path, elastic)
+    if with_workspace:
+        cloud = _workspace_cloud(elastic, first.q, load, applied)
+    command = None
+    if told is not None:
+        steps = request.command(told, elastic)
+        checked_command(elastic, steps)
+        command = [steps.get(name, 0.0) for name in elastic.spring_names]
+
+    def reload(name: str) -> Any:
+        other = request.in_frame(name)
+        if other.names != elastic.names:
+            return other
+        stiffness = None if elastic.springs is None else elastic.springs.stiffness
+        rest = (
+            elastic.springs.rest
+            if elastic.springs is not None and request.rest is not None
+            else None
+        )
+        return other.with_springs(stiffness if request.stiffness is not None else None, rest)
+
+    trajectory = None
+    if trajectory_path is not None:
+        trajectory = read_trajectory(
+            trajectory_path, elastic.names, elastic.units, shown_factors(elastic)
+        )
+        say_unused(trajectory_path, trajectory.unused)
+    return Source(
+        elastic=elastic,
+        q=first.q,
+        load=None if load is None else np.array(load),
+        load_kind=applied.load_kind,  # type: ignore[arg-type]
+        load_at=None if applied.load_at is None else tuple(applied.load_at),  # type: ignore[arg-type]
+        load_axes="inertial" if applied.world else "body",
+        command=command,
+        reload=reload,
+        trajectory=trajectory,
+        cloud=cloud,
+    )
+
+
+def _workspace_cloud(elastic: Any, q: Any, load: Any, applied: LoadRequest) -> Any:
+    """The boundary around a posture; the load counts where forces are limited."""
+    from cartstiff.page.source import cloud_of_workspace
+    from cartstiff.reach.margins import limits_forces
+    from cartstiff.reach.workspace import workspace
+
+    loaded = {}
+    if load is not None and limits_forces(elastic):
+        loaded = {"wrench": load, **applied.keywords(load)}
+    with Progress("poses") as bar:
+        reached = workspace(elastic, q, **loaded, fits=False, progress=bar)
+    return cloud_of_workspace(reached)
+
+
+def needs_view(purpose: str) -> MissingDependencyError:
+    """The refusal where tornado is missing."""
+    return MissingDependencyError("tornado", purpose)
+
 
 _MOST_OTHERS = 3
 

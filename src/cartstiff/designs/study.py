@@ -18,8 +18,8 @@ from pydantic import (
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.loading.key_types import Number, Pair, Positive, Text, Vector, only_one
 from cartstiff.loading.mechanism_file import first_error, place_of
+from cartstiff.loading.schema import Number, Pair, Positive, Text, Vector, only_one
 from cartstiff.loading.yaml_file import Lines, read_yaml
 
 #: Poses of one design: more belong in a map.

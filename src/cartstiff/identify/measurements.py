@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.arrays import Array
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.elastic import ElasticMechanism
 
 LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
 DISPLACEMENT: Final = ("dx", "dy", "dz")
@@ -123,3 +125,162 @@ def _groups(table: Array) -> NDArray[np.intp]:
     known: dict[bytes, int] = {}
     rows = np.ascontiguousarray(table) + 0.0  # -0.0 becomes 0.0
     return np.array([known.setdefault(row.tobytes(), len(known)) for row in rows], np.intp)
+
+
+#: m/s^2, where the mechanism names no gravity: that a hung mass pulls with.
+EARTH: Final = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All measured numbers.
+
+    Attributes
+    ----------
+    row : ndarray of int (m,)
+        Place of each number's row.
+    column : tuple of str (m,)
+        What was measured.
+    is_angle, is_absolute : ndarray of bool (m,)
+        Rotations; positions and orientations themselves, which contain the arm's own sag.
+    functional : ndarray (m, 6)
+        On the twist of M, in its axes.
+    target : ndarray (m,)
+        The measured displacement; of a position, less that of the rigid mechanism.
+    deviation : ndarray (m,)
+        Standard deviation; NaN where it is to be estimated.
+    axis, place : ndarray (m, 3)
+        Unit vector in F, and the measured point in F: for the offsets of sessions.
+    """
+
+    row: NDArray[np.intp]
+    column: tuple[str, ...]
+    is_angle: NDArray[np.bool_]
+    is_absolute: NDArray[np.bool_]
+    functional: Array
+    target: Array
+    deviation: Array
+    axis: Array
+    place: Array
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+
+def field_of(elastic: ElasticMechanism) -> Array:
+    """Acceleration (3,) that hung masses feel, in F, m/s^2."""
+    return np.array(EARTH if elastic.gravity is None else elastic.gravity, float)
+
+
+def wrenches(
+    measured: Measurements, elastic: ElasticMechanism, poses: Array
+) -> tuple[Array, Array, Array]:
+    """Loads on M in its axes (N, 6), those of the reference state, and the forces' part in F.
+
+    Returns
+    -------
+    loaded, reference : ndarray (N, 6)
+        (moment, force) about the origin of M: all that is hung; and of `mass0` alone.
+    inertial : ndarray (N, 6)
+        The load at `load_at` along the axes of F.
+    """
+    R = poses[:, :3, :3]
+    loads = measured.wrench.reshape(-1, 2, 3)
+    if measured.axes == "body":
+        loads = np.einsum("nij,nkj->nki", R, loads)
+    elif measured.axes == "base":
+        loads = loads @ elastic.mechanism.base_pose[:3, :3].T
+    weight = np.multiply.outer(measured.mass, field_of(elastic)) / elastic.units.newtons
+    weight0 = np.multiply.outer(measured.mass0, field_of(elastic)) / elastic.units.newtons
+    nothing = np.zeros_like(weight)
+    total = loads + np.stack([nothing, weight], axis=1)
+    reference = np.stack([nothing, weight0], axis=1)
+    at = np.asarray(measured.load_at)
+
+    def in_body(inertial: Array) -> Array:
+        W = np.einsum("nji,nkj->nki", R, inertial).reshape(-1, 6)
+        W[:, :3] += np.cross(at, W[:, 3:])
+        return W
+
+    return in_body(total), in_body(reference), total.reshape(-1, 6)
+
+
+def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> Observations:
+    """Flatten measurements, row by row.
+
+    Parameters
+    ----------
+    measured : Measurements
+        The rows.
+    elastic : ElasticMechanism
+        What was measured.
+    poses : ndarray (N, 4, 4)
+        ``T_F_M`` of the rigid mechanism in each row.
+    """
+    R, p = poses[:, :3, :3], np.asarray(measured.point)
+    T_F_B = elastic.mechanism.base_pose
+    base = T_F_B[:3, :3]
+    points = poses[:, :3, 3] + R @ p
+    absolute = (*POSITION, *TURN)
+    rigid = _rigid(points, R, T_F_B, measured)
+    parts = []
+    for name, values in measured.values.items():
+        rows = np.flatnonzero(~np.isnan(values))
+        if not rows.size:
+            continue
+        is_angle = name in ROTATION or name in TURN
+        if name == "d":
+            axis = measured.direction[rows] @ base.T
+        else:
+            group = next(g for g in (DISPLACEMENT, ROTATION, POSITION, TURN) if name in g)
+            axis = np.tile(base[:, group.index(name)], (len(rows), 1))
+        along = np.einsum("nji,nj->ni", R[rows], axis)
+        a = np.zeros((len(rows), 6))
+        if is_angle:
+            a[:, :3] = along
+        else:
+            a[:, :3], a[:, 3:] = np.cross(p, along), along
+        target = rigid[name][rows] if name in rigid else values[rows]
+        parts.append(
+            (
+                rows,
+                [name] * len(rows),
+                np.full(len(rows), is_angle),
+                np.full(len(rows), name in absolute),
+                a,
+                target,
+                measured.deviations[name][rows],
+                axis,
+                points[rows],
+            )
+        )
+    if not parts:
+        none, points, no = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.bool_)
+        rows = np.zeros(0, np.intp)
+        return Observations(rows, (), no, no, np.zeros((0, 6)), none, none, points, points)
+    columns = [np.concatenate([part[i] for part in parts]) for i in range(9)]
+    order = np.argsort(columns[0], kind="stable")
+    row, column, angle, whole, a, target, sd, axis, place = (c[order] for c in columns)
+    return Observations(row, tuple(column.tolist()), angle, whole, a, target, sd, axis, place)
+
+
+def _rigid(points: Array, R: Array, T_F_B: Array, measured: Measurements) -> dict[str, Array]:
+    """Positions and orientations less those of the rigid mechanism, in the robot's base frame."""
+    columns: dict[str, Array] = {}
+    base = T_F_B[:3, :3]
+    at = (points - T_F_B[:3, 3]) @ base
+    for i, name in enumerate(POSITION):
+        if name in measured.values:
+            columns[name] = measured.values[name] - at[:, i]
+    if TURN[0] in measured.values:
+        turned = np.stack([measured.values[name] for name in TURN], axis=1)
+        known = np.flatnonzero(~np.isnan(turned[:, 0]))
+        error = np.full((len(turned), 3), np.nan)
+        for n in known:
+            rotation = se3.from_roll_pitch_yaw(np.zeros(3), turned[n])[:3, :3]
+            T = np.eye(4)
+            T[:3, :3] = rotation @ (base.T @ R[n]).T
+            error[n] = se3.log(T)[:3]
+        for i, name in enumerate(TURN):
+            columns[name] = error[:, i]
+    return columns

@@ -6,21 +6,300 @@ no upper end: it is "at least" the lower one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import datetime
+import io
+import os
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.identify.checks import Checks
-from cartstiff.identify.fitting import Fit, Solved, quantile
-from cartstiff.identify.linear_model import Model
-from cartstiff.identify.measurements import Measurements
-from cartstiff.identify.robust import Robust
+from cartstiff.errors import InputError, one_line
+from cartstiff.geometry import se3
+from cartstiff.identify.fitting import Fit, Robust, Solved, quantile
+from cartstiff.identify.measurements import POSITION, TURN, Measurements
+from cartstiff.identify.models import LinearModel, Model
 from cartstiff.identify.unknowns import Unknown, Unknowns
+from cartstiff.loading.catalogue import bundled
+from cartstiff.loading.mechanism_file import place_of
+from cartstiff.loading.parameters import with_parameters
+from cartstiff.loading.schema import FlexibleModel
+from cartstiff.loading.yaml_file import read_yaml
+from cartstiff.mechanisms.contract import SI
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import CompliancePattern, Elements
+from cartstiff.mechanisms.identified import Identified
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.notes import Note
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
+
+#: A test speaks where its probability under the model is below this.
+_SIGNIFICANT = 0.01
+# Repeats further apart than this many standard deviations, or this share of all that was measured.
+_APART, _OPPOSITE = 100.0, 1.5
+# Other repeats that tell a standard deviation where none is given.
+_ENOUGH = 3
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Something in the residuals that another term would explain.
+
+    Attributes
+    ----------
+    kind : {"backlash", "stiffening", "drift"}
+        Kind of the term.
+    name : str
+        Name of the spring or column.
+    size : float
+        Its factor: half the play (rad, length); compliance per force; displacement per second.
+    probability : float
+        Probability of so large a t under the model, by Holm's rule.
+    """
+
+    kind: str
+    name: str
+    size: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Checks:
+    """What speaks for the model and against it.
+
+    Attributes
+    ----------
+    chi_squared : float or None
+        Weighted sum of squares, where all deviations are known.
+    freedom : float
+        Numbers less what was fitted.
+    probability : float or None
+        Probability of a larger one.
+    repeats : int
+        Numbers beyond the first at the same posture and load.
+    lack_of_fit : float or None
+        Probability of a larger F of what repeats do not show, where there are repeats.
+    left_out : ndarray (m,)
+        Leave-one-posture-out residuals, in the numbers' units; NaN where a posture is needed.
+    patterns : tuple of Pattern
+        That are significant.
+    """
+
+    chi_squared: float | None
+    freedom: float
+    probability: float | None
+    repeats: int
+    lack_of_fit: float | None
+    left_out: Array
+    patterns: tuple[Pattern, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "chi_squared": self.chi_squared,
+            "freedom": self.freedom,
+            "probability": self.probability,
+            "repeats": self.repeats,
+            "lack_of_fit": self.lack_of_fit,
+            "patterns": [vars(p) for p in self.patterns],
+        }
+
+
+def inflation_of(checks: Checks) -> float:
+    """Factor on the deviations where the scatter is more than they can explain; 1 elsewhere."""
+    if checks.probability is None or checks.chi_squared is None:
+        return 1.0
+    if checks.probability >= _SIGNIFICANT or not checks.freedom > 0.0:
+        return 1.0
+    return float(np.sqrt(checks.chi_squared / checks.freedom))
+
+
+def contradictions(measured: Measurements) -> None:
+    """Refuse rows of the same posture and load that cannot both be right.
+
+    Raises
+    ------
+    InputError
+        With the numbers of both rows.
+    """
+    order = np.argsort(measured.settings, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(measured.settings[order])) + 1)
+    several = [g for g in groups if len(g) > 1]
+    for name, values in measured.values.items():
+        if name in (*POSITION, *TURN):
+            largest = np.inf
+        else:
+            largest = float(np.nanmax(np.abs(values), initial=0.0))
+        sd = measured.deviations[name]
+        repeats = [mine for g in several if len(mine := g[~np.isnan(values[g])]) > 1]
+        squares = np.array([np.sum((values[g] - values[g].mean()) ** 2) for g in repeats])
+        freedoms = np.array([len(g) - 1 for g in repeats])
+        for n, mine in enumerate(repeats):
+            low, high = mine[np.argmin(values[mine])], mine[np.argmax(values[mine])]
+            apart = values[high] - values[low]
+            spread = np.hypot(sd[low], sd[high])
+            limit = _OPPOSITE * largest if np.isnan(spread) else _APART * spread
+            others = freedoms.sum() - freedoms[n]
+            if np.isnan(spread) and others >= _ENOUGH and squares.sum() > squares[n]:
+                of_others = np.sqrt(2.0 * (squares.sum() - squares[n]) / others)
+                limit = min(limit, _APART * float(of_others))
+            if apart > limit > 0.0:
+                a, b = sorted((int(measured.rows[low]), int(measured.rows[high])))
+                raise InputError(
+                    f"rows {a} and {b} contradict each other in {name!r}: the same posture and "
+                    "load",
+                    expected=f"values within {limit:.3g} of each other",
+                    got=f"{values[low]:.6g} and {values[high]:.6g}",
+                )
+
+
+def checked(
+    model: Model, fit: Fit, unknowns: Unknowns, measured: Measurements, kept: NDArray[np.bool_]
+) -> Checks:
+    """Tests of a fit; `kept` are the numbers (m,) that it rests on."""
+    solution, seen = fit.solved, model.observations
+    r = solution.residual / solution.deviation
+    freedom = float(np.sum(1.0 - solution.leverage[kept]))
+    groups = np.unique(seen.is_angle)
+    known = all(not np.isnan(seen.deviation[seen.is_angle == g]).any() for g in groups)
+    chi = float(np.sum(r[kept] ** 2)) if known else None
+    probability = None
+    if chi is not None and freedom > 0.0:
+        from scipy.special import chdtrc
+
+        probability = float(chdtrc(freedom, chi))
+    repeats, lack = _lack_of_fit(seen.column, seen.row, r, freedom, measured, kept)
+    patterns: tuple[Pattern, ...] = ()
+    if isinstance(model, LinearModel):
+        patterns = _patterns(model, fit, unknowns, measured, kept)
+    return Checks(
+        chi,
+        freedom,
+        probability,
+        repeats,
+        lack,
+        _left_out(fit, seen.row, measured.postures),
+        patterns,
+    )
+
+
+def _lack_of_fit(
+    column: tuple[str, ...],
+    row: NDArray[np.intp],
+    r: Array,
+    freedom: float,
+    measured: Measurements,
+    kept: NDArray[np.bool_],
+) -> tuple[int, float | None]:
+    """Repeated numbers, and the probability of the F of what they do not show."""
+    names = {name: i for i, name in enumerate(dict.fromkeys(column))}
+    key = measured.settings[row] * len(names) + np.array([names[name] for name in column])
+    _, group = np.unique(key[kept], return_inverse=True)
+    inside = r[kept]
+    size = np.bincount(group)
+    pure = float(np.sum((inside - (np.bincount(group, inside) / size)[group]) ** 2))
+    repeats = len(inside) - len(size)
+    rest = freedom - repeats
+    if repeats < 2 or rest < 1.0 or not pure > 0.0:
+        return repeats, None
+    from scipy.special import fdtrc
+
+    total = float(np.sum(r[kept] ** 2))
+    return repeats, float(fdtrc(rest, repeats, max(total - pure, 0.0) / rest / (pure / repeats)))
+
+
+def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Array:
+    """Leave-one-posture-out residuals (m,)."""
+    solution = fit.solved
+    m = len(solution.residual)
+    whole = solution.whitened
+    used = np.abs(whole).any(axis=0)
+    U, values, _ = np.linalg.svd(
+        whole[:, used] / np.linalg.norm(whole[:, used], axis=0), full_matrices=False
+    )
+    U = U[:m, : numerics.rank(values)]
+    r = solution.residual / solution.deviation
+    answer = np.full(m, np.nan)
+    group = postures[row]
+    order = np.argsort(group, kind="stable")
+    blocks = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    for size in {len(b) for b in blocks}:
+        these = np.array([b for b in blocks if len(b) == size])
+        V = U[these]
+        left = np.eye(size) - V @ V.swapaxes(1, 2)
+        least = np.linalg.eigvalsh(left)[:, 0]
+        fine = least > numerics.ROUNDING**0.5
+        if fine.any():
+            solved = np.linalg.solve(left[fine], r[these[fine]][..., None])[..., 0]
+            answer[these[fine]] = solved
+    return np.asarray(answer * solution.deviation)
+
+
+def _patterns(
+    model: LinearModel,
+    fit: Fit,
+    unknowns: Unknowns,
+    measured: Measurements,
+    kept: NDArray[np.bool_],
+) -> tuple[Pattern, ...]:
+    """Terms that would explain more, by the t of each column added."""
+    from scipy.special import stdtr
+
+    felt, seen_by = model.forces_in(fit.theta)
+    names = unknowns.elements.names
+    candidates: list[tuple[str, str, Array]] = []
+    for e, name in enumerate(names):
+        largest = float(np.abs(felt[:, e]).max(initial=0.0))
+        sign = np.where(np.abs(felt[:, e]) > numerics.RANK * largest, np.sign(felt[:, e]), 0.0)
+        candidates.append(("backlash", name, seen_by[:, e] * sign))
+        bent = felt[:, e] * np.abs(felt[:, e])
+        candidates.append(("stiffening", name, seen_by[:, e] * bent))
+    time = measured.time[model.observations.row]
+    if not np.isnan(time).any() and np.ptp(time) > 0.0:
+        columns = np.array(model.observations.column)
+        for name in dict.fromkeys(model.observations.column):
+            candidates.append(("drift", name, np.where(columns == name, time - time.mean(), 0.0)))
+    solution = fit.solved
+    m = len(solution.residual)
+    B = (solution.whitened[:m])[kept]
+    used = np.abs(B).any(axis=0)
+    scaled = B[:, used] / np.linalg.norm(B[:, used], axis=0)
+    U, values, _ = np.linalg.svd(scaled, full_matrices=False)
+    U = U[:, : numerics.rank(values)]
+    r = (solution.residual / solution.deviation)[kept]
+    r = r - U @ (U.T @ r)
+    freedom = len(r) - U.shape[1] - 1
+    if freedom < 1:
+        return ()
+    tested: list[Pattern] = []
+    for kind, name, column in candidates:
+        x = (column / solution.deviation)[kept]
+        own = float(x @ x)
+        x = x - U @ (U.T @ x)
+        left = float(x @ x)
+        if not left > numerics.ROUNDING**0.5 * own:
+            continue  # the same as what is fitted
+        size = float(x @ r) / left
+        rest = float(np.sum((r - size * x) ** 2)) / freedom
+        if not rest > 0.0:
+            continue
+        t = abs(size) * np.sqrt(left / rest)
+        tested.append(Pattern(kind, name, size, float(2.0 * stdtr(freedom, -t))))
+    tested.sort(key=lambda p: p.probability)
+    answer = []
+    for i, p in enumerate(tested):
+        probability = min(1.0, p.probability * (len(tested) - i))
+        if probability >= _SIGNIFICANT:
+            break
+        answer.append(Pattern(p.kind, p.name, p.size, probability))
+    return tuple(answer)
+
 
 Verdict = Literal["determined", "at-least", "not-identifiable", "negative"]
 
@@ -196,8 +475,6 @@ class Identification:
     @cached_property
     def mechanism(self) -> ElasticMechanism:
         """The mechanism with the springs found, and their covariance."""
-        from cartstiff.identify.writing import with_result
-
         return with_result(self)
 
     def noise(self) -> dict[str, dict[str, Any]]:
@@ -300,3 +577,265 @@ class Identification:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+_ROBOTS = (".urdf", ".xml", ".mjcf")
+
+
+def written_values(result: Identification) -> Array:
+    """Compliances (P,) that a mechanism can have: estimates; the file's where nothing is known.
+
+    A compliance of which only the upper end is known, and whose estimate is zero, is put into the
+    middle of its interval.
+    """
+    values = result.unknowns.nominal.copy()
+    for p, e in enumerate(result.estimates):
+        if e.compliance is None or e.verdict == "negative":
+            continue
+        middle = 0.5 * sum(e.interval) if e.interval is not None else 0.0
+        bounded = e.unknown.has_stiffness
+        values[p] = e.compliance if e.compliance > 0.0 or not bounded else middle
+    return values
+
+
+def with_result(
+    result: Identification, date: str | None = None, source: str = ""
+) -> ElasticMechanism:
+    """The mechanism with the springs found, and their covariance."""
+    values = written_values(result)
+    elastic = result.unknowns.mechanism(values)
+    known = [
+        p
+        for p, e in enumerate(result.estimates)
+        if e.compliance is not None and e.verdict != "negative"
+    ]
+    factor = np.ones(len(values))
+    patterns = []
+    for p in known:
+        unknown = result.estimates[p].unknown
+        pattern = unknown.pattern
+        if unknown.is_scale:  # the file written holds the beam that was found
+            factor[p] = values[p]
+            pattern = CompliancePattern(
+                pattern.name, tuple((a, b, float(w * values[p])) for a, b, w in pattern.entries)
+            )
+        patterns.append(pattern)
+    covariance = (result.covariance / np.multiply.outer(factor, factor))[np.ix_(known, known)]
+    lost = [
+        n
+        for p, u in enumerate(result.unknowns.parameters)
+        if p not in known
+        for n in u.name.split(" = ")
+    ]
+    least = {
+        e.name: e.stiffness_interval[0]
+        for e in result.estimates
+        if e.verdict == "at-least" and e.stiffness_interval[0] is not None
+    }
+    identified = Identified(
+        tuple(patterns),
+        (values / factor)[known],
+        covariance,
+        None if np.isinf(result.degrees) else result.degrees,
+        result.level,
+        len(result.measured),
+        date or datetime.date.today().isoformat(),
+        source,
+        tuple(lost),
+        least,
+    )
+    notes = tuple(n for n in elastic.notes if n.code != "stiffness-assumed" or lost)
+    return replace(elastic, identified=identified, notes=notes)
+
+
+def mechanism_file(
+    result: Identification, mechanism: str, frame: str | None, to: Path, source: str
+) -> bytes:
+    """Text of a mechanism file with the springs found, their covariance, source, date and count.
+
+    Parameters
+    ----------
+    result : Identification
+        What was found.
+    mechanism : str
+        Name or path the mechanism was loaded from.
+    frame : str, optional
+        The frame of interest that was named.
+    to : Path
+        Where the file will stand: paths in it are relative to that.
+    source : str
+        What the numbers come from, for readers.
+
+    Raises
+    ------
+    InputError
+        If the mechanism does not come from a file that could be written again.
+    """
+    data = _data(result, mechanism, frame, to)
+    elastic = with_result(result, source=source)
+    length = data.get("units", {}).get("length", SI.length)
+    if elastic.units.length != length:  # --units are of what was given and shown
+        elastic = in_units(elastic, length)
+    _put_springs(data, elastic, to.parent)
+    identified = elastic.identified
+    if identified is None:
+        raise TypeError("a result without findings")
+    entries = []
+    for pattern, value in zip(identified.patterns, identified.values.tolist(), strict=True):
+        entry: dict[str, Any] = {"name": pattern.name, "value": value}
+        if pattern.law is not None:
+            entry["polynomial"] = list(pattern.law)
+        elif pattern.entries != ((pattern.name, pattern.name, 1.0),):
+            entry["elements"] = [list(e) for e in pattern.entries]
+        entries.append(entry)
+    about = {
+        "compliances": entries,
+        "covariance": identified.covariance.tolist(),
+        "degrees": identified.degrees,
+        "level": identified.level,
+        "rows": identified.rows,
+        "date": identified.date,
+        "source": identified.source,
+        "undetermined": list(identified.undetermined),
+        "at_least": dict(identified.at_least or {}),
+    }
+    data["identified"] = {k: v for k, v in about.items() if v not in (None, [], {}, "")}
+    data["identified"]["compliances"] = entries
+    data["identified"]["covariance"] = identified.covariance.tolist()
+    return _yaml(data)
+
+
+def _yaml(data: dict[str, Any]) -> bytes:
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.width = 100_000  # a text that is folded at a hyphen comes back with a blank
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    out = io.StringIO()
+    yaml.dump(data, out)
+    return out.getvalue().encode()
+
+
+def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -> dict[str, Any]:
+    """Keys of the mechanism's own file, its paths made to hold elsewhere."""
+    path = bundled(mechanism) or Path(mechanism).expanduser()
+    elastic = result.elastic
+    if path.suffix.lower() in (".yaml", ".yml"):
+        read, lines = read_yaml(path)
+        # Numbers are written anew: none of them may follow from a parameter any more.
+        data, _ = with_parameters(
+            read, lambda at: place_of(path, lines, at), result.elastic.parameters
+        )
+        data.pop("identified", None)
+        if frame is not None and data["kind"] in ("serial", "closed-chain"):
+            data["frame"] = frame
+            data.pop("offset", None)
+        for holder in (data, *(data["legs"] if data["kind"] == "parallel" else ())):
+            for entry in holder.get("flexible", {}).values():
+                files = entry.get("superelement", {})
+                for key in {"K", "M"} & files.keys():
+                    files[key] = _relative(path.parent / files[key], to)
+            model = holder.get("model")
+            if isinstance(model, str) and not Path(model).expanduser().is_absolute():
+                beside = path.parent / model
+                if beside.suffix.lower() in _ROBOTS or beside.is_file():
+                    holder["model"] = _relative(beside, to)
+        if elastic.gravity is not None:
+            data["gravity"] = elastic.gravity.tolist()
+        return data
+    kind = elastic.mechanism.kind
+    if kind not in ("serial", "closed-chain"):
+        raise InputError(
+            "the mechanism does not come from a file that could be written again",
+            where=one_line(mechanism),
+            expected="a mechanism file or a robot",
+        )
+    model = _relative(path, to) if path.suffix.lower() in _ROBOTS else mechanism
+    data = {"kind": kind, "model": model, "frame": elastic.mechanism.frame}
+    if elastic.gravity is not None:
+        data["gravity"] = elastic.gravity.tolist()
+    return data
+
+
+def _relative(path: Path, to: Path) -> str:
+    """A path as seen from the folder of a file; absolute where that is on another drive."""
+    try:
+        return Path(os.path.relpath(path.resolve(), to.resolve().parent)).as_posix()
+    except ValueError:
+        return str(path.resolve())
+
+
+def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) -> None:
+    """The file's springs, legs, lines and links that give with the numbers of a mechanism."""
+    springs, kind = elastic.springs, data["kind"]
+    if springs is None:
+        return
+    if kind in ("stewart-gough", "springs"):
+        data["legs"]["stiffness"] = springs.stiffness.tolist()
+    elif kind == "parallel":
+        for i, leg in enumerate(data["legs"]):
+            _put_joints(leg, elastic, f"leg{i + 1}/")
+            _put_links(leg, elastic, f"leg{i + 1}/", folder)
+    else:
+        _put_joints(data, elastic, "")
+        _put_links(data, elastic, "", folder)
+    names = Elements(elastic)
+    for i, line in enumerate(data.get("lines", ())):
+        at = names.index(f"line{i + 1}")
+        line["stiffness"] = float(names.stiffness[at, at])
+
+
+def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
+    elements = Elements(elastic)
+    springs = holder.setdefault("springs", {})
+    virtual: frozenset[int] = getattr(elastic.mechanism, "virtual", frozenset())
+    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+    for j, law in laws.items():
+        entry = springs.get(elastic.names[j].removeprefix(prefix))
+        if isinstance(law, PolynomialLaw) and isinstance(entry, dict):
+            entry["polynomial"] = list(law.coefficients)
+    for j, name in enumerate(elastic.names):
+        short = name.removeprefix(prefix)
+        if not name.startswith(prefix) or j in virtual or name not in elements.names:
+            continue
+        at = elements.index(name)
+        entry = springs.get(short)
+        if isinstance(entry, dict) and not {"polynomial", "table"} & set(entry):
+            entry["stiffness"] = float(elements.stiffness[at, at])
+        elif entry is None:
+            springs[short] = {"stiffness": float(elements.stiffness[at, at])}
+    if not springs:
+        del holder["springs"]
+
+
+def _put_links(
+    holder: dict[str, Any], elastic: ElasticMechanism, prefix: str, folder: Path
+) -> None:
+    for potential in elastic.potentials:
+        if not isinstance(potential, (CoupledSprings, Beam)):
+            continue
+        link = potential.link.removeprefix(prefix)
+        entry = holder.get("flexible", {}).get(link)
+        if entry is None or not potential.link.startswith(prefix):
+            continue
+        if isinstance(potential, CoupledSprings):
+            K: Array = potential.matrix[se3.SWAP][:, se3.SWAP]
+            if "superelement" in entry:
+                spring = FlexibleModel.model_validate(entry, context={"folder": folder})
+                if np.allclose(K, spring.stiffness or K, rtol=numerics.REPORTED_ERROR):
+                    continue  # the files still hold
+                if spring.mass is not None:
+                    raise InputError(
+                        "the stiffness found for a superelement with a mass matrix has no place in "
+                        "a mechanism file",
+                        where=link,
+                        expected="the link given without M",
+                    )
+                del entry["superelement"]
+                entry["offset"] = spring.offset.model_dump()
+            entry["stiffness"] = K.tolist()
+        else:
+            beam = entry["beam"]
+            factor = potential.section.torsion / (beam["G"] * beam["J"])
+            beam["E"], beam["G"] = beam["E"] * factor, beam["G"] * factor

@@ -258,7 +258,7 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
             serial.frame or default_frame(description.model, facts)[0],
         )
         if any(tie.joints & moving for tie in facts.closures):
-            from cartstiff.loading.build_closed import closed_chain_of
+            from cartstiff.loading.build import closed_chain_of
             from cartstiff.loading.schema import ClosedChainFile
 
             closed = ClosedChainFile.model_construct(

@@ -2,43 +2,255 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import fixed
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.arrays import Array, fixed
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
-from cartstiff.loading.key_types import PoseModel, pose_of
 from cartstiff.loading.parts import (
     add_payload,
     described,
     description_notes,
     gravity_left_out,
+    joints_that_move,
+    link_springs,
     put_together,
+    springs_of,
     tree_to,
+    virtual_joints,
 )
-from cartstiff.loading.platforms import leg_limits_of, on_springs, pair_per_leg
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.schema import PayloadModel
-from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
-from cartstiff.mechanisms.chain import Chain
+from cartstiff.loading.robot_facts import FileClosure, FileSpring, Lifted, RobotFacts
+from cartstiff.loading.schema import PayloadModel, PoseModel, pose_of
+from cartstiff.mechanisms.chain import Chain, Closure, Description
+from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import SI, Units, convert_length
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform, Struts
-from cartstiff.mechanisms.tree_building import merged
+from cartstiff.mechanisms.elastic import ElasticMechanism, adjusted
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
+from cartstiff.mechanisms.platform import LegLimits, Platform, Struts
+from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
+from cartstiff.mechanisms.tree_building import extended, merged
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.mounted_struts import Mount, MountedStruts
 
 if TYPE_CHECKING:
-    from cartstiff.loading.schema import PlatformFile, SerialFile, SpringsFile
+    from cartstiff.loading.schema import (
+        ClosedChainFile,
+        ClosureModel,
+        FlexibleModel,
+        JointSpringModel,
+        LegJointsModel,
+        LegModel,
+        ParallelFile,
+        PlatformFile,
+        SerialFile,
+        SpringsFile,
+    )
+
+
+def on_springs(
+    springs: LineSprings, file: PlatformFile | SpringsFile, T_F_M: Array, where: str
+) -> MountedStruts:
+    """The legs between what the file's `flexible` says of base and platform.
+
+    Raises
+    ------
+    InputError
+        For cables, and for springs that are not symmetric and positive definite, are beams, or have
+        a mass.
+    """
+    where = f"{where}, key flexible"
+    if springs.unilateral:
+        raise InputError(
+            "cables hang from what does not give", where=where, expected="no key flexible"
+        )
+    if not isinstance(springs, FlexureStruts):
+        ball = Flexure(math.inf, math.inf, 0.0, 0.0)
+        springs = FlexureStruts.between(
+            springs.anchors,
+            springs.points,
+            T_F_M,
+            springs.stiffness,
+            ball,
+            ball._replace(torsion=math.inf),
+            springs.rest_length,
+        )
+    to_body = se3.inverse(pose_of(file.frame))
+    base = _mount(file.flexible.get("base"), np.eye(4), f"{where}.base")
+    tip = _mount(file.flexible.get("platform"), to_body, f"{where}.platform")
+    return MountedStruts.of(springs, base, tip)
+
+
+def _mount(entry: FlexibleModel | None, T: Array, where: str) -> Mount | None:
+    """A spring, its place moved by T; None where nothing gives."""
+    if entry is None:
+        return None
+    if entry.stiffness is None or entry.mass is not None:
+        got = "a beam" if entry.stiffness is None else "a superelement with M"
+        raise InputError(
+            "base and platform give as a spring without mass",
+            where=where,
+            expected="stiffness, or superelement without M",
+            got=got,
+        )
+    K = np.array(entry.stiffness, float)
+    sizes = np.sqrt(np.abs(np.diag(K)))
+    if np.any(np.abs(K - K.T) > numerics.SYMMETRY * np.outer(sizes, sizes)):
+        raise InputError("stiffness must be symmetric", where=where)
+    least = float(np.linalg.eigvalsh(K / np.outer(sizes, sizes))[0]) if sizes.all() else 0.0
+    if not least > numerics.RANK:
+        raise InputError(
+            "stiffness must hold the body in every direction",
+            where=where,
+            expected="a positive definite matrix",
+            got=f"eigenvalue {least:.2g} of the diagonal's",
+        )
+    return Mount(T @ pose_of(entry.offset), K[np.ix_(se3.SWAP, se3.SWAP)])
+
+
+def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> LegLimits | None:
+    """Limits of joint angles, distances and forces; None without any.
+
+    Raises
+    ------
+    InputError
+        For counts that differ from that of the legs, axes without a direction, and force limits
+        the wrong way round.
+    """
+    legs, m = file.legs, len(file.base)
+    base_axes, base_angles = _joints(legs.base_joints, m, f"{where}, key legs.base_joints")
+    axes, angles = _joints(legs.platform_joints, m, f"{where}, key legs.platform_joints")
+    diameters = None
+    if legs.diameter is not None:
+        diameters = _each(legs.diameter, m, f"{where}, key legs.diameter")
+    place = f"{where}, key legs.force"
+    forces = pair_per_leg(legs.force, m, place, "[least, largest]")
+    if forces is not None and np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
+        raise InputError("cables cannot push", where=place, expected="0 or more", got=legs.force)
+    if all(part is None for part in (base_axes, axes, diameters, forces)):
+        return None
+    in_body = None if axes is None else axes @ T_P_M[:3, :3]
+    return LegLimits(base_axes, base_angles, in_body, angles, diameters, forces)
+
+
+def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
+    """Limits (m, 2) from one pair for all legs or one each; None without any.
+
+    Raises
+    ------
+    InputError
+        For another number of pairs than legs, and for a pair the wrong way round.
+    """
+    if value is None:
+        return None
+    numbers = np.array(value, float)
+    pairs = np.broadcast_to(numbers, (m, 2)) if numbers.ndim == 1 else numbers
+    if len(pairs) != m:
+        raise InputError(
+            "wrong count", where=where, expected=f"{m} pairs, one per leg", got=len(pairs)
+        )
+    for i in np.flatnonzero(pairs[:, 0] > pairs[:, 1])[:1]:
+        raise InputError(
+            "limits are the wrong way round",
+            where=f"{where}.{i + 1}",
+            expected=meaning,
+            got=pairs[i].tolist(),
+        )
+    return pairs
+
+
+def _each(value: Any, m: int, where: str) -> Array:
+    values = np.asarray(value, float)
+    if values.ndim == 1 and len(values) != m:
+        raise InputError(
+            "wrong count", where=where, expected=f"{m} numbers, one per leg", got=len(values)
+        )
+    return np.broadcast_to(values, (m,)).copy()
+
+
+def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:
+    """Unit axes (m, 3) and largest angles (m,)."""
+    if model is None:
+        return None, None
+    axes = np.array(model.axis, float)
+    if axes.ndim == 2 and len(axes) != m:
+        raise InputError(
+            "wrong count", where=f"{where}.axis", expected=f"{m} axes, one per leg", got=len(axes)
+        )
+    axes = np.broadcast_to(axes, (m, 3))
+    sizes = np.linalg.norm(axes, axis=1)
+    if not sizes.min() > 0.0:
+        raise InputError("an axis has no direction", where=f"{where}.axis", got=model.axis)
+    return axes / sizes[:, None], _each(model.angle, m, f"{where}.angle")
+
+
+# Starts of a leg besides the file's posture, and the seed that makes them the same every time.
+_STARTS, _SEED = 16, 0
+
+
+def leg_at_pose(
+    tree: KinematicTree,
+    end: str,
+    T_end_B: Array,
+    T_root_B: Array,
+    q: Array,
+    virtual: Sequence[int],
+    where: str,
+    leg: str,
+) -> Array:
+    """Coordinates (n,) of one leg at which the body has a pose.
+
+    Looked for from `q` and then from postures spread over the limits; the first solution within the
+    limits is taken, or the first at all. Virtual joints of links that give stay where they are.
+
+    Parameters
+    ----------
+    tree : KinematicTree
+        The leg.
+    end : str
+        Its last frame.
+    T_end_B, T_root_B : ndarray (4, 4)
+        Pose of the body in that frame, and where it shall be in the leg's root.
+    q : ndarray (n,)
+        Posture to start from.
+    virtual : sequence of int
+        Indices of virtual joints.
+    where, leg : str
+        File and leg, for messages.
+
+    Raises
+    ------
+    InputError
+        If the leg does not reach the pose.
+    """
+    elastic = ElasticMechanism(leg, Chain(tree, end, offset=T_end_B, virtual=virtual), q)
+    limited, free = JointPoses(elastic), JointPoses(elastic, limits=False)
+    spread = limited.random_starts(_STARTS, np.random.default_rng(_SEED))
+    starts = np.concatenate([q[None], spread])
+    poses = np.broadcast_to(T_root_B, (len(starts), 4, 4))
+    for solver in (limited, free):
+        postures, reached = solver.unwound().solve(poses, starts)
+        if reached.any():
+            return solver.within(postures[reached][:1])[0]
+    left = np.abs(free.task(postures, poses, "none")[0]).max(axis=1).min()
+    raise InputError(
+        "the pose cannot be reached",
+        where=f"{where}, key pose",
+        expected="a pose that every leg reaches",
+        got=f"{leg}, which stays {left:.3g} (rad or characteristic lengths) away",
+    )
 
 
 #: Kinds of files with joints, and with lines from the ground to a body.
@@ -359,3 +571,273 @@ def _with_frame(file: Any, frame: str, where: str) -> Any:
             return file
         raise UnknownNameError("frame", frame, ["body"], where=where)
     return file.model_copy(update={"frame": frame, "offset": _model_of(np.eye(4))})
+
+
+_CONTACTS = {
+    "rigid": (),
+    "soft-finger": (("contact.z", "RZ"),),
+    "point": (("contact.x", "RX"), ("contact.y", "RY"), ("contact.z", "RZ")),
+}
+
+
+def _add_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
+    at = tree.placement(base)
+    tree.frames[name] = FixedFrame(at.joint, at.T_j_f @ T)
+
+
+def _actuated(names: Sequence[str], tree: KinematicTree, where: str) -> list[int] | None:
+    known = [c.name for c in tree.coordinates]
+    for name in names:
+        if name not in known:
+            raise UnknownNameError("joint", name, known, where=f"{where}, key actuated")
+    if len(set(names)) != len(names):
+        raise InputError("a joint stands twice under actuated", where=where)
+    return [known.index(name) for name in names] or None
+
+
+def _indices(names: Sequence[str], tree: KinematicTree) -> list[int]:
+    known = [c.name for c in tree.coordinates]
+    return [known.index(name) for name in names]
+
+
+def _assembled(
+    chain: Chain, q: Array, posture: Mapping[str, float], where: str, notes: list[Note]
+) -> Array:
+    """Closed coordinates near q; where no joint is actuated, those that the file names are held."""
+    named = [] if chain.actuated else [chain.names.index(name) for name in posture]
+    try:
+        at = chain.closed(q, named=named)
+    except ConvergenceError as error:
+        raise InputError(f"{error}", where=where, expected="a posture near a closed one") from None
+    chain.home = ReferencePosture(at.q, chain.held, at.coordinate_lengths)
+    if len(named) < len(q):  # else they are where the search starts
+        notes += adjusted(chain, q, at.q, named)
+    return at.q
+
+
+def build_parallel(
+    file: ParallelFile, beside: Path | None, where: str, name: str
+) -> ElasticMechanism:
+    """One body carried by several chains: the end frames of all chains are welded together.
+
+    The body frame hangs on the first chain; every other chain's end is welded to it.
+    """
+    from cartstiff.loading.legs import drawn_legs
+
+    notes: list[Note] = []
+    parts: list[tuple[str, KinematicTree, Array]] = []
+    ends: list[str] = []
+    springs: dict[str, JointSpringModel] = {}
+    passive: list[str] = []
+    virtual: list[str] = []
+    contacts: list[str] = []
+    driven: list[str] = []
+    posture: dict[str, float] = {}
+    soft: list[tuple[int, LegModel]] = []
+    descriptions: list[Description] = []
+    file_springs: dict[str, FileSpring] = {}
+    file_passive: list[str] = []
+    drawn: dict[str, float] = {}
+    lifted: list[Lifted] = []
+    legs = drawn_legs(file)
+    for i, leg in enumerate(legs):
+        prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
+        drawing = leg.drawing
+        description = described(leg, beside) if drawing is None else drawing.description
+        end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
+        tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
+        notes += description_notes(description, tree, leg.model_fields_set)
+        if leg.contact != "rigid":
+            tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
+            end = "contact"
+            contacts += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
+        names = [c.name for c in tree.coordinates]
+        for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
+            for joint in entries:
+                if joint not in names:
+                    raise UnknownNameError("joint", joint, names, where=f"{place}, key {key}")
+        springs |= {prefix + joint: entry for joint, entry in leg.springs.items()}
+        passive += [prefix + joint for joint in leg.passive]
+        posture |= {prefix + joint: value for joint, value in leg.q.items()}
+        virtual += virtual_joints(leg.flexible, prefix)
+        soft.append((i, leg))
+        parts.append((prefix, tree, pose_of(leg.base)))
+        facts = description.facts
+        file_springs |= {prefix + joint: spring for joint, spring in facts.springs.items()}
+        file_passive += [prefix + joint for joint in facts.passive]
+        drawn |= {prefix + joint: value for joint, value in facts.posture.items()}
+        driven += [prefix + joint for joint in facts.actuated if joint in names]
+        lifted += [replace(part, body=prefix + part.body) for part in facts.lifted]
+        descriptions.append(description.shown(prefix))
+        ends.append(prefix + end)
+    tree = merged(parts)
+    body = [f"body of leg {i + 1}" for i in range(len(ends))]
+    offset = pose_of(file.offset)
+    grips = [se3.inverse(offset) @ pose_of(leg.grip) for leg in legs]  # in M
+    for frame, end, grip in zip(body, ends, grips, strict=True):
+        _add_frame(tree, frame, end, se3.inverse(grip))
+    chain = Chain(
+        tree,
+        body[0],
+        closures=[Closure(body[0], other, "weld") for other in body[1:]],
+        actuated=_actuated(file.actuated, tree, where),
+        virtual=_indices(virtual, tree),
+        kind="parallel",
+        descriptions=descriptions,
+    )
+    chain.frame, chain.frame_offset = "body", fixed(offset)
+    chain.legs = _placed(legs, grips, [c.name for c in tree.coordinates])
+    add_payload(tree, chain, file.payload)
+    facts = RobotFacts(file_springs, tuple(file_passive), posture=drawn)
+    q = default_posture(tree, posture, where, facts=facts)
+    if file.pose is not None:
+        start = 0
+        for i, (leg, (prefix, part, T_F_root)) in enumerate(zip(legs, parts, strict=True)):
+            own = slice(start, start + part.n)
+            start += part.n
+            if leg.drawing is not None:
+                continue  # it was drawn there
+            q[own] = leg_at_pose(
+                part,
+                ends[i].removeprefix(prefix),
+                se3.inverse(grips[i]),
+                se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
+                q[own],
+                [j for j, c in enumerate(part.coordinates) if prefix + c.name in virtual],
+                where,
+                f"leg {i + 1}",
+            )
+    q = _assembled(chain, q, posture, where, notes)
+    joint_springs, assumed = springs_of(
+        springs,
+        passive,
+        tree,
+        facts,
+        where,
+        virtual=[*virtual, *contacts],
+        actuated=file.actuated or driven,
+    )
+    links = [
+        spring
+        for i, leg in soft
+        for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
+    ]
+    notes += assumed
+    return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted, springs)
+
+
+def _placed(
+    legs: Sequence[LegModel], grips: Sequence[Array], names: Sequence[str]
+) -> tuple[PlacedLeg, ...]:
+    """The legs that have been drawn from their names, among a chain's coordinates."""
+    placed = []
+    for i, leg in enumerate(legs):
+        if (drawing := leg.drawing) is not None:
+            at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
+            placed.append(
+                PlacedLeg(
+                    drawing.shape,
+                    tuple(at.values()),
+                    at[drawing.driven],
+                    grips[i],
+                    drawing.diameter,
+                )
+            )
+    return tuple(placed)
+
+
+def build_closed_chain(
+    file: ClosedChainFile, beside: Path | None, where: str, name: str
+) -> ElasticMechanism:
+    """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
+    description = described(file, beside, floating=file.floating)
+    notes = gravity_left_out(file, description)
+    return closed_chain_of(description, file, where, name, said=notes)
+
+
+def closed_chain_of(
+    description: RobotDescription,
+    file: ClosedChainFile,
+    where: str,
+    name: str,
+    posture: Mapping[str, float] | None = None,
+    said: Sequence[Note] = (),
+    alone: bool = False,
+) -> ElasticMechanism:
+    """`build_closed_chain` for a robot description that has been read; see `serial_of`.
+
+    With `alone` there is only the description: joints that do not move the frame are left out, and
+    its own actuators drive the chain.
+    """
+    notes, facts = [*said], description.facts
+    frame = chosen_frame(description, file.frame, where, notes)
+    moving = joints_that_move(description, frame) if alone else set(description.model.names)
+    ends = [frame] if alone else None
+    tree = tree_to(description, ends, file.locked, where, notes, file.flexible, moving)
+    left = {c.name for c in tree.coordinates}
+    ties = [tie for tie in facts.closures if tie.joints & moving]
+    closures = [_mjcf_closure(tie, i, tree) for i, tie in enumerate(ties)]
+    driven = [n for n in facts.actuated if n in left]
+    actuated = driven if alone else file.actuated
+    q = default_posture(tree, file.q, where, posture, facts)
+    closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
+    virtual = virtual_joints(file.flexible)
+    chain = Chain(
+        tree,
+        frame,
+        offset=pose_of(file.offset),
+        closures=closures,
+        actuated=_actuated(actuated, tree, where),
+        virtual=_indices(virtual, tree),
+        kind="closed-chain",
+        descriptions=[description.shown()],
+    )
+    add_payload(tree, chain, file.payload)
+    q = _assembled(chain, q, file.q, where, notes)
+    springs, assumed = springs_of(
+        file.springs,
+        file.passive,
+        tree,
+        facts,
+        where,
+        virtual=virtual,
+        actuated=None if alone else file.actuated or driven,
+    )
+    links = link_springs(file.flexible, tree, where)
+    notes += description_notes(description, tree, file.model_fields_set, closed=True)
+    notes += assumed
+    return put_together(
+        file, name, chain, q, springs, links, notes, where, facts.lifted, file.springs
+    )
+
+
+def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:
+    """Closure of a file's entry; without points a frame is tied to "world" where it is at q."""
+    place = f"{where}, closure {i + 1}"
+    for frame in entry.frames:
+        if frame not in tree.frames:
+            raise UnknownNameError("frame", frame, tree.frames, where=place)
+    a, b = entry.frames
+    if a == b:
+        raise InputError("a closure ties a frame to itself", where=place, got=repr(a))
+    if entry.points is not None:
+        names = []
+        for frame, point in zip((a, b), entry.points, strict=True):
+            tied = f"{frame} (closure {i + 1})"
+            _add_frame(tree, tied, frame, se3.pose(translation=point))
+            names.append(tied)
+        a, b = names
+    elif "world" in (a, b):
+        other = b if a == "world" else a
+        T_F_other = tree.at(q).pose(tree.placement(other))
+        tied = f"world (closure {i + 1})"
+        tree.frames[tied] = FixedFrame(0, T_F_other)
+        a, b = (tied, other) if a == "world" else (other, tied)
+    return Closure(a, b, entry.type)
+
+
+def _mjcf_closure(tie: FileClosure, i: int, tree: KinematicTree) -> Closure:
+    a, b = f"{tie.body_a} (equality {i + 1})", f"{tie.body_b} (equality {i + 1})"
+    _add_frame(tree, a, tie.body_a, tie.T_a)
+    _add_frame(tree, b, tie.body_b, tie.T_b)
+    return Closure(a, b, tie.type)

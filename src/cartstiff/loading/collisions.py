@@ -14,8 +14,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
-from cartstiff.geometry.se3 import Array
 from cartstiff.loading.meshes import Mesh, read_meshes
 from cartstiff.loading.visuals import visuals_of
 from cartstiff.mechanisms.chain import Chain

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry.se3 import SWAP, Array
+from cartstiff.geometry.se3 import SWAP
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.mechanisms.chain import Chain

@@ -10,10 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.loading.key_types import PoseModel, pose_of
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
     JointSpringModel,
@@ -22,6 +21,8 @@ from cartstiff.loading.schema import (
     NamedLegs,
     NamedLegsModel,
     ParallelFile,
+    PoseModel,
+    pose_of,
 )
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 

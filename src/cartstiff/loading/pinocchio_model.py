@@ -15,12 +15,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_vector
+from cartstiff.arrays import Array, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.loading.build import serial_of, with_overrides
-from cartstiff.loading.build_closed import closed_chain_of
+from cartstiff.loading.build import closed_chain_of, serial_of, with_overrides
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import Followers, RobotFacts
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError
-from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
 
 

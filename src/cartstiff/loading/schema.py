@@ -5,52 +5,395 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
+    BaseModel,
     ConfigDict,
     Discriminator,
     Field,
+    PlainValidator,
     PrivateAttr,
     Tag,
     TypeAdapter,
     ValidationInfo,
+    WithJsonSchema,
     WrapValidator,
     model_validator,
 )
+from pydantic_core import PydanticCustomError
 
-from cartstiff.errors import InputError, one_line
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.loading.findings import IdentifiedModel
-from cartstiff.loading.key_types import (
-    RIGID,
-    Argument,
-    FileModel,
-    FileName,
-    Flag,
-    NotNegative,
-    Number,
-    Pair,
-    PerLeg,
-    PoseModel,
-    Positive,
-    Text,
-    UnitsModel,
-    Vector,
-    Vectors,
-    only_one,
-    pose_of,
-)
-from cartstiff.loading.layout import LayoutModel
-from cartstiff.loading.yaml_file import read_text
+from cartstiff.loading.yaml_file import LARGEST_NUMBER, read_text
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import CompliancePattern, Elements, coefficient, law_of
+from cartstiff.mechanisms.identified import Identified
 from cartstiff.mechanisms.superelement import (
     SuperelementMass,
     superelement_mass,
     superelement_spring,
 )
+from cartstiff.notes import Note
+
+_MOST = LARGEST_NUMBER
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MOST, le=_MOST)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MOST, le=_MOST)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=_MOST)]
+Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+#: A number, or the word for an infinite one.
+RIGID = WrapValidator(
+    lambda value, check: math.inf if value in ("rigid", math.inf) else check(value)
+)
+
+
+class FileModel(BaseModel):
+    """A mapping in a mechanism file: no other keys, and immutable."""
+
+    # Built when it is first used: a file uses few of them.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+def _file_name(name: Any) -> str:
+    # Not pydantic's own text: names of files may be long, and hold bytes that are no text.
+    if not isinstance(name, str) or not name:
+        raise PydanticCustomError("string_type", "text")
+    try:
+        Path(name).expanduser()
+    except RuntimeError:
+        raise PydanticCustomError("value_error", "the home directory is not known") from None
+    return name
+
+
+FileName = Annotated[str, PlainValidator(_file_name), WithJsonSchema({"type": "string"})]
+
+
+def _argument(value: Any) -> str:
+    # YAML reads true as a truth value, and numbers as numbers; xacro takes text.
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (str, int, float)) and len(str(value)) <= 4000:
+        return str(value)
+    raise PydanticCustomError("string_type", "text")
+
+
+Argument = Annotated[
+    str,
+    PlainValidator(_argument),
+    WithJsonSchema({"type": ["string", "number", "boolean"]}),
+]
+
+Flag = Annotated[bool, Field(strict=True)]
+
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+PerLeg = NotNegative | Annotated[list[NotNegative], Field(min_length=1)]
+Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
+
+
+class PoseModel(FileModel):
+    """A pose by translation and roll, pitch, yaw about fixed axes (radians)."""
+
+    xyz: Vector = [0.0, 0.0, 0.0]
+    rpy: Vector = [0.0, 0.0, 0.0]
+
+
+def pose_of(entry: PoseModel) -> Array:
+    """4x4 pose of an entry."""
+    if not any(entry.xyz) and not any(entry.rpy):
+        return np.eye(4)
+    return se3.from_roll_pitch_yaw(entry.xyz, entry.rpy)
+
+
+class UnitsModel(FileModel):
+    """Units of lengths and forces; angles are rad, masses kg, gravity m/s^2 in every file."""
+
+    length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] = "m"
+    force: Literal["N", "kN", "mN", "daN", "lbf", "kgf"] = "N"
+
+
+def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
+    """Refuse a model that gives more than one of the keys, or none where one is needed."""
+    count = sum(getattr(model, key) is not None for key in keys)
+    if needed and count != 1:
+        raise ValueError(f"give exactly one of {', '.join(keys)}")
+    if count > 1:
+        raise ValueError(f"give {' or '.join(keys)}, not both")
+
+
+_THIRD = 2.0 * math.pi / 3.0
+
+
+class RingModel(FileModel):
+    """The joints of base or platform, on a circle around z."""
+
+    radius: Positive | None = Field(default=None, description="of the circle; not for a cube")
+    half_angle: NotNegative | None = Field(
+        default=None,
+        description="rad, between a joint and the middle of its pair; default 0, one point",
+    )
+    angles: list[Number] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=6,
+        description="rad, of each leg's joint, in place of that",
+    )
+    height: Number | None = Field(
+        default=None,
+        description="of the circle, along z of F for the base, of P for the platform; default "
+        "0, for a cube that of its vertices",
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> RingModel:
+        only_one(self, "half_angle", "angles", needed=False)
+        return self
+
+
+class CubicModel(FileModel):
+    """A cube with its diagonal along z; the legs lie along six of its edges."""
+
+    edge: Positive | None = None
+    size: Positive | None = Field(
+        default=None, description="height between its two triangles of vertices: edge / sqrt(3)"
+    )
+    centre: Vector | Number = Field(default=0.0, description="in F; one number: on z")
+
+    @model_validator(mode="after")
+    def _one(self) -> CubicModel:
+        only_one(self, "edge", "size")
+        return self
+
+
+class LayoutModel(FileModel):
+    """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
+
+    base: RingModel = Field(default=RingModel(), description="joints on the ground")
+    platform: RingModel = Field(default=RingModel(), description="joints on the platform")
+    height: Number | None = Field(
+        default=None, description="of P over F; 0 for a cube if absent, else needed"
+    )
+    turn: Number | None = Field(
+        default=None, description="rad, of the platform's pairs against the base's; default pi/3"
+    )
+    symmetry: Literal[1, 2, 3, 6] | None = Field(
+        default=None,
+        description="angles are given for one part of so many; the others follow by turning",
+    )
+    cubic: CubicModel | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> LayoutModel:
+        rings = {"base": self.base, "platform": self.platform}
+        if self.cubic is not None:
+            for name, ring in rings.items():
+                for key in ("radius", "half_angle", "angles"):
+                    if getattr(ring, key) is not None:
+                        raise ValueError(f"{name}.{key} is not for a cubic layout")
+            for key in ("turn", "symmetry"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f"{key} is not for a cubic layout")
+            return self
+        if self.height is None:
+            raise ValueError("key 'height' is missing: of P over F")
+        each = 6 // (self.symmetry or 1)
+        for name, ring in rings.items():
+            if ring.radius is None:
+                raise ValueError(f"key 'radius' of {name} is missing")
+            if ring.angles is not None and len(ring.angles) != each:
+                of = f" with symmetry {self.symmetry}" if self.symmetry else ""
+                raise ValueError(f"{name}.angles must be {each}{of}: there are {len(ring.angles)}")
+        if self.symmetry is not None and all(r.angles is None for r in rings.values()):
+            raise ValueError("symmetry is for angles; pairs stand 120 degrees apart")
+        if self.turn is not None and self.platform.angles is not None:
+            raise ValueError("turn is for pairs: angles of the platform say where its joints are")
+        return self
+
+    def points(self) -> tuple[Array, Array, Array]:
+        """Joints of the base in F (6, 3), of the platform in P (6, 3), and the origin of P in F."""
+        if self.cubic is not None:
+            return self._cube(self.cubic)
+        alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
+        turn = math.pi / 3.0 if self.turn is None else self.turn
+        lower = [i * _THIRD + side for i in range(3) for side in (-alpha, alpha)]
+        upper = [i * _THIRD + turn + side for i in range(3) for side in (beta - _THIRD, -beta)]
+        origin = np.array([0.0, 0.0, self.height or 0.0])
+        return self._ring(self.base, lower), self._ring(self.platform, upper), origin
+
+    def _ring(self, ring: RingModel, angles: list[float]) -> Array:
+        if ring.angles is not None:
+            parts = self.symmetry or 1
+            turns = [2.0 * math.pi * i / parts for i in range(parts)]
+            angles = [turn + angle for turn in turns for angle in ring.angles]
+        radius = ring.radius or 0.0  # a layout without is refused
+        height = ring.height or 0.0
+        return np.array([[radius * math.cos(a), radius * math.sin(a), height] for a in angles])
+
+    def _cube(self, cubic: CubicModel) -> tuple[Array, Array, Array]:
+        size = cubic.size if cubic.size is not None else (cubic.edge or 0.0) / math.sqrt(3.0)
+        centre = np.array(cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre])
+        radius = math.sqrt(2.0) * size
+        lower = RingModel(radius=radius, height=-size / 2.0)
+        upper = RingModel(radius=radius, height=size / 2.0)
+        base, top, _ = LayoutModel(base=lower, platform=upper, height=0.0).points()
+        base, top, origin = base + centre, top + centre, np.array([0.0, 0.0, self.height or 0.0])
+        along = (top - base) / size  # rises by one
+
+        def cut(height: float) -> Array:
+            points: Array = base + along * (height - base[:, 2:])
+            points[:, 2] = height
+            return points
+
+        if self.platform.height is not None:
+            top = cut(origin[2] + self.platform.height)
+        if self.base.height is not None:
+            base = cut(self.base.height)
+        return base, top - origin, origin
+
+
+def laid_out(layout: LayoutModel) -> dict[str, Any]:
+    """Keys of the mechanism file that say the same as a layout."""
+    base, platform, origin = layout.points()
+    return {
+        "base": base.tolist(),
+        "platform": platform.tolist(),
+        "pose": {"xyz": origin.tolist()},
+    }
+
+
+# Values of the file and its springs agree to this share; a person may round them.
+_AGREE = 1e-3
+
+
+class FoundModel(FileModel):
+    """A compliance that was measured: of one spring, of springs that are equal, or of a link."""
+
+    name: Text
+    value: Number = Field(description="compliance; of a beam a share of the file's own")
+    elements: list[tuple[Text, Text, Number]] | None = Field(
+        default=None, description="pairs of springs and factors, where it is not one spring's own"
+    )
+    polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = Field(
+        default=None,
+        description="joint and power of a polynomial spring: of the first power the "
+        "value is a compliance, of others the coefficient",
+    )
+
+
+class IdentifiedModel(FileModel):
+    """How well the stiffnesses are known; written by `cartstiff identify -o`."""
+
+    compliances: list[FoundModel] = Field(max_length=1000)
+    covariance: list[list[Number]] = Field(description="of the compliances, in the file's units")
+    degrees: Positive | None = Field(
+        default=None, description="of freedom of Student's t; normal if absent"
+    )
+    level: float = Field(default=0.95, gt=0.0, lt=1.0, description="of the intervals")
+    rows: int = Field(default=0, strict=True, ge=0, description="measurements, for readers")
+    date: Text | None = Field(default=None, description="of the measurement, for readers")
+    source: Text | None = Field(default=None, description="what was measured, for readers")
+    undetermined: list[Text] = Field(
+        default=[], description="springs of which the measurements say nothing"
+    )
+    at_least: dict[str, Positive] = Field(
+        default={}, description="springs without an upper end, and the lower one"
+    )
+
+
+def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticMechanism:
+    """The mechanism with the covariance of its measured compliances.
+
+    Raises
+    ------
+    InputError
+        If they do not fit each other, or the springs of the file.
+    """
+    elements = Elements(elastic)
+    patterns, values = [], []
+    for entry in model.compliances:
+        law = entry.polynomial
+        pairs = entry.elements or ([] if law else [(entry.name, entry.name, 1.0)])
+        pattern = CompliancePattern(entry.name, tuple(pairs), law)
+        if law is not None:
+            _check_coefficient(elastic, law, entry)
+        for a, b, weight in pairs:
+            i, j = elements.index(a, "identified"), elements.index(b, "identified")
+            own, size = (
+                entry.value * weight,
+                np.sqrt(elements.compliance[i, i] * elements.compliance[j, j]),
+            )
+            if not pattern.is_share and abs(elements.compliance[i, j] - own) > _AGREE * size:
+                raise InputError(
+                    f"compliance of {entry.name!r} is not that of the file's spring",
+                    where="identified",
+                    expected=f"{elements.compliance[i, j]:.6g}, or no key "
+                    "'identified' with springs that were changed",
+                    got=f"{own:.6g}",
+                )
+        patterns.append(pattern)
+        values.append(entry.value)
+    names = {*elements.names, *(pattern.name for pattern in patterns)}
+    for name in model.at_least:
+        if name not in names:
+            raise UnknownNameError("spring", name, names, where="identified.at_least")
+    P = len(patterns)
+    if [len(row) for row in model.covariance] != [P] * P:
+        raise InputError(
+            "covariance has the wrong shape",
+            where="identified",
+            expected=f"{P} rows of {P} numbers",
+        )
+    identified = Identified(
+        tuple(patterns),
+        np.array(values),
+        np.array(model.covariance).reshape(P, P),
+        model.degrees,
+        model.level,
+        model.rows,
+        model.date or "",
+        model.source or "",
+        tuple(model.undetermined),
+        dict(model.at_least),
+    )
+    notes = list(elastic.notes)
+    if model.undetermined:
+        words = (
+            "the measurements say nothing about these springs, whose stiffness in the file is an "
+            f"assumption: {', '.join(model.undetermined)}"
+        )
+        notes.append(Note("stiffness-not-identified", words, {"joints": model.undetermined}))
+    return replace(elastic, notes=tuple(notes), identified=identified)
+
+
+def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel) -> None:
+    """Refuse a polynomial's coefficient that is not that of the file."""
+    (name, power), where = law, "identified"
+    if entry.elements is not None:
+        raise InputError(
+            f"{entry.name!r} has elements and a polynomial", where=where, expected="one of both"
+        )
+    c = law_of(elastic, name, where).coefficients
+    if power > len(c) or (power == 1 and not c[0] > 0.0):
+        raise InputError(
+            f"{entry.name!r} is no coefficient of the spring",
+            where=where,
+            expected=f"powers 1 to {len(c)}",
+            got=power,
+        )
+    own = coefficient(elastic, law)
+    if abs(own - entry.value) > _AGREE * abs(own):
+        raise InputError(
+            f"value of {entry.name!r} is not that of the file's spring",
+            where=where,
+            expected=f"{own:.6g}, or no key 'identified' with springs that were changed",
+            got=f"{entry.value:.6g}",
+        )
 
 
 class PayloadModel(FileModel):

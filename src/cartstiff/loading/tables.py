@@ -18,9 +18,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cartstiff.arrays import unsafe_cell
+from cartstiff.arrays import Array, unsafe_cell
 from cartstiff.errors import InputError, one_line
-from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST, read_text
 from cartstiff.mechanisms.contract import FORCES, LENGTHS, SI, Units, convert_length
 from cartstiff.parsing import parse_numbers

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.analysis.plain import plain, unit_of
-from cartstiff.analysis.summary import summarise
+from cartstiff.analysis.posture import summarise
+from cartstiff.analysis.sections import unit_of
+from cartstiff.arrays import plain
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantity import Quantity, Stacks

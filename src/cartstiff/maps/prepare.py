@@ -31,8 +31,8 @@ from cartstiff.statics.command import checked_command
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
-from cartstiff.vibration.damping import Damping
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.chatter import Milling
+from cartstiff.vibration.response import Damping
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:

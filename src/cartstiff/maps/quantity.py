@@ -16,9 +16,9 @@ from cartstiff.maps import row_by_row
 from cartstiff.maps.row_by_row import symmetric_part
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
-from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.many_modes import ManyModes
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.response import Damping
 
 #: Connections whose matrix may be asymmetric.
 ASYMMETRIC = ("A", "load")

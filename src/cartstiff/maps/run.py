@@ -27,8 +27,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 if TYPE_CHECKING:
     import xarray
-from cartstiff.vibration.damping import Damping
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.chatter import Milling
+from cartstiff.vibration.response import Damping
 
 
 class Run(NamedTuple):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.analysis.plain import plain
+from cartstiff.arrays import plain
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.many.plans import plan, program_for
 from cartstiff.many.portable import HELPERS, javascript

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.analysis.plain import plain
+from cartstiff.arrays import plain
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain

@@ -15,11 +15,12 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import condition, held_values, spectrum
-from cartstiff.analysis.mechanism_sections import (
+from cartstiff.analysis.posture import (
     FoundDeflection,
     deflection_found,
 )
-from cartstiff.analysis.plain import Notes, plain
+from cartstiff.analysis.sections import Notes
+from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array

@@ -157,7 +157,7 @@ def draw_residuals(result: Identification) -> Any:
     Parameters
     ----------
     result : Identification
-        From `cartstiff.identify.campaign.identify`.
+        From `cartstiff.identify.identification.identify`.
 
     Returns
     -------

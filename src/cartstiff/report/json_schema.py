@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cartstiff.analysis.plain import schema as schema_of_analysis
+from cartstiff.analysis.sections import schema as schema_of_analysis
 from cartstiff.choices import LOAD_KINDS, TENSIONS
 from cartstiff.designs.run import DESIGN_SCHEMA
 from cartstiff.identify.result import IDENTIFY_SCHEMA
@@ -14,7 +14,7 @@ from cartstiff.reach.workspace import WORKSPACE_SCHEMA
 from cartstiff.report import schema_words as js
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.stiffness.compute import SCHEMA
-from cartstiff.vibration.mode_set import MODES_SCHEMA
+from cartstiff.vibration.modes import MODES_SCHEMA
 
 
 def design_schema(parts: dict[str, Any]) -> dict[str, Any]:

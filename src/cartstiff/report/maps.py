@@ -15,8 +15,8 @@ from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import quantities_of, quantity_of
 from cartstiff.maps.totals import summary
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.report.analysis import BALANCING
 from cartstiff.report.layout import body_frame, number, table
-from cartstiff.report.posture import BALANCING
 
 
 def describe_map(
@@ -81,7 +81,7 @@ def describe_map(
 
 def ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
     """Rows of a table of postures, for JSON."""
-    from cartstiff.analysis.plain import plain
+    from cartstiff.arrays import plain
     from cartstiff.maps.reading import best, state_names, worst
 
     rows = (best if which == "best" else worst)(dataset, name, count)

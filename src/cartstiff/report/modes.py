@@ -16,13 +16,12 @@ from cartstiff.figures import new_figure
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import COSINES, body_frame, note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
-from cartstiff.vibration.accuracy import Accuracy, FrequencyInterval
 from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.comparison import Shortcut
 from cartstiff.vibration.controllers import Impedance
-from cartstiff.vibration.mode_set import Modes
+from cartstiff.vibration.modes import Modes
 from cartstiff.vibration.response import FrequencyResponse
-from cartstiff.vibration.sensitivities import Sensitivities
+from cartstiff.vibration.sensitivities import Accuracy, FrequencyInterval, Sensitivities
 
 
 def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:

@@ -19,8 +19,8 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.reach.workspace import Workspace
+from cartstiff.report.analysis import load_lines
 from cartstiff.report.layout import body_frame, note_lines, number, numbers, percent, table, vector
-from cartstiff.report.posture import load_lines
 
 _STABLE = {True: "yes", False: "NO", None: "-"}
 

@@ -11,8 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis.centres import centres_of
-from cartstiff.analysis.compliant_axes import twist_compliant_axes, wrench_compliant_axes
-from cartstiff.analysis.screws import Screw, eigenscrews
+from cartstiff.analysis.screws import (
+    Screw,
+    eigenscrews,
+    twist_compliant_axes,
+    wrench_compliant_axes,
+)
 from cartstiff.arrays import checked_pose
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array

@@ -12,7 +12,7 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.scene.mechanism import extent
-from cartstiff.vibration.mode_set import Modes
+from cartstiff.vibration.modes import Modes
 
 # Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first guess.
 _TURN, _STEP = 0.5, numerics.WIDE_DIFFERENCE

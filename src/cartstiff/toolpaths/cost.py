@@ -17,9 +17,9 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath
-from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.many_modes import ManyModes
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.response import Damping
 
 
 class Judged(NamedTuple):

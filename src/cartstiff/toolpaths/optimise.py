@@ -43,8 +43,8 @@ from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
 from cartstiff.toolpaths.dynamic_programming import Objective, Steps, best_way
 from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
 from cartstiff.toolpaths.tool_path import ToolPath
-from cartstiff.vibration.damping import Damping
-from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.chatter import Milling
+from cartstiff.vibration.response import Damping
 
 #: Characteristic lengths beyond which no robot reaches: the unit is another.
 _FAR = 50.0

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.vibration.mode_set import Modes
+from cartstiff.vibration.modes import Modes
 
 #: What can be compared: stiffness matrices, the load's tangent, and the energy itself.
 COMPARED = ("A", "B", "K", "F", "load", "energy")

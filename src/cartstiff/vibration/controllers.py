@@ -19,14 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_matrix, fixed
+from cartstiff.arrays import Array, checked_array, checked_matrix, fixed
 from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.connections import NAMED
-from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.tensor import StiffnessTensor
 from cartstiff.vibration.comparison import mass_at_tip
-from cartstiff.vibration.mode_set import Modes
+from cartstiff.vibration.modes import Modes
 
 
 def double_diagonalisation(

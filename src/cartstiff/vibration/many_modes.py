@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import SWAP, Array
+from cartstiff.geometry.se3 import SWAP
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -20,11 +21,9 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineGeometry, LineSprings, lines_of_many
 from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.vibration.chatter import limiting_depth
-from cartstiff.vibration.damping import Damping, poles
-from cartstiff.vibration.milling import Milling
-from cartstiff.vibration.mode_set import Modes
-from cartstiff.vibration.modes import is_plain, modes
+from cartstiff.vibration.chatter import Milling, limiting_depth
+from cartstiff.vibration.modes import Modes, is_plain, modes
+from cartstiff.vibration.response import Damping, poles
 
 # Postures at once: their matrices stay in the cache.
 _ROWS = 2048

@@ -1,4 +1,4 @@
-r"""Natural frequencies and modes of small undamped motions about a rest state, under its load.
+"""Natural frequencies and modes of small undamped motions about a rest state, under its load.
 
 On the motions that keep the closures
 
@@ -11,29 +11,461 @@ moves the stiffness: modes belong to one load, which every result names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_input
+from cartstiff.analysis.screws import Screw, screw_of_twist
+from cartstiff.arrays import Array, Result, checked_input, fixed
 from cartstiff.errors import InputError, UndefinedError, checked_kind
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import MechanismPosture, Units
+from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.rest import Equilibrium
-from cartstiff.statics.small_motions import kinetic_matrix, spectrum_of
+from cartstiff.statics.small_motions import Spectrum, kinetic_matrix, spectrum_of
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.compute import PostureStiffness, analyse
-from cartstiff.vibration.mode_set import Modes
+from cartstiff.stiffness.showing import codes_of
+
+# kg over the cube of the summed lengths of the links [m]: arms of robots are between 1 and 200, a
+# solid block of steel is 7850. Beyond these a unit is mistaken (grams, millimetres).
+_HEAVIEST, _LIGHTEST = 2000.0, 0.01
+
+
+def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
+    """Masses [kg] by link, of the payload, the legs, and the payloads among the loads."""
+    masses = {name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0}
+    hung = sum(p.mass for p in elastic.potentials if isinstance(p, DeadForce))
+    if hung > 0.0:
+        masses["payload among the loads"] = hung * elastic.units.newtons
+    return masses
+
+
+def notes_on_masses(elastic: ElasticMechanism) -> list[Note]:
+    """What is missing or cannot be meant among the masses, with names and numbers."""
+    mechanism = elastic.mechanism
+    notes: list[Note] = []
+    if isinstance(mechanism, Platform):
+        if mechanism.struts is None:
+            words = "the legs have no mass (legs.mass): real frequencies are lower"
+            notes.append(Note("massless-struts", words, {"legs": len(mechanism.points)}))
+        if mechanism.mass > 0.0 and not np.diag(mechanism.body_inertia)[:3].any():
+            words = f"{mechanism.frame} is a point mass of {mechanism.mass:g} kg without inertia"
+            notes.append(Note("inertia-missing", words, {"links": [mechanism.frame]}))
+        return notes
+    if not isinstance(mechanism, Chain):
+        return notes
+    model = mechanism.tree.model
+    links = mechanism.tree.links()
+    bodies = {links[j]: model.inertias[j] for j in sorted(links)}
+    bare = [name for name, body in bodies.items() if not body.mass > 0.0]
+    if bare:
+        words = f"these links move and have no mass: {', '.join(bare)}"
+        notes.append(Note("massless-links", words, {"links": bare}))
+    points = [name for name, body in bodies.items() if body.mass > 0.0 and not np.any(body.inertia)]
+    if points:
+        words = f"these links are point masses, without moments of inertia: {', '.join(points)}"
+        notes.append(Note("inertia-missing", words, {"links": points}))
+    for potential in elastic.potentials:
+        if isinstance(potential, Beam):
+            notes.append(_on_beam(potential))
+    return notes + _absurd(mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0])
+
+
+def _on_beam(beam: Beam) -> Note:
+    values = {"link": beam.link, "mass": beam.mass, "segments": len(beam.indices)}
+    if beam.mass > 0.0:
+        words = (
+            f"the beam {beam.link!r} has its {beam.mass:.4g} kg lumped as rigid half segments at "
+            f"the nodes of {len(beam.indices)} segment(s): the error of a frequency goes with the "
+            "square of a segment's length"
+        )
+        return Note("beam-lumped", words, values)
+    words = (
+        f"the beam {beam.link!r} has no mass of its own (density): the mass of its link sits "
+        "rigidly at its near end"
+    )
+    return Note("beam-massless", words, values)
+
+
+def _absurd(chain: Chain, bodies: dict[str, object], metres: float) -> list[Note]:
+    """Masses and inertias that no such machine has; its unit of length is so many metres."""
+    model = chain.tree.model
+    steps = [float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]]
+    size = metres * (sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3])))
+    total = sum(float(body.mass) for body in list(model.inertias)[1:])
+    if not (size > 0.0 and total > 0.0):
+        return []
+    notes = []
+    if not _LIGHTEST < total / size**3 < _HEAVIEST:
+        words = (
+            f"{total:.4g} kg on links of {size:.4g} m in all are hardly meant: robots carry 1 to "
+            "200 kg per cubic metre of that length (grams, or millimetres, in the file?)"
+        )
+        heavy = max(bodies, key=lambda name: bodies[name].mass)  # type: ignore[attr-defined]
+        values = {"mass": total, "length": size, "heaviest": heavy}
+        notes.append(Note("implausible-mass", words, values))
+    for name, body in bodies.items():
+        mass = float(body.mass)  # type: ignore[attr-defined]
+        if not mass > 0.0:
+            continue
+        moments = np.linalg.eigvalsh(np.array(body.inertia))  # type: ignore[attr-defined]
+        values = {"link": name, "mass": mass, "moments": moments.tolist()}
+        radius = metres * float(np.sqrt(max(moments[2], 0.0) / mass))
+        if radius > size:
+            words = (
+                f"the inertia of {name!r} belongs to a body of {radius:.4g} m, larger than the "
+                f"robot's {size:.4g} m"
+            )
+            notes.append(Note("inertia-absurd", words, values))
+        elif moments[0] < 0.0 or moments[0] + moments[1] < (1 - numerics.NEARBY) * moments[2]:
+            words = (
+                f"no body has the moments of inertia of {name!r}: one is negative or larger than "
+                "the other two together"
+            )
+            notes.append(Note("inertia-absurd", words, values))
+    return notes
+
+
+def notes_on_states(
+    squares: Array, shapes: Array, groups: Sequence[Sequence[int]], basis: Array, spectrum: Spectrum
+) -> list[Note]:
+    """What is to be known of modes beside their frequencies.
+
+    Parameters
+    ----------
+    squares : ndarray (k,)
+        omega^2 in 1/s^2.
+    shapes : ndarray (n, k)
+        Coordinate rates of the modes.
+    groups : sequence of sequences of int
+        Numbers of the modes, those with one frequency together.
+    basis : ndarray (n, f)
+        What the spectrum's motions are written in.
+    spectrum : Spectrum
+        The solutions.
+    """
+    notes: list[Note] = []
+    zero = np.flatnonzero(squares == 0.0)
+    if zero.size:
+        words = f"{zero.size} motion(s) cost no energy: free motions, of frequency 0"
+        values = {"modes": (zero + 1).tolist(), "shapes": shapes[:, zero].real.T.tolist()}
+        notes.append(Note("free-motion", words, values))
+    if np.iscomplexobj(squares):
+        pairs = np.flatnonzero(np.abs(squares.imag) > 0.0)
+        words = "motions meet and grow as they swing (flutter): the rest state is unstable"
+        swing = np.sqrt(squares[pairs]).real / (2 * np.pi)
+        notes.append(
+            Note("flutter", words, {"modes": (pairs + 1).tolist(), "frequencies": swing.tolist()})
+        )
+    negative = np.flatnonzero((squares.real < 0.0) & (np.abs(squares.imag) == 0.0))
+    if negative.size:
+        words = "the rest state is unstable: the mechanism leaves it along these motions"
+        values = {
+            "modes": (negative + 1).tolist(),
+            "growth": np.sqrt(-squares.real[negative]).tolist(),
+            "shapes": shapes[:, negative].real.T.tolist(),
+        }
+        notes.append(Note("unstable", words, values))
+    for group in groups:
+        if len(group) > 1 and squares[group[0]] != 0.0:
+            numbers = ", ".join(str(i + 1) for i in group)
+            words = (
+                f"modes {numbers} have one frequency: they are a subspace, and any motion in "
+                "it is a mode"
+            )
+            notes.append(Note("repeated-modes", words, {"modes": [i + 1 for i in group]}))
+    if spectrum.following.shape[1]:
+        words = (
+            f"{spectrum.following.shape[1]} motion(s) have stiffness and no mass: they follow the "
+            "others at once and have no frequency of their own"
+        )
+        values = {"shapes": (basis @ spectrum.following).T.tolist()}
+        notes.append(Note("massless-motion", words, values))
+    if spectrum.loose.shape[1]:
+        words = (
+            f"{spectrum.loose.shape[1]} motion(s) have neither mass nor stiffness: nothing says "
+            "how they move, and they are left out"
+        )
+        values = {"shapes": (basis @ spectrum.loose).T.tolist()}
+        notes.append(Note("massless-free-motion", words, values))
+    return notes
+
+
+#: Name and version of the form of `Modes.as_dict`.
+MODES_SCHEMA = "cartstiff-modes/1"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Result, ShownInLines):
+    """Small vibrations about a rest state.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism with the rest positions that were used.
+    posture : MechanismPosture
+        Where it rests.
+    basis : ndarray (n, f)
+        Motions that the constraints leave, as coordinate rates; spectrum and matrices are on them.
+    stiffness, mass : ndarray (f, f)
+        K and M on the basis.
+    spectrum : Spectrum
+        Their solutions, in the mechanism's units.
+    state : Equilibrium or None
+        Where they are those of a mechanism that came to rest by itself.
+    """
+
+    elastic: ElasticMechanism
+    posture: MechanismPosture
+    basis: Array
+    stiffness: Array
+    mass: Array
+    spectrum: Spectrum
+    _held: PostureStiffness | Callable[[], PostureStiffness] | None = None
+    _rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None
+    state: Equilibrium | None = None
+
+    def _lines(self) -> list[str]:
+        shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in self._plain_frequencies)
+        return [
+            f"Modes of {self.elastic.name} at {self.elastic.mechanism.frame}, {self.load['words']}",
+            f"  frequencies  {shown} Hz",
+            f"  notes        {codes_of(self.notes)}",
+        ]
+
+    @cached_property
+    def result(self) -> PostureStiffness | None:
+        """What a held posture is analysed as; None of an equilibrium."""
+        return self._held() if callable(self._held) else self._held
+
+    @property
+    def held(self) -> PostureStiffness:
+        """`result` of a held posture; UndefinedError of an equilibrium."""
+        if self.result is None:
+            raise UndefinedError("the modes are those of no held posture", code="no-posture")
+        return self.result
+
+    @cached_property
+    def _said(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+        """The load and the notes of the rest state, found when they are read."""
+        if self._rest is not None or self.result is None:
+            return self._rest or ({}, ())
+        return _load_and_notes(self.result)
+
+    @property
+    def load(self) -> Mapping[str, Any]:
+        """What acted: kind, point, wrench in the body frame, and words."""
+        return self._said[0]
+
+    # -- frequencies and shapes -------------------------------------------------------------
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (n,) of the rest state."""
+        return self.posture.q
+
+    @cached_property
+    def squares(self) -> Array:
+        """omega^2 (k,) in 1/s^2, by increasing real part; complex where motions flutter."""
+        length, force = convert_length(Units(), self.elastic.units)  # F L over kg L^2
+        return fixed(self.spectrum.squares * (length / force))
+
+    @cached_property
+    def frequencies(self) -> Array:
+        """In Hz (k,); 0 of a motion that nothing holds, NaN where a motion grows."""
+        squares = self.squares
+        with np.errstate(invalid="ignore"):
+            if np.iscomplexobj(squares):
+                return fixed(
+                    np.where(np.abs(squares.imag) > 0.0, np.nan, np.sqrt(squares.real))
+                    / (2 * np.pi)
+                )
+            return fixed(np.sqrt(squares) / (2 * np.pi))
+
+    @cached_property
+    def shapes(self) -> Array:
+        """Coordinate rates (n, k) of each mode, in columns; ``phi^T M phi = 1``."""
+        vectors = self.basis @ self.spectrum.vectors
+        if np.iscomplexobj(vectors):
+            return vectors
+        largest = np.argmax(np.abs(vectors) / self._sizes[:, None], axis=0)
+        return fixed(vectors * np.where(np.take_along_axis(vectors, largest[None], 0) < 0, -1, 1))
+
+    @cached_property
+    def twists(self) -> Array:
+        """Body twists (6, k) of M, (angular, linear), of the shapes."""
+        return self.posture.motion.jacobian @ self.shapes
+
+    @cached_property
+    def _sizes(self) -> Array:
+        return self.posture.coordinate_lengths
+
+    @cached_property
+    def groups(self) -> list[list[int]]:
+        """Numbers (from 0) of the modes, those with the same frequency together."""
+        squares = self.squares.real
+        size = float(np.abs(squares).max(initial=0.0))
+        groups: list[list[int]] = []
+        for i, x in enumerate(squares):
+            near = numerics.REPEATED * abs(x) + numerics.ZERO * size
+            if groups and abs(x - squares[groups[-1][-1]]) <= near:
+                groups[-1].append(i)
+            else:
+                groups.append([i])
+        return groups
+
+    @cached_property
+    def nodal_axes(self) -> list[Screw]:
+        """Axis and pitch of each mode's twist, in M: what it turns about.
+
+        Of repeated modes any axis of the subspace is one.
+        """
+        return [screw_of_twist(t, self.posture.length) for t in self.twists.real.T]
+
+    # -- masses -----------------------------------------------------------------------------
+
+    @cached_property
+    def _momentum(self) -> tuple[Array, float, Array] | None:
+        return self.posture.momentum()
+
+    @cached_property
+    def effective_masses(self) -> Array | None:
+        """Mass [kg] (k, 3) that each mode moves along x, y, z of F; None without masses.
+
+        ``(A_d phi)^2`` with the momentum A per rate: what a shaken base feels. Over all modes they
+        make up what moves, less what only turns or is held.
+        """
+        if self._momentum is None or self.spectrum.is_complex:
+            return None
+        A = self._momentum[0][3:]
+        if self.spectrum.left is self.spectrum.vectors:
+            return fixed((A @ self.shapes).T ** 2)
+        left = self.basis @ self.spectrum.left
+        return fixed(((A @ left) * (A @ self.basis @ self.spectrum.vectors)).T)
+
+    @cached_property
+    def participation(self) -> Array:
+        """Share (k, n) of each coordinate in the kinetic energy of each mode; rows sum to 1."""
+        moved = self.full_mass @ self.shapes
+        shares = (np.conj(self.shapes) * moved).real
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return fixed((shares / shares.sum(axis=0)).T)
+
+    @cached_property
+    def full_mass(self) -> Array:
+        """Masses' matrix (n, n) on all coordinates, kg and the mechanism's unit of length."""
+        full = kinetic_matrix(self.posture, self.elastic.terms(), self.elastic.units)
+        n = self.posture.coordinate_lengths.size
+        return np.zeros((n, n)) if full is None else full
+
+    # -- what is told -----------------------------------------------------------------------
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What was assumed and found."""
+        return (
+            *self._said[1],
+            *notes_on_masses(self.elastic),
+            *notes_on_states(self.squares, self.shapes, self.groups, self.basis, self.spectrum),
+        )
+
+    @property
+    def _plain_frequencies(self) -> list[float | None]:
+        return [None if np.isnan(f) else float(f) for f in self.frequencies]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object of ``cartstiff modes --json``; complex numbers as [real, imaginary]."""
+        elastic, masses = self.elastic, self.effective_masses
+        total = None if self._momentum is None else self._momentum[1]
+        return {
+            "schema": MODES_SCHEMA,
+            "mechanism": {
+                "name": elastic.name,
+                "kind": elastic.mechanism.kind,
+                "joints": list(elastic.names),
+            },
+            **elastic.mechanism.frames_as_dict(),
+            "order": "angular-linear",
+            "units": elastic.units.as_dict(),
+            "q": self.q.tolist(),
+            "frequencies": self._plain_frequencies,
+            "eigenvalues": _listed(self.squares),
+            "modes": _listed(self.shapes.T),
+            "twists": _listed(self.twists.T),
+            "nodal_axes": [_screw_dict(s) for s in self.nodal_axes],
+            "repeated": [[i + 1 for i in g] for g in self.groups if len(g) > 1],
+            "participation": _finite(self.participation),
+            "effective_masses": None if masses is None else masses.tolist(),
+            "moving_mass": total,
+            "mass_matrix": self.full_mass.tolist(),
+            "stiffness_matrix": self.stiffness.tolist(),
+            "basis": self.basis.tolist(),
+            "load": {k: v for k, v in self.load.items() if k != "words"},
+            "weighed": [
+                {"name": name, "mass": mass} for name, mass in masses_that_move(elastic).items()
+            ],
+            "notes": [note.as_dict() for note in self.notes],
+        }
+
+
+def _listed(values: Array) -> list[Any]:
+    if not np.iscomplexobj(values):
+        return values.tolist()
+    return np.stack([values.real, values.imag], axis=-1).tolist()
+
+
+def _finite(values: Array) -> list[Any]:
+    return [[None if not np.isfinite(x) else x for x in row] for row in values.tolist()]
+
+
+def _screw_dict(screw: Screw) -> dict[str, Any]:
+    """Axis and pitch; None of a pure translation or of no motion at all."""
+    turns = bool(np.isfinite(screw.pitch))
+    moves = bool(np.isfinite(screw.direction).all())
+    return {
+        "direction": screw.direction.tolist() if moves else None,
+        "point": screw.point.tolist() if turns else None,
+        "pitch": screw.pitch if turns else None,
+    }
+
+
+def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+    """What held a posture, and what its analysis says."""
+    W = np.zeros(6) if result.wrench is None else result.wrench
+    loaded = result.is_loaded
+    load = {
+        "kind": result.load.kind,
+        "at": list(result.load.at),
+        "wrench": W.tolist() if loaded else [0.0] * 6,
+        "given": result._load_is_given,
+        "meaning": result.load.words,
+        "words": f"under its {result.load.kind} load" if loaded else "unloaded",
+    }
+    notes = list(result.notes_on_posture)
+    notes = [n for n in notes if n.code not in ("fewer-than-six-freedoms", "near-singular")]
+    if loaded and not result._load_is_given:
+        notes.append(
+            Note(
+                "load-from-springs",
+                "no load was given: the wrench that the springs exert here is taken for a "
+                f"{result.load.kind} load that holds the posture",
+                {"wrench": W.tolist()},
+            )
+        )
+    return load, tuple(notes)
 
 
 def modes(

@@ -1,14 +1,13 @@
-r"""How stiffness, pose and frequencies depend on each parameter of a mechanism.
+"""How stiffness, pose and frequencies depend on each parameter of a mechanism.
 
 Parameters are those of `cartstiff.analysis.tolerances`: stiffnesses, masses, placements or points,
 rest positions, and what the mechanism's file calls its parameters. A posture that is held keeps its
 place and its load, and rest positions follow. A mechanism that came to rest by itself comes to rest
 anew: the derivatives are total, with the motion of the rest in them.
 
-Every derivative is taken of the mechanism itself, changed and analysed again
-(`cartstiff.vibration.changes`). What is no more than rounding is told as 0. Frequencies do not come
-from differences of frequencies, which cross: with left and right modes psi, phi and
-``psi^T M phi = 1``
+Every derivative is taken of the mechanism itself, changed and analysed again. Values below
+rounding are 0. Frequencies do not come from differences of frequencies, which cross: with left and
+right modes psi, phi and ``psi^T M phi = 1``
 
     d(omega^2)/dp = psi^T (dK/dp - omega^2 dM/dp) phi + mu_psi . dC phi + mu_phi . dC psi
 
@@ -19,19 +18,245 @@ repeated modes it is the eigenvalues of that form on the subspace, in their orde
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from cartstiff.arrays import Array, Result
+from cartstiff import numerics
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
+from cartstiff.arrays import Array, Result, checked_array
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
+from cartstiff.geometry.differences import derivative_with_error
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import CompliancePattern, Elements
+from cartstiff.mechanisms.identified import Identified, linearised
+from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
+from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.vibration.changes import MATRICES, Home, Row
-from cartstiff.vibration.mode_set import Modes
-from cartstiff.vibration.modes import modes
+from cartstiff.vibration.modes import Modes, modes, stiffness_under_load
+
+_EVERY = Tolerances(1.0, 1.0, 1.0)
+MATRICES = ("A", "B", "K", "F")
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Derivatives by one parameter, and what its natural size changes of a matrix, as a share."""
+
+    matrices: Array
+    pose: Array
+    squares: Array
+    error: float
+    effect: float = 1.0
+
+
+class Home:
+    """The mechanism as it is: looks at it with other parameters."""
+
+    def __init__(
+        self,
+        subject: Modes | PostureStiffness | Equilibrium,
+        reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
+        tolerances: Tolerances = _EVERY,
+    ) -> None:
+        if isinstance(subject, Modes):
+            subject = subject.state if subject.state is not None else subject.held
+        self.state = subject if isinstance(subject, Equilibrium) else None
+        if self.state is not None and self.state.has_free_motion:
+            raise UndefinedError(
+                "where it rests is not decided, as a motion of the body costs nothing: what is "
+                "there has no derivatives",
+                code="neutral",
+            )
+        result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
+        self.parameters = UncertainParameters(result, tolerances, reread, self.state is not None)
+        self.nominal: PostureStiffness | Equilibrium = subject
+        #: Its stiffness; at rest with the part of its loads.
+        self.result = subject.stiffness if isinstance(subject, Equilibrium) else subject
+        self._here: tuple[Array, ...] | None = None
+        mechanism = subject.elastic.mechanism
+        #: Coordinates of a closed chain that stay where they are, if the others can close it.
+        self._held = list(mechanism.held) if isinstance(mechanism, Chain) else []
+        self._seen: dict[float, Array] = {}
+
+    def at(self, name: str, change: float) -> PostureStiffness | Equilibrium:
+        """The same with another value of a parameter."""
+        value = self.parameters.value(name) + change
+        result = self._at({name: value}, *self._start(change))
+        self._seen[change] = result.q
+        return result
+
+    def _start(self, change: float) -> tuple[Array, bool]:
+        """Coordinates on the polynomial through those at other values of the parameter.
+
+        And whether a chain is closed by all its coordinates. Then its drives must follow, by steps
+        of least change, whose sum depends on where they start: from where it is.
+        """
+        home, seen = self.nominal.q, self._seen
+        moved = np.array([q - home for q in seen.values()]).reshape(-1, home.size)
+        if not seen or (self.state is None and moved[:, self._held].any()):
+            return home, bool(seen)
+        nodes = np.array([0.0, *seen])
+        weights = [
+            np.prod((change - (others := np.delete(nodes, i))) / (x - others))
+            for i, x in enumerate(nodes)
+        ]
+        return np.asarray(home + weights[1:] @ moved), False
+
+    def _at(
+        self, values: Mapping[str, float], start: Array, by_all: bool
+    ) -> PostureStiffness | Equilibrium:
+        if self.state is None:
+            return self.parameters.at(values, start, by_all)
+        elastic = self.parameters.mechanism(values)
+        if elastic.springs is not None and not elastic.springs.is_complete:
+            chosen = self.parameters.posture_of(elastic, self.state.start.q)
+            elastic = elastic.balanced(elastic.mechanism.closed(chosen))
+        return again(self.state, elastic, start)
+
+    def row(self, name: str, modes: Modes | None) -> Row:
+        """Derivatives by one parameter; the first step is taken with which two orders agree.
+
+        What hardly depends on it shows above the rounding with a wider one, if that agrees, too.
+        """
+        best: Row | None = None
+        refused: CartstiffError | None = None
+        for step in numerics.EIGHTH_ORDER:
+            try:
+                row = self._row(name, step, modes)
+            except CartstiffError as error:
+                refused = error
+                continue
+            if best is not None and row.error >= best.error:
+                break  # a tenth of the step shows more rounding, and the next shows more yet
+            best = row
+            if best.error <= numerics.CONVERGED:
+                break
+        if best is None:
+            raise refused or InputError(f"{name} cannot be varied")
+        if numerics.BLANK < best.effect < numerics.SLIGHT and best.error <= numerics.CONVERGED:
+            with suppress(CartstiffError):
+                row = self._row(name, numerics.WIDEST, modes)
+                best = row if row.error <= numerics.CONVERGED else best
+        return best
+
+    def _observed(self, modes: Modes | None) -> tuple[Array, ...]:
+        if self._here is None:
+            self._here = _observed(self.nominal, modes is not None)
+        return self._here
+
+    def _row(self, name: str, share: float, modes: Modes | None) -> Row:
+        natural = self.parameters.size(name)
+        shapes: list[tuple[int, ...]] = []
+        self._seen = {}
+
+        def seen(change: float) -> Array:
+            parts = _observed(self.at(name, change), modes is not None)
+            shapes[:] = [part.shape for part in parts]
+            return np.concatenate([part.ravel() for part in parts])
+
+        slope, error = derivative_with_error(seen, share * natural)
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
+        slopes, errors = (
+            [x.reshape(shape) for x, shape in zip(np.split(flat, ends), shapes, strict=True)]
+            for flat in (slope, error)
+        )
+        (dK, dT, dH, dM, dC) = slopes
+        R = self.nominal.pose[:3, :3]
+        turn = dT[:3, :3] @ R.T
+        pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
+        squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM, dC)
+        # A matrix that does not depend on the parameter is compared with itself.
+        here = self._observed(modes)
+        off = effect = 0.0
+        for x, e, there in zip(slopes, errors, here, strict=True):
+            size = max(_largest(x), _largest(there) / natural)
+            if size > 0.0:
+                off, effect = max(off, _largest(e) / size), max(effect, _largest(x) / size)
+        # What is no more than rounding, of all that an entry is beside, is told as 0.
+        noise = max(numerics.LAST_DIGITS, min(off, numerics.CLOSE)) / natural
+        columns = np.repeat([1.0, self.nominal.posture.length], 3)
+        energies = np.outer(columns, columns)
+        for x, K in zip(dK, here[0], strict=True):
+            size = max(natural * _largest(x * energies), _largest(K * energies))
+            x[np.abs(x) <= noise * size / energies] = 0.0
+        pose[np.abs(pose) <= noise * columns] = 0.0
+        if modes is not None:
+            least = max(noise, numerics.BLANK / natural)
+            squares[np.abs(squares) <= least * np.abs(modes.squares)] = 0.0
+        return Row(dK, pose, squares, off, effect)
+
+
+def _largest(values: Array) -> float:
+    """Size of the largest entry that exists; 0 without any."""
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
+def _observed(state: PostureStiffness | Equilibrium, with_masses: bool) -> tuple[Array, ...]:
+    """K^A, K^B, K^K, K^F; pose; K, M on all coordinates; the constraints' Jacobian."""
+    result = state.stiffness if isinstance(state, Equilibrium) else state
+    none = np.full((6, 6), np.nan)
+    each = [none if (K := result.matrices[name]) is None else K for name in MATRICES]
+    nothing = np.zeros((0, 0))
+    if not with_masses:
+        return np.array(each), state.pose, nothing, nothing, nothing
+    terms, units = result.elastic.terms(), result.elastic.units
+    M = kinetic_matrix(state.posture, terms, units)
+    K, C = _stiffness_and_constraints(state)
+    C = np.zeros((0, len(K))) if C is None else C
+    return np.array(each), state.pose, K, np.zeros_like(K) if M is None else M, C
+
+
+def _stiffness_and_constraints(
+    state: PostureStiffness | Equilibrium,
+) -> tuple[Array, Array | None]:
+    """K (n, n) on all coordinates with all that acts, and the constraints' Jacobian (m, n)."""
+    if isinstance(state, Equilibrium):
+        return state.full_stiffness
+    closure = state.posture.closure
+    return stiffness_under_load(state)[0], None if closure is None else closure.jacobian
+
+
+def change_of_squares(
+    modes: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
+) -> Array:
+    """d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
+    length, force = convert_length(Units(), modes.elastic.units)
+    right, left = modes.basis @ modes.spectrum.vectors, modes.basis @ modes.spectrum.left
+    squares, units = modes.spectrum.squares, length / force
+    carried = None if dC is None or not len(dC) else _carried(modes, right, left, squares)
+    rates = np.empty(squares.size)
+    for group in modes.groups:
+        phi, psi, x = right[:, group], left[:, group], squares[group]
+        form = psi.T @ dK @ phi - (0.0 if dM is None else (psi.T @ dM @ phi) * x)
+        if dC is not None and carried is not None:
+            mu_phi, mu_psi = carried[0][:, group], carried[1][:, group]
+            form += mu_psi.T @ dC @ phi + (dC @ psi).T @ mu_phi
+        if len(group) == 1:
+            rates[group] = form[0, 0]
+        else:
+            rates[group] = np.sort(np.linalg.eigvals(form).real)
+    return rates * units
+
+
+def _carried(modes: Modes, right: Array, left: Array, squares: Array) -> tuple[Array, Array]:
+    """What the constraints carry while each mode swings, to the right and to the left modes."""
+    K, C = _stiffness_and_constraints(modes.held if modes.state is None else modes.state)
+    M = modes.full_mass
+    columns = modes.posture.coordinate_lengths[:, None]
+    C = ((np.zeros((0, len(K))) if C is None else C).T * columns).astype(float)
+    mu_right, mu_left = (
+        -np.linalg.lstsq(C, columns * (A @ x - M @ x * squares), rcond=numerics.RANK)[0]
+        for A, x in ((K, right), (K.T, left))
+    )
+    return mu_right, mu_left
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,3 +437,297 @@ def in_hertz(modes: Modes, squares: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         f = modes.frequencies
         return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
+
+
+# Contributors that are told of each number.
+_MAIN = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Standard deviations that tolerances leave, and who contributes.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters with a tolerance, p of them.
+    spreads : ndarray (p,)
+        Their standard deviations, in their units.
+    nominal, deviations : mapping of str to ndarray
+        By quantity, to first order: "pose" (6,), of a mechanism that comes to rest by itself, the
+        rotation vector and the place of M's origin along the axes of F; "A", "B", "K", "F" (6, 6)
+        where they exist; "frequencies" (k,) in Hz.
+    shares : mapping of str to ndarray
+        Share (p, ...) of each parameter in the variance of each number; NaN where that is zero.
+    level, factor : float
+        Probability of an interval of `factor` deviations to both sides.
+    left_out : str or None
+        Which parameters are not varied, and why.
+    """
+
+    names: tuple[str, ...]
+    spreads: Array
+    nominal: Mapping[str, Array]
+    deviations: Mapping[str, Array]
+    shares: Mapping[str, Array]
+    level: float
+    factor: float
+    left_out: str | None = None
+
+    def main(self, quantity: str, index: int | tuple[int, ...]) -> list[tuple[str, float]]:
+        """The largest contributors to the variance of one number, with their shares."""
+        shares = self.shares[quantity].T[index if isinstance(index, int) else index[::-1]]
+        order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAIN]
+        return [(self.names[i], float(shares[i])) for i in order if shares[i] > 0.0]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        answer: dict[str, Any] = {}
+        for quantity, sd in self.deviations.items():
+            diagonal = [(i, i) if sd.ndim == 2 else (i,) for i in range(len(sd))]
+            answer[quantity] = {
+                "nominal": _or_none(self.nominal[quantity]),
+                "deviation": _or_none(sd),
+                "main": [
+                    [{"name": n, "share": x} for n, x in self.main(quantity, i)] for i in diagonal
+                ],
+            }
+        pairs = zip(self.names, self.spreads.tolist(), strict=True)
+        return {
+            "level": self.level,
+            "factor": self.factor,
+            "left_out": self.left_out,
+            **answer,
+            "parameters": [{"name": name, "deviation": x} for name, x in pairs],
+        }
+
+
+def _or_none(values: Array) -> list[Any]:
+    cells = np.where(np.isfinite(values), values, np.nan).astype(object)
+    cells[~np.isfinite(values)] = None
+    return list(cells.tolist())
+
+
+def accuracy(
+    subject: Modes | PostureStiffness | Equilibrium,
+    tolerances: Tolerances | None = None,
+    *,
+    level: float | None = None,
+    given: Sensitivities | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Accuracy:
+    """Pose, stiffness and frequencies with what tolerances leave of them, to first order.
+
+    Parameters
+    ----------
+    subject : Modes, PostureStiffness or Equilibrium
+        A posture that is held, whose rest positions follow; or where a mechanism came to rest by
+        itself: only that has an error of its pose.
+    tolerances : Tolerances, optional
+        Standard deviations of stiffnesses (relative), lengths and angles. Without one of the
+        stiffness measured springs bring theirs.
+    level : float, optional
+        Probability between 0 and 1; default that of the measured springs, else 0.95.
+    given : Sensitivities, optional
+        Those of `subject`, where they are known.
+    progress : callable, optional
+        Called with how many parameters are done, and of how many.
+
+    Raises
+    ------
+    InputError
+        For a level outside (0, 1).
+    UndefinedError
+        If no parameter has a tolerance.
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> from cartstiff.analysis.tolerances import Tolerances
+    >>> state = cartstiff.equilibrium(cartstiff.load("stewart-gough"), wrench=[0, 0, 0, 0, 0, -50])
+    >>> spread = cartstiff.accuracy(state, Tolerances(length=0.01))
+    >>> spread.deviations["pose"][3:].round(3).tolist()
+    [0.046, 0.043, 0.019]
+    """
+    modes = subject if isinstance(subject, Modes) else modes_of(subject)
+    if modes is not None and modes.spectrum.is_complex:
+        modes = None
+    home = Home(subject, tolerances=tolerances or Tolerances())
+    named, R = home.parameters.named, home.parameters.correlation
+    known = home.nominal.elastic.identified
+    if level is None:
+        level = 0.95 if known is None else known.level
+    if not 0.0 < level < 1.0:
+        raise InputError("level cannot be used", expected="between 0 and 1", got=level)
+    effects: dict[str, list[Array]] = {}
+    missing = [] if (left_out := home.parameters.left_out) is None else [left_out]
+    varied = np.zeros(len(named), bool)
+    for i, (name, t) in enumerate(named.items()):
+        if progress is not None:
+            progress(i + 1, len(named))
+        try:
+            row = None if given is None else given.row(name)
+            row = home.row(name, modes) if row is None else row
+        except CartstiffError as error:
+            missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
+            continue
+        varied[i] = True
+        if home.state is not None:
+            effects.setdefault("pose", []).append(row.pose * t.deviation)
+        for letter, dK in zip(MATRICES, row.matrices, strict=True):
+            effects.setdefault(letter, []).append(dK * t.deviation)
+        if modes is not None:
+            effects.setdefault("frequencies", []).append(
+                in_hertz(modes, row.squares[None])[0] * t.deviation
+            )
+    if not varied.any():
+        raise UndefinedError("; ".join(missing), code="no-parameters")
+    R = np.eye(len(named)) if R is None else R
+    deviations, shares = {}, {}
+    for quantity, rows in effects.items():
+        x = np.array(rows)
+        parts = x * np.tensordot(R[np.ix_(varied, varied)], x, 1)
+        variance = np.maximum(parts.sum(axis=0), 0.0)
+        if quantity == "frequencies" and modes is not None:
+            for alike in modes.groups:  # modes with one frequency part: see `intervals`
+                parts[:, alike] = parts[:, alike].sum(axis=1, keepdims=True)
+                variance[alike] = variance[alike].sum()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares[quantity] = parts / np.where(variance > 0.0, variance, np.nan)
+        deviations[quantity] = np.sqrt(variance)
+    matrices = home.result.matrices
+    nominal = {n: np.asarray(K) for n in MATRICES if (K := matrices[n]) is not None}
+    if home.state is not None:
+        nominal["pose"] = home.state.displacement
+    if modes is not None:
+        nominal["frequencies"] = modes.frequencies
+    kept = [name for name in deviations if name in nominal]
+    spreads = np.array([t.deviation for t in named.values()])[varied]
+    factor = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    if known is not None and level == known.level and np.isfinite(home.parameters.degrees):
+        factor = known.factor
+    return Accuracy(
+        tuple(n for n, there in zip(named, varied, strict=True) if there),
+        spreads,
+        {n: nominal[n] for n in kept},
+        {n: deviations[n] for n in kept},
+        {n: shares[n] for n in kept},
+        level,
+        factor,
+        "; ".join(missing) or None,
+    )
+
+
+def _by_compliance(modes: Modes, measured: Identified) -> Array:
+    """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
+    if not measured.patterns:
+        return np.zeros((0, modes.frequencies.size))
+    elastic = linearised(replace(modes.elastic, identified=measured), modes.posture.q)
+    measured, elements = elastic.identified or measured, Elements(elastic)
+    forces = elements.stiffness @ elements.rows(modes.posture)
+    rows = [
+        change_of_squares(modes, -forces.T @ S @ forces)
+        for S in np.tensordot(measured.roots.T, elements.patterns(measured.patterns), axes=1)
+    ]
+    return np.array(rows).reshape(len(rows), modes.frequencies.size)
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyInterval:
+    """What tolerances and identified springs leave of each frequency.
+
+    Attributes
+    ----------
+    deviations : ndarray (k,)
+        Standard deviations in Hz, to first order.
+    low, high : ndarray (k,)
+        Bounds of the interval.
+    level : float
+        Its probability, for normal deviations.
+    """
+
+    deviations: Array
+    low: Array
+    high: Array
+    level: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "level": self.level,
+            "deviations": _or_none(self.deviations),
+            "low": _or_none(self.low),
+            "high": _or_none(self.high),
+        }
+
+
+def intervals(
+    modes: Modes,
+    tolerances: Tolerances | None = None,
+    *,
+    compliance_covariance: ArrayLike | None = None,
+    joints: tuple[str, ...] | None = None,
+    level: float | None = None,
+    given: Sensitivities | None = None,
+) -> FrequencyInterval:
+    """Intervals of the frequencies from tolerances, and from the covariance of identified springs.
+
+    A compliance with pattern S on the elements B changes the stiffness by ``-B^T K S K B``. Modes
+    with one frequency part under any change: each of them gets the variances of all, which bound
+    ``tr F^2`` of the form F that parts them.
+
+    Parameters
+    ----------
+    modes : Modes
+        The modes.
+    tolerances : Tolerances, optional
+        Standard deviations of stiffnesses (relative), lengths and angles. Where compliances are
+        identified that of the stiffness is for the other springs.
+    compliance_covariance : array_like, shape (j, j), optional
+        Covariance of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it; default
+        what the mechanism's file says of its measured springs.
+    joints : tuple of str, optional
+        Their names; default all springs, in order.
+    level : float, optional
+        Probability between 0 and 1; default that of the measured springs, else 0.95.
+    given : Sensitivities, optional
+        Where they are known.
+
+    Raises
+    ------
+    InputError
+        For a covariance of another shape, unknown joints or a level outside (0, 1).
+    """
+    measured = modes.elastic.identified
+    if compliance_covariance is not None:
+        names = modes.elastic.spring_names if joints is None else joints
+        patterns = tuple(CompliancePattern(name, ((name, name, 1.0),)) for name in names)
+        C = checked_array(compliance_covariance, (len(names),) * 2, "covariance of compliances")
+        measured = Identified(patterns, np.zeros(len(names)), C)
+    measured = measured or Identified((), np.zeros(0), np.zeros((0, 0)))
+    measured = measured if level is None else replace(measured, level=level)
+    if not 0.0 < measured.level < 1.0:
+        raise InputError("level cannot be used", expected="between 0 and 1", got=measured.level)
+    t = tolerances or Tolerances()
+    if given is None and t.any:
+        given = sensitivities(modes, geometry=bool(t.length or t.angle))
+    variance = (in_hertz(modes, _by_compliance(modes, measured)) ** 2).sum(axis=0)
+    found_out = {name for p in measured.patterns for a, b, _ in p.entries for name in (a, b)}
+    if given is not None and t.any:
+        each = zip(given.names, given.values, given.frequencies, given.angles, strict=True)
+        for name, value, row, is_angle in each:
+            group, _, spring = name.partition(".")
+            if group == "stiffness":
+                deviation = 0.0 if spring in found_out else t.stiffness * value
+            elif group in ("mass", "parameter"):
+                deviation = 0.0
+            else:
+                deviation = t.angle if is_angle else t.length
+            variance += (row * deviation) ** 2
+    for alike in modes.groups:
+        variance[alike] = variance[alike].sum()
+    deviations = np.sqrt(variance)
+    reach = measured.factor * deviations
+    return FrequencyInterval(
+        deviations, modes.frequencies - reach, modes.frequencies + reach, measured.level
+    )

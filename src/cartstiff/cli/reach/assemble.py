@@ -7,9 +7,14 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    UnitsCommand,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import POSE, Numbers, OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 

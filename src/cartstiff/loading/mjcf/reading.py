@@ -8,28 +8,477 @@ posture, and what the engine cannot express.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import importlib.util
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from cartstiff.errors import one_line
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.child_process import answer_of
+from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.loading.mjcf.compiled import Compiled, compile_mjcf, pose
-from cartstiff.loading.mjcf.model import mjcf_model
-from cartstiff.loading.mjcf.ties import equalities, flex_joints, tendon_joints
-from cartstiff.loading.robot_facts import FileSpring, Lifted, Obstacle, RobotFacts, on_leaders
-from cartstiff.mechanisms.shapes import (
-    Box,
-    Capsule,
-    Cylinder,
-    MeshFile,
-    Piece,
-    Shape,
-    Sphere,
+from cartstiff.loading.mjcf import worker
+from cartstiff.loading.robot_facts import (
+    FileClosure,
+    FileSpring,
+    Followers,
+    Lifted,
+    Obstacle,
+    RobotFacts,
+    on_leaders,
 )
+from cartstiff.loading.yaml_file import LARGEST_NUMBER
+from cartstiff.mechanisms.identity import fingerprint, was_read
+from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
+
+#: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
+LARGEST = {"nv": 200, "nbody": 5000, "nsite": 5000, "ngeom": 20000, "neq": 100, "nkey": 1000}
+_WORDS = {
+    "nv": "coordinates",
+    "nbody": "bodies",
+    "nsite": "sites",
+    "ngeom": "geoms",
+    "neq": "equality constraints",
+    "nkey": "keyframes",
+}
+_SUFFIXES = {"mjJNT_BALL": ("x", "y", "z"), "mjJNT_FREE": ("x", "y", "z", "rx", "ry", "rz")}
+# MuJoCo makes directions of unit length, to rounding, where they have any.
+_UNIT = numerics.CLOSE
+#: What must be numbers of moderate size, and whose they are.
+_NUMBERS = {
+    "body": "body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp",
+    "joint": "jnt_pos jnt_axis jnt_stiffness jnt_stiffnesspoly",
+    "site": "site_pos site_quat",
+    "equality": "eq_data",
+}
+
+
+def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
+    """The compiled model as data, by a process of its own."""
+    if importlib.util.find_spec("mujoco") is None:
+        raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
+    data = answer_of(
+        worker.__file__,
+        [str(path.resolve()), LARGEST],
+        where,
+        "MuJoCo",
+        # Nothing is drawn; importing a window library takes long.
+        {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"},
+    )
+    if data.get("missing"):
+        raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
+    if data.get("error") == "too large":
+        raise InputError(
+            f"too many {_WORDS[data['count']]}",
+            where=where,
+            expected=f"at most {data['most']}",
+            got=str(data["got"]),
+        )
+    if "error" in data:
+        message = str(data["error"]).replace(str(path.resolve()), path.name)
+        raise InputError("not a usable MJCF", where=where, got=one_line(message, 400))
+    # Included files, and meshes where a mass depends on them, are in what was compiled.
+    numbers = {key: value for key, value in data.items() if key != "meshes"}
+    was_read(f"{path.name} with all that it includes", fingerprint(numbers).encode())
+    return data
+
+
+class Compiled:
+    """A compiled model as data, with names for everything, checked.
+
+    Attributes
+    ----------
+    data : dict
+        MuJoCo's arrays by their own names, as lists.
+    bodies, joints : list of str
+        Names; made ones where the file has none.
+    types : list of str
+        MuJoCo's joint types.
+    coordinates : list of list of str
+        Names of the coordinates of each joint.
+    of_body : list of list of int
+        Joints of each body, in order.
+    obstacles : list of Obstacle
+        What is wrong with single joints.
+    """
+
+    def __init__(self, data: dict[str, Any], where: str) -> None:
+        self.data, self.where = data, where
+        self.obstacles: list[Obstacle] = []
+        self.bodies = named(data["body_names"], "body")
+        self.joints = named(data["joint_names"], "joint")
+        self.types = [data["enums"]["mjtJoint"][str(t)] for t in data["jnt_type"]]
+        self.coordinates: list[list[str]] = []
+        taken: set[str] = set()
+        for name, kind in zip(self.joints, self.types, strict=True):
+            suffixes = [f".{s}" for s in _SUFFIXES[kind]] if kind in _SUFFIXES else [""]
+            own = [free_name(name + s, taken) for s in suffixes]
+            taken.update(own)
+            self.coordinates.append(own)
+        self.of_body: list[list[int]] = [[] for _ in self.bodies]
+        for j, body in enumerate(data["jnt_bodyid"]):
+            self.of_body[body].append(j)
+        self._off = {
+            bit
+            for value, bit in data["enums"]["mjtDisableBit"].items()
+            if int(data["opt.disableflags"]) & int(value)
+        }
+        if not self.joints:
+            raise InputError("robot has no movable joints", where=where)
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        """MuJoCo lets pass what is not finite, and sizes whose products are not."""
+        owners = {"body": self.bodies, "joint": self.joints, "site": None, "equality": None}
+        for kind, fields in _NUMBERS.items():
+            for name in fields.split():
+                values = np.array(self.data[name] or [], float)
+                rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
+                bad = ~(np.abs(rows) <= LARGEST_NUMBER).all(axis=1)
+                if bad.any():
+                    i = int(np.argmax(bad))
+                    whose = (owners[kind] or self.data[f"{kind}_names"])[i] or str(i + 1)
+                    raise InputError(
+                        f"{kind} {whose!r}: {name.partition('_')[2]} cannot be used",
+                        where=self.where,
+                        expected=f"finite numbers up to {LARGEST_NUMBER:g}",
+                        got=" ".join(f"{v:g}" for v in rows[i]),
+                    )
+        loose = [self.data["qpos0"], self.data["qpos_spring"], self.data["opt.gravity"]]
+        loose += [self.data["dof_armature"], self.data["dof_damping"]]
+        loose += self.data["key_qpos"]
+        if not (np.abs(np.concatenate(loose)) <= LARGEST_NUMBER).all():
+            raise InputError(
+                "a position, an armature, a damping or gravity cannot be used",
+                where=self.where,
+                expected=f"finite numbers up to {LARGEST_NUMBER:g}",
+            )
+        for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
+            rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
+            sizes = np.linalg.norm(rows, axis=1)
+            if not (np.abs(sizes - 1.0) < _UNIT).all():
+                what = "an orientation" if name.endswith("quat") else "a joint axis"
+                raise InputError(f"{what} has no direction", where=self.where)
+        for j, (name, start) in enumerate(zip(self.joints, self.data["jnt_dofadr"], strict=True)):
+            lower, upper = self.data["jnt_range"][j]
+            if not lower <= upper:  # to MuJoCo that means no limits
+                words, got = "range is the wrong way round", f"{lower:g} {upper:g}"
+                self._leave_out(j, f"joint {name!r}: {words}", "lower upper", got)
+            dofs = slice(start, start + len(self.coordinates[j]))
+            for what in ("armature", "damping", "stiffness"):
+                own = self.data["jnt_stiffness" if what == "stiffness" else f"dof_{what}"]
+                if (least := min([own[j]] if what == "stiffness" else own[dofs])) < 0.0:
+                    words = f"joint {name!r}: {what} is negative"
+                    self._leave_out(j, words, "zero or more", f"{least:g}")
+
+    def _leave_out(self, j: int, what: str, expected: str, got: str) -> None:
+        error = InputError(what, where=self.where, expected=expected, got=got)
+        self.obstacles.append(Obstacle(what, frozenset(self.coordinates[j]), error=error))
+
+    def is_off(self, *parts: str) -> bool:
+        """Whether the file switches one of these parts of the physics off."""
+        return any(f"mjDSBL_{part}" in self._off for part in parts)
+
+    def above(self, body: int) -> list[int]:
+        """Joints between the world and a body."""
+        ancestors: list[int] = []
+        while body > 0:
+            ancestors += self.of_body[body]
+            body = self.data["body_parentid"][body]
+        return ancestors
+
+    def names_of(self, joints: Iterable[int]) -> frozenset[str]:
+        """All coordinates of some joints."""
+        return frozenset(c for j in joints for c in self.coordinates[j])
+
+
+def pose(position: ArrayLike, quaternion: ArrayLike) -> Array:
+    """4x4 pose of a position and a quaternion (w, x, y, z)."""
+    w, *v = np.asarray(quaternion, float) / np.linalg.norm(np.asarray(quaternion, float))
+    V = se3.skew(v)
+    return se3.pose(np.eye(3) + 2 * w * V + 2 * V @ V, position)
+
+
+def named(names: list[str], stem: str) -> list[str]:
+    """Names, with made ones for things that have none: the stem and a number."""
+    taken = {name for name in names if name}
+    listed = []
+    for number, name in enumerate(names, start=0 if stem == "body" else 1):
+        if not name:
+            while f"{stem}{number}" in taken:
+                number += 1
+            name = f"{stem}{number}"
+            taken.add(name)
+        listed.append(name)
+    return listed
+
+
+def free_name(name: str, taken: set[str]) -> str:
+    """The name, with a number behind it if something else has it."""
+    number, free = 2, name
+    while free in taken:
+        free, number = f"{name}_{number}", number + 1
+    return free
+
+
+def mjcf_model(compiled: Compiled) -> pin.Model:
+    """Pinocchio model with one joint per coordinate; bodies and sites are frames."""
+    data = compiled.data
+    model = pin.Model()
+    model.name = data["name"]
+    lower, upper = [], []
+    at: list[tuple[int, Array]] = [(0, np.eye(4))]
+    for b in range(1, len(compiled.bodies)):
+        joint, T = at[data["body_parentid"][b]]
+        T = T @ pose(data["body_pos"][b], data["body_quat"][b])
+        for j in compiled.of_body[b]:
+            for name, part, T_part, limits in _parts(compiled, j, T):
+                joint = model.addJoint(joint, part, pin.SE3(T_part), name)
+                lower.append(limits[0])
+                upper.append(limits[1])
+            scalar = compiled.types[j] in ("mjJNT_HINGE", "mjJNT_BALL")
+            back = -np.array(data["jnt_pos"][j]) if scalar else np.zeros(3)
+            T = se3.pose(translation=back)
+        at.append((joint, T))
+        inertia = pin.Inertia.Zero()
+        if (mass := data["body_mass"][b]) > data["no_mass"]:
+            T_b_c = pose(data["body_ipos"][b], data["body_iquat"][b])
+            central = pin.Inertia(mass, np.zeros(3), np.diag(data["body_inertia"][b]))
+            inertia = central.se3Action(pin.SE3(T_b_c))
+        model.addFrame(
+            pin.Frame(compiled.bodies[b], joint, pin.SE3(T), pin.FrameType.BODY, inertia)
+        )
+    damped = not compiled.is_off("DAMPER", "PASSIVE")
+    for own, start in zip(compiled.coordinates, data["jnt_dofadr"], strict=True):
+        for i, name in enumerate(own):
+            at_v = model.idx_vs[model.getJointId(name)]
+            # Of a ball or free body it would not stay diagonal in turns about successive axes.
+            if len(own) == 1:
+                model.armature[at_v] = data["dof_armature"][start]
+            if damped:
+                model.damping[at_v] = data["dof_damping"][start + i]
+    model.lowerPositionLimit = np.array(lower)
+    model.upperPositionLimit = np.array(upper)
+    taken = {*compiled.bodies, "world"}
+    for i, name in enumerate(named(data["site_names"], "site")):
+        unique = name if name not in taken else free_name(f"{name} (site)", taken)
+        taken.add(unique)
+        joint, T = at[data["site_bodyid"][i]]
+        T = T @ pose(data["site_pos"][i], data["site_quat"][i])
+        model.addFrame(pin.Frame(unique, joint, pin.SE3(T), pin.FrameType.OP_FRAME))
+    return model
+
+
+def _parts(
+    compiled: Compiled, j: int, T: Array
+) -> list[tuple[str, Any, Array, tuple[float, float]]]:
+    """One-coordinate joints of joint j of a body at T: name, model, placement, limits."""
+    data, kind, names = compiled.data, compiled.types[j], compiled.coordinates[j]
+    free = (-np.inf, np.inf)
+    turns = (pin.JointModelRX(), pin.JointModelRY(), pin.JointModelRZ())
+    if kind == "mjJNT_FREE":
+        shifts = (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ())
+        # The body stands at its reference; shifts are along F, so that the first place is F.
+        home = pose(np.zeros(3), data["qpos0"][data["jnt_qposadr"][j] :][3:7])
+        places = [np.eye(4), np.eye(4), np.eye(4), home, np.eye(4), np.eye(4)]
+        return [(n, m, P, free) for n, m, P in zip(names, (*shifts, *turns), places, strict=True)]
+    T = T @ se3.pose(translation=data["jnt_pos"][j])
+    if kind == "mjJNT_BALL":
+        places = [T, np.eye(4), np.eye(4)]
+        return [(n, m, P, free) for n, m, P in zip(names, turns, places, strict=True)]
+    axis = np.array(data["jnt_axis"][j])
+    step = np.zeros(6)
+    slide = kind == "mjJNT_SLIDE"
+    step[3 if slide else 0 :][:3] = -axis * data["qpos0"][data["jnt_qposadr"][j]]
+    if slide:
+        T = T @ se3.pose(translation=-np.array(data["jnt_pos"][j]))
+    make = pin.JointModelPrismaticUnaligned if slide else pin.JointModelRevoluteUnaligned
+    limits = free
+    if data["jnt_limited"][j] and not compiled.is_off("LIMIT", "CONSTRAINT"):
+        limits = tuple(data["jnt_range"][j])
+    return [(names[0], make(axis), T @ se3.exp(step), limits)]
+
+
+_Coupling = tuple[str, str, float, float]
+
+
+def equalities(
+    compiled: Compiled,
+) -> tuple[tuple[FileClosure, ...], Followers, dict[str, float], list[Obstacle], list[str]]:
+    """Closures, coupled joints, joints held at a position, what is none of these, what to ignore.
+
+    Ties to a mocap body are handles by which a program moves things: they hold nothing.
+    """
+    data = compiled.data
+    closures: list[FileClosure] = []
+    couplings: list[_Coupling] = []
+    locked: dict[str, float] = {}
+    others: list[Obstacle] = []
+    handles: list[str] = []
+    if compiled.is_off("EQUALITY", "CONSTRAINT"):
+        return (), {}, {}, [], []
+    for e, number in enumerate(data["eq_type"]):
+        if not data["eq_active0"][e]:
+            continue
+        kind = data["enums"]["mjtEq"][str(number)]
+        a, b, values = data["eq_obj1id"][e], data["eq_obj2id"][e], data["eq_data"][e]
+        named = data["equality_names"][e]
+        what = f"equality {named or e + 1}"
+        if kind in ("mjEQ_CONNECT", "mjEQ_WELD"):
+            closure = _closure(compiled, e, kind, a, b, values)
+            ends = (compiled.bodies.index(n) for n in (closure.body_a, closure.body_b))
+            if any(data["body_mocapid"][body] >= 0 for body in ends):
+                handles.append(f"tie of {closure.body_a!r} and {closure.body_b!r} (a mocap body)")
+            else:
+                closures.append(closure)
+        elif kind == "mjEQ_JOINT":
+            try:
+                _couple(compiled, a, b, values, what, couplings, locked)
+            except InputError as error:
+                joints = compiled.names_of(j for j in (a, b) if j >= 0)
+                others.append(Obstacle(error.what, joints, error=error))
+        else:
+            word = kind.removeprefix("mjEQ_").lower()
+            joints = tendon_joints(compiled, a) if word == "tendon" else flex_joints(compiled, a)
+            others.append(Obstacle(f"{what} of {word}s", joints))
+    followers = _followers(compiled, couplings, locked, others)
+    return tuple(closures), followers, locked, others, handles
+
+
+def _closure(
+    compiled: Compiled, e: int, kind: str, a: int, b: int, values: list[float]
+) -> FileClosure:
+    data = compiled.data
+    if data["enums"]["mjtObj"][str(data["eq_objtype"][e])] == "mjOBJ_SITE":
+        T_a, T_b = (pose(data["site_pos"][s], data["site_quat"][s]) for s in (a, b))
+        a, b = data["site_bodyid"][a], data["site_bodyid"][b]
+        point = kind == "mjEQ_CONNECT"
+    elif kind == "mjEQ_CONNECT":
+        T_a, T_b = se3.pose(translation=values[:3]), se3.pose(translation=values[3:6])
+        point = True
+    else:
+        # The first three numbers are a point of body b, the next a pose in body a.
+        T_a, T_b = pose(values[3:6], values[6:10]), se3.pose(translation=values[:3])
+        point = False
+    # Without its share of torque a weld ties the points only.
+    point = point or (kind == "mjEQ_WELD" and values[10] == 0.0)
+    between = set(compiled.above(a)) ^ set(compiled.above(b))
+    bodies = compiled.bodies[a], compiled.bodies[b]
+    type_: Literal["point", "weld"] = "point" if point else "weld"
+    return FileClosure(type_, *bodies, T_a, T_b, compiled.names_of(between))
+
+
+def _couple(
+    compiled: Compiled,
+    a: int,
+    b: int,
+    values: list[float],
+    what: str,
+    couplings: list[_Coupling],
+    locked: dict[str, float],
+) -> None:
+    """Joint a follows joint b, or stands still: q_a - ref_a = c_0 + c_1 (q_b - ref_b)."""
+    data = compiled.data
+    follower = compiled.coordinates[a][0]
+    start = data["qpos0"][data["jnt_qposadr"][a]] + values[0]
+    if b < 0:
+        _hold(compiled, follower, start, locked)
+        return
+    if any(values[2:5]):
+        raise InputError(
+            f"{what} couples joints {compiled.joints[a]!r} and {compiled.joints[b]!r} by a curve",
+            where=compiled.where,
+            expected="a straight line: polycoef with two numbers",
+            got=" ".join(f"{v:g}" for v in values[:5]),
+        )
+    factor, leader = values[1], compiled.coordinates[b][0]
+    if factor == 0.0:
+        _hold(compiled, follower, start, locked)
+    else:
+        offset = start - factor * data["qpos0"][data["jnt_qposadr"][b]]
+        couplings.append((follower, leader, factor, offset))
+
+
+def _hold(compiled: Compiled, name: str, position: float, locked: dict[str, float]) -> None:
+    if name in locked:
+        raise InputError(f"joint {name!r} is held twice", where=compiled.where)
+    locked[name] = position
+
+
+def _followers(
+    compiled: Compiled,
+    couplings: list[_Coupling],
+    locked: dict[str, float],
+    others: list[Obstacle],
+) -> Followers:
+    """Each coupling as one joint that follows another; turned round where that is needed."""
+    followers: Followers = {}
+
+    def leave_out(what: str, *joints: str) -> None:
+        error = InputError(what, where=compiled.where)
+        others.append(Obstacle(what, frozenset(joints), error=error))
+
+    def root(name: str) -> str:
+        while name in followers:
+            name = followers[name][0]
+        return name
+
+    for follower, leader, factor, offset in couplings:
+        if root(follower) == root(leader):
+            leave_out(f"joint {follower!r} is coupled to itself", follower, leader)
+            continue
+        if follower in followers:
+            if leader in followers:
+                words = f"joints {follower!r} and {leader!r} are coupled twice"
+                leave_out(words, follower, leader)
+                continue
+            follower, leader, factor, offset = leader, follower, 1 / factor, -offset / factor
+        followers[follower] = (leader, factor, offset)
+    # What an equality holds passes on to the joints that follow.
+    moved = True
+    while moved:
+        moved = False
+        for follower, (leader, factor, offset) in list(followers.items()):
+            if follower in locked and leader in locked:
+                leave_out(f"joint {follower!r} is held twice", follower, leader)
+            elif leader in locked:
+                locked[follower] = factor * locked[leader] + offset
+            elif follower in locked:
+                locked[leader] = (locked[follower] - offset) / factor
+            else:
+                continue
+            del followers[follower]
+            moved = True
+    return followers
+
+
+def tendon_joints(compiled: Compiled, tendon: int) -> frozenset[str]:
+    """Joints that change a tendon's length."""
+    data = compiled.data
+    start = data["tendon_adr"][tendon]
+    joints: set[int] = set()
+    for i in range(start, start + data["tendon_num"][tendon]):
+        kind = data["enums"]["mjtWrap"][str(data["wrap_type"][i])]
+        target = data["wrap_objid"][i]
+        if kind == "mjWRAP_JOINT":
+            joints.add(target)
+        elif kind == "mjWRAP_SITE":
+            joints |= set(compiled.above(data["site_bodyid"][target]))
+        elif kind in ("mjWRAP_SPHERE", "mjWRAP_CYLINDER"):
+            joints |= set(compiled.above(data["geom_bodyid"][target]))
+    return compiled.names_of(joints)
+
+
+def flex_joints(compiled: Compiled, flex: int) -> frozenset[str]:
+    """Joints that move the vertices of a flexible object."""
+    start, count = compiled.data["flex_vertadr"][flex], compiled.data["flex_vertnum"][flex]
+    bodies = set(compiled.data["flex_vertbodyid"][start : start + count])
+    return compiled.names_of(j for b in bodies if b >= 0 for j in compiled.above(b))
 
 
 def read_mjcf(

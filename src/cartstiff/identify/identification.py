@@ -1,0 +1,794 @@
+"""From measurements to springs: sessions, fits, checks, notes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.errors import CartstiffError, InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.identify.fitting import Fit, Noise, Robust, fitted, robust_fit
+from cartstiff.identify.measurements import (
+    DISPLACEMENT,
+    EARTH,
+    POSITION,
+    ROTATION,
+    TURN,
+    Measurements,
+    Observations,
+)
+from cartstiff.identify.models import (
+    LinearModel,
+    LoadedModel,
+    Model,
+    model_of,
+    needs_equilibrium,
+    small_loads,
+)
+from cartstiff.identify.result import (
+    Identification,
+    Rejected,
+    checked,
+    contradictions,
+    estimates,
+    inflation_of,
+    written_values,
+)
+from cartstiff.identify.unknowns import Unknowns, unknowns_of
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
+from cartstiff.potentials.line_springs import LineSprings
+
+#: What is unknown of a session's frame.
+OFFSETS = ("none", "translation", "rigid")
+# Other axes are looked for where more than this share is left; they are named where this many times
+# less is left, which chance brings about less often than this.
+_POOR, _SMALLER, _BY_CHANCE = 0.1, 3.0, 1e-4
+# Rows of a long table that are looked at.
+_MOST = 200
+_FRAMES = ("base", "body", "world")
+_Forces = dict[bytes, tuple[Array, Array, Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """Columns of the sessions' offsets.
+
+    Attributes
+    ----------
+    columns : ndarray (m, S)
+        In the regressor.
+    names : tuple of str (S,)
+        "session.tx" and so on.
+    """
+
+    columns: Array
+    names: tuple[str, ...]
+
+
+def nuisance_of(seen: Observations, measured: Measurements, kind: str) -> Offsets:
+    """Columns of small offsets of all sessions; those that nothing feels are left out."""
+    if not measured.session or kind == "none" or not seen.is_absolute.any():
+        return Offsets(np.zeros((len(seen), 0)), ())
+    sessions = np.array(measured.session)[seen.row]
+    columns, names = [], []
+    for name in dict.fromkeys(measured.session):
+        mine = (sessions == name) & seen.is_absolute
+        centre = (
+            seen.place[mine & ~seen.is_angle].mean(axis=0)
+            if np.any(mine & ~seen.is_angle)
+            else np.zeros(3)
+        )
+        shift = np.where((mine & ~seen.is_angle)[:, None], seen.axis, 0.0)
+        about = np.cross(seen.place - centre, seen.axis)
+        turn = np.where(mine[:, None], np.where(seen.is_angle[:, None], seen.axis, about), 0.0)
+        both = [shift, turn] if kind == "rigid" else [shift]
+        for part, letter in zip(both, "tr", strict=False):
+            for i, axis in enumerate("xyz"):
+                if part[:, i].any():
+                    columns.append(part[:, i])
+                    names.append(f"{name}.{letter}{axis}")
+    if not columns:
+        return Offsets(np.zeros((len(seen), 0)), ())
+    return Offsets(np.stack(columns, axis=1), tuple(names))
+
+
+def aligned(measured: Measurements, points: Array) -> Measurements:
+    """Positions and orientations of each session moved into the base frame of a rigid arm.
+
+    Parameters
+    ----------
+    measured : Measurements
+        With whole positions, or they are left as they are.
+    points : ndarray (N, 3)
+        The measured point of the rigid mechanism in the robot's base frame.
+
+    Raises
+    ------
+    InputError
+        For a session of fewer than three places.
+    """
+    if not measured.session or not all(name in measured.values for name in POSITION):
+        return measured
+    x = np.stack([measured.values[name] for name in POSITION], axis=1)
+    has_turn = all(name in measured.values for name in TURN)
+    turned = np.stack([measured.values[n] for n in TURN], axis=1) if has_turn else None
+    sessions = np.array(measured.session)
+    x = x.copy()
+    for name in dict.fromkeys(measured.session):
+        rows = np.flatnonzero((sessions == name) & ~np.isnan(x).any(axis=1))
+        if not rows.size:
+            continue
+        T = _fit(x[rows], points[rows], name)
+        x[rows] = x[rows] @ T[:3, :3].T + T[:3, 3]
+        if turned is None:
+            continue
+        for n in rows[~np.isnan(turned[rows, 0])]:
+            R = T[:3, :3] @ se3.from_roll_pitch_yaw(np.zeros(3), turned[n])[:3, :3]
+            turned[n] = se3.roll_pitch_yaw(se3.pose(R))
+    values = {**measured.values, **{name: x[:, i] for i, name in enumerate(POSITION)}}
+    if turned is not None:
+        values |= {name: turned[:, i] for i, name in enumerate(TURN)}
+    return replace(measured, values=values)
+
+
+def _fit(seen: Array, there: Array, session: str) -> Array:
+    """Pose that moves points onto others with the least squares of distances."""
+    a, b = seen.mean(axis=0), there.mean(axis=0)
+    U, values, Vt = np.linalg.svd((seen - a).T @ (there - b))
+    if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
+        raise InputError(
+            f"the points of session {session!r} stand in one line: its frame is not known",
+            where="column session",
+            expected="three points that are not in line, or --offsets translation",
+        )
+    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
+    R = Vt.T @ D @ U.T
+    return se3.pose(R, b - R @ a)
+
+
+def other_axes(
+    unknowns: Unknowns, measured: Measurements, residual: Array, target: Array, offsets: str
+) -> list[Note]:
+    """A note on the axes along which the rows fit much better, if there are such.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        What is fitted.
+    measured : Measurements
+        The rows, as they were declared.
+    residual, target : ndarray (m,)
+        Of the fit to them.
+    offsets : str
+        As in `identify`.
+    """
+    few = np.linalg.norm(residual) <= _POOR**2 * np.linalg.norm(target)
+    if few or needs_equilibrium(unknowns.elements.elastic):
+        return []
+    if len(measured) > _MOST:
+        measured = measured.chosen(np.unique(np.linspace(0, len(measured) - 1, _MOST).astype(int)))
+    known: _Forces = {}
+    declared = _left(unknowns, measured, offsets, known)
+    if declared is None or declared[0] < _POOR:
+        return []
+    tried, count = [], 0
+    for words, other in _others(unknowns, measured):
+        count += 1
+        if (misfit := _left(unknowns, other, offsets, known, declared[0])) is not None:
+            tried.append((*misfit, words))
+    if not tried:
+        return []
+    share, rms, freedom, words = min(tried)
+    ratio = declared[0] / max(share, numerics.TINY)
+    if ratio < _SMALLER or freedom < 1.0:
+        return []
+    from scipy.special import fdtrc
+
+    if count * fdtrc(freedom, freedom, ratio**2) > _BY_CHANCE:
+        return []
+    passage = (
+        f"the rows fit much better with {words}: residuals of {rms:.3g} instead of "
+        f"{declared[1]:.3g} (rms); if so they were measured, the springs above are wrong"
+    )
+    return [Note("other-axes", passage, {"residual_rms": declared[1], "other_rms": rms})]
+
+
+def _left(
+    unknowns: Unknowns, measured: Measurements, offsets: str, known: _Forces, most: float = np.inf
+) -> tuple[float, float, float] | None:
+    """Share that is left, residual rms of lengths (else of angles), degrees of freedom.
+
+    None where the first linear step leaves more than a share. `known` are forces at these postures.
+    """
+    try:
+        model = small_loads(unknowns, measured)
+        if isinstance(model, LinearModel):
+            model = replace(model, known=known)
+        seen = model.observations
+        nuisance = nuisance_of(seen, measured, offsets).columns
+        noise = Noise.of(seen.deviation, seen.is_angle)
+        fit = fitted(model, unknowns, noise, nuisance=nuisance, once=True)
+        share, rms = _share(seen, fit)
+        if share > most:
+            return None
+        if not model.is_linear:
+            fit = fitted(model, unknowns, noise, nuisance=nuisance)
+            share, rms = _share(seen, fit)
+    except CartstiffError:
+        return None
+    return share, rms, len(seen) - float(np.sum(fit.solved.leverage))
+
+
+def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
+    """Share of the numbers that a fit leaves, and the residual rms of lengths (else of angles)."""
+    scaled, rms = np.zeros(len(seen)), 0.0
+    for angles in (True, False):
+        mine = seen.is_angle == angles
+        if mine.any():
+            r = fit.solved.residual[mine]
+            rms = float(np.sqrt(np.mean(r**2)))
+            size = float(np.sqrt(np.mean(seen.target[mine] ** 2)))
+            scaled[mine] = r / max(size, numerics.TINY)
+    return float(np.sqrt(np.mean(scaled**2))), rms
+
+
+def _others(unknowns: Unknowns, measured: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """The same rows along other axes, and words for these."""
+    base = unknowns.elements.elastic.mechanism.base_pose[:3, :3]
+    frames = [f for f in _FRAMES if f != "world" or not np.allclose(base, np.eye(3))]
+    R = LinearModel(unknowns, measured).poses[:, :3, :3]
+    turns = {"body": base.T @ R, "world": np.broadcast_to(base.T, R.shape)}
+    declared = measured.axes if measured.axes in frames else "base"
+    for load, seen in product(frames if measured.wrench.any() else [declared], frames):
+        moved = _turned(measured, turns[seen]) if seen != "base" else measured
+        if moved is None or (load, seen) == (declared, "base"):
+            continue
+        words = [f"loads along the {load}'s axes (--axes {load})"] * (load != declared)
+        words += [f"displacements along the {seen}'s axes, not the base's"] * (seen != "base")
+        yield " and ".join(words), replace(moved, axes=load)
+    yield from _exchanged(measured)
+
+
+def _turned(measured: Measurements, R: Array) -> Measurements | None:
+    """Displacements (and the gauge's direction) along other axes, in those of the base."""
+    values, is_turned = dict(measured.values), "d" in measured.values
+    for names in (DISPLACEMENT, ROTATION):
+        there = [name in values for name in names]
+        if any(there) and not all(there):
+            return None
+        if all(there):
+            vectors = np.stack([values[name] for name in names], axis=1)
+            values |= dict(zip(names, np.einsum("nij,nj->in", R, vectors), strict=True))
+            is_turned = True
+    direction = np.einsum("nij,nj->ni", R, measured.direction)
+    return replace(measured, values=values, direction=direction) if is_turned else None
+
+
+def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """Displacements with their axes exchanged or turned round, each way once."""
+    moving = (*DISPLACEMENT, *ROTATION)
+    known = set()
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        hand = float(np.linalg.det(np.eye(3)[list(order)] * np.array(signs)[:, None]))
+        values = {n: v for n, v in measured.values.items() if n not in moving}
+        spreads = {n: measured.deviations[n] for n in values}
+        words = []
+        for names, turn in ((DISPLACEMENT, 1.0), (ROTATION, hand)):
+            for i, sign in enumerate(signs):
+                if (name := names[i]) in measured.values:
+                    to = names[order[i]]
+                    values[to] = sign * turn * measured.values[name]
+                    spreads[to] = measured.deviations[name]
+                    if to != name or sign * turn < 0:
+                        words.append(f"{name} as {'-' if sign * turn < 0 else ''}{to}")
+        text = ", ".join(words)
+        if text and text not in known:
+            known.add(text)
+            yield text, replace(measured, values=values, deviations=spreads)
+
+
+_FEW = 5.0
+# Standard deviations of an error that is called gross, and rows that are shown in words.
+_GROSS, _SHOWN = 20.0, 8
+# Joints that move in a campaign of which all that is small is doubtful.
+_SWUNG = 3
+# Rows whose equilibrium is looked at: those that move most.
+_LOOKED_AT = 3
+
+
+def notes_of(result: Identification) -> list[Note]:
+    """Notes on a finished campaign."""
+    return [*_assumed(result), *_found(result), *_doubts(result), *_limits(result)]
+
+
+def _assumed(result: Identification) -> list[Note]:
+    elastic, measured = result.elastic, result.measured
+    notes = [n for n in elastic.notes if n.code not in ("stiffness-assumed", "default-posture")]
+    notes += _angles(result)
+    masses = bool(measured.mass.any() or measured.mass0.any())
+    if masses and elastic.gravity is None:
+        words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
+        notes.append(Note("gravity-assumed", words, {"gravity": list(EARTH)}))
+    notes += _cables(result)
+    if not result.loaded:
+        words = (
+            "displacements are taken as linear in the load, joints as where they are told: "
+            "--loaded fits the equilibrium itself"
+        )
+        notes.append(Note("linear-model", words))
+    if needs_equilibrium(elastic):
+        words = (
+            "nonlinear springs stand in a loop or beside lines: what each carries depends on how "
+            "far all give, so the equilibrium under load is fitted, as by --loaded"
+        )
+        notes.append(Note("equilibrium-needed", words))
+    absolute = result.model.observations.is_absolute.any()
+    if absolute and (not measured.session or result.offsets == "none"):
+        words = (
+            "positions are taken in the base frame B exactly: errors of geometry and of the "
+            "measuring frame go into the springs (column session gives each session an offset of "
+            "its own)"
+        )
+        notes.append(Note("frame-taken-as-known", words))
+    if (
+        absolute
+        and measured.session
+        and result.offsets == "translation"
+        and any(name in measured.values for name in POSITION)
+    ):
+        notes.append(Note("axes-taken-as-known", "the measuring frames' axes are taken as F's"))
+    estimated = [w for w, entry in result.noise().items() if entry["sigma_is_estimated"]]
+    if estimated:
+        kinds = " and of ".join(f"{kind}s" for kind in estimated)
+        words = f"no standard deviation was given: that of {kinds} is estimated"
+        sizes = {w: result.noise()[w]["sigma"] for w in estimated}
+        notes.append(Note("deviation-estimated", words, {"sigma": sizes}))
+    return notes
+
+
+def _cables(result: Identification) -> list[Note]:
+    """Cables, which the fit takes as bars, and the rows in which the load alone slackens them."""
+    elastic = result.elastic
+    names: list[str] = []
+    if isinstance(elastic.springs, LineSprings) and elastic.springs.unilateral:
+        names += elastic.spring_names
+    lines = [p for p in elastic.potentials if isinstance(p, LineSprings)]
+    taut_only = [p.unilateral for p in lines for _ in p.stiffness]
+    names += [f"line{i + 1}" for i, only in enumerate(taut_only) if only]
+    if not names:
+        return []
+    model = result.model
+    linear = model.linear if isinstance(model, LoadedModel) else model
+    pushed: dict[str, list[int]] = {}
+    if isinstance(linear, LinearModel):
+        felt, _ = linear.forces_in(written_values(result))
+        least = -numerics.ROUNDING * np.abs(felt).max(initial=0.0)
+        for name in names:
+            force = felt[:, result.unknowns.elements.index(name)]
+            rows = np.unique(linear.observations.row[force < least])
+            if rows.size:
+                pushed[name] = [int(result.measured.rows[n]) for n in rows]
+    words = f"cables are taken as taut in every row: {', '.join(names)}"
+    if pushed:
+        shown = "; ".join(
+            f"{name} in row(s) {', '.join(map(str, rows))}" for name, rows in pushed.items()
+        )
+        words += f". Only preload keeps them so against the load: {shown}"
+    return [Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})]
+
+
+def _found(result: Identification) -> list[Note]:
+    notes = []
+    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
+    if lost:
+        words = f"not identifiable from these rows: {', '.join(lost)}"
+        notes.append(Note("not-identifiable", words, {"springs": lost}))
+    least = {e.name: e.stiffness_interval[0] for e in result.estimates if e.verdict == "at-least"}
+    if least:
+        shown = ", ".join(f"{name} at least {k:.5g}" for name, k in least.items())
+        words = f"no upper end, the rows may come from a rigid spring: {shown}"
+        notes.append(Note("at-least", words, {"springs": least}))
+    wrong = [e.name for e in result.estimates if e.verdict == "negative"]
+    if wrong:
+        words = (
+            f"the compliance of {', '.join(wrong)} comes out negative beyond its interval: the "
+            "model or the signs of load and displacement are wrong"
+        )
+        notes.append(Note("negative-compliance", words, {"springs": wrong}))
+    active = result.chosen.solved.active
+    if active.any():
+        names = [result.unknowns.names[p] for p in np.flatnonzero(active)]
+        words = (
+            f"least squares would make {', '.join(names)} negative: zero is taken, and the others "
+            "follow; intervals are those without the bound"
+        )
+        notes.append(Note("bound-active", words, {"springs": names}))
+    if result.suspects:
+        reasons = result.robust.reasons(result.model.observations, result.measured)
+        shown = "; ".join(
+            f"row {result.measured.rows[n]} ({reasons[int(n)]})" for n in result.robust.suspects
+        )
+        used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
+        notes.append(Note("suspects", f"suspect, and {used}: {shown}", {"rows": result.suspects}))
+    notes += _unseen(result)
+    if result.rejected:
+        shown = "; ".join(f"row {r.row} ({r.reason})" for r in result.rejected)
+        notes.append(
+            Note(
+                "rejected",
+                f"left out by --reject: {shown}",
+                {"rows": [r.row for r in result.rejected]},
+            )
+        )
+    return notes
+
+
+def _unseen(result: Identification) -> list[Note]:
+    """Rows in which a gross error would not be seen, as hardly another one measures the same."""
+    robust, seen = result.robust, result.model.observations
+    rows: dict[int, float] = {}
+    words = []
+    for n in range(len(result.measured)):
+        mine = np.flatnonzero((seen.row == n) & robust.kept)
+        if not mine.size or robust.unseen[mine].max() < _GROSS:
+            continue
+        worst = mine[np.argmax(robust.unseen[mine])]
+        size = float(robust.unseen[worst])
+        rows[int(result.measured.rows[n])] = size
+        words.append(f"row {result.measured.rows[n]} ({seen.column[worst]}: {size:.0f})")
+    if not rows:
+        return []
+    more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+    text = (
+        "the fit follows these rows, which hardly another one checks, so that errors of fewer "
+        f"standard deviations than told may stay unseen: {', '.join(words[:_SHOWN])}{more}"
+    )
+    return [Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})]
+
+
+def _limits(result: Identification) -> list[Note]:
+    """How far the linear model reaches, and whether matrices found are stiffnesses."""
+    notes = []
+    values = written_values(result)
+    if not needs_equilibrium(result.elastic):
+        notes += _against_equilibrium(result, values)
+    Gamma = result.unknowns.compliance(values)
+    entries = result.unknowns.parameters
+    if any(not u.pattern.is_diagonal for u in entries):
+        lowest = numerics.eigenvalues(Gamma)[0]
+        if lowest <= 0.0:
+            words = (
+                "the compliance found for a link has a negative eigenvalue: the noise is larger "
+                "than its smallest entries; --unknown LINK:diagonal asks for less"
+            )
+            notes.append(Note("not-definite", words, {"lowest": float(lowest)}))
+    return notes
+
+
+def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
+    """The equilibrium under load beside the small displacement, in the rows that move most."""
+    seen, unknowns = result.model.observations, result.unknowns
+    try:
+        y, _ = result.model.at(values)
+    except CartstiffError:
+        return []
+    size = np.abs(y) / result.chosen.solved.deviation
+    worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_LOOKED_AT]
+    keep = np.zeros(len(result.measured), bool)
+    keep[worst] = True
+    some = result.measured.chosen(keep)
+    small = small_loads(unknowns, some)
+    try:
+        bent, _ = LoadedModel(unknowns, some).at(values)
+        straight, _ = small.at(values)
+    except CartstiffError:
+        return []
+    mine = np.isin(seen.row, np.flatnonzero(keep))
+    deviation = result.chosen.solved.deviation[mine]
+    apart = np.abs(bent - straight) / deviation
+    i = int(np.argmax(apart))
+    if not (apart[i] > 1.0 or result.loaded):
+        return []
+    row = int(some.rows[small.observations.row[i]])
+    advice = (
+        "the fit without --loaded would do"
+        if not apart[i] > 1.0
+        else ("--loaded is needed" if result.loaded else "fit it with --loaded")
+    )
+    words = (
+        f"in row {row} the equilibrium under load differs from the linear displacement by "
+        f"{apart[i]:.3g} standard deviations: {advice}"
+    )
+    values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
+    return [Note("linear-differs", words, values_)]
+
+
+def _angles(result: Identification) -> list[Note]:
+    """Names a campaign of an arm whose joints hardly leave zero: radians that were read as degrees.
+
+    What is larger than a turn, degrees read as radians, is refused where it is read.
+    """
+    mechanism, q = result.elastic.mechanism, result.measured.q
+    rotary = [not c.is_length for c in mechanism.coordinates]
+    largest = float(np.abs(q[:, rotary]).max(initial=0.0))
+    moving = int(np.count_nonzero(np.ptp(q[:, rotary], axis=0)))
+    if mechanism.kind != "serial" or moving < _SWUNG or largest > np.radians(np.pi):
+        return []
+    words = (
+        f"no joint is farther than {np.degrees(largest):.3g} degrees from zero in any row: "
+        'if these columns are radians, say so in their heads, "NAME [rad]"'
+    )
+    return [Note("small-angles", words, {"largest": largest})]
+
+
+def _doubts(result: Identification) -> list[Note]:
+    notes, checks = [], result.checks
+    if result.inflation > 1.0:
+        words = (
+            f"the scatter is {result.inflation:.3g} times what the deviations given explain "
+            f"(probability {checks.probability:.2g}): all intervals are wider by that"
+        )
+        notes.append(Note("scatter-larger", words, {"factor": result.inflation}))
+    if checks.lack_of_fit is not None and checks.lack_of_fit < 0.01:
+        words = (
+            "repeats agree with each other better than with the model (probability "
+            f"{checks.lack_of_fit:.2g}): something that it does not know bends the rows"
+        )
+        notes.append(Note("lack-of-fit", words, {"probability": checks.lack_of_fit}))
+    meaning = {
+        "backlash": "a play or friction of {size} in {name}",
+        "stiffening": "a compliance of {name} that changes with its torque ({size})",
+        "drift": "a drift of {size} per second in {name}",
+    }
+    elements, units = result.unknowns.elements, result.elastic.units
+    for p in checks.patterns:
+        if p.kind == "drift":
+            unit = units.angle if p.name in (*ROTATION, *TURN) else units.length
+        else:
+            is_length = bool(elements.is_length[elements.index(p.name)])
+            unit = units.coordinate(is_length)
+            if p.kind == "stiffening":
+                unit += f"/({units.effort(is_length)})^2"
+        what = meaning[p.kind].format(size=f"{p.size:.3g} {unit}", name=p.name)
+        words = f"the residuals look like {what} (probability {p.probability:.2g} without)"
+        notes.append(Note("residual-pattern", words, vars(p)))
+    if result.degrees < _FEW:
+        words = (
+            f"the noise is estimated from {result.degrees:.3g} degrees of freedom: "
+            "intervals are wide for that alone, more rows or known deviations help most"
+        )
+        notes.append(Note("few-rows", words, {"degrees": result.degrees}))
+    differing = []
+    for e, theta in zip(result.estimates, result.robust.fit.theta, strict=True):
+        if e.interval is not None and not e.interval[0] <= theta <= e.interval[1]:
+            differing.append(e.name)
+    if differing and result.fit == "plain":
+        words = f"the robust fit lies outside the intervals of {', '.join(differing)}"
+        notes.append(Note("robust-differs", words, {"springs": differing}))
+    return notes
+
+
+FITS = ("plain", "robust")
+# Compliances below this share of the mechanism's own, or above its inverse, are no place to begin.
+_FAR = 1e-2
+# Shares of the compliances with which a search begins where they are too soft for the loads.
+_STIFFER = (0.5, 0.25, 0.1)
+
+
+def identify(
+    elastic: ElasticMechanism,
+    measured: Measurements,
+    *,
+    sought: Sequence[str] = (),
+    ties: Sequence[Sequence[str]] = (),
+    known: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    offsets: Literal["none", "translation", "rigid"] | None = None,
+    loaded: bool = False,
+    fit: Literal["plain", "robust"] = "plain",
+    reject: float | Literal["suspects"] | None = None,
+    level: float = 0.95,
+    progress: Callable[[int, float], None] | None = None,
+) -> Identification:
+    r"""Springs of a mechanism from measured loads and deflections, with honest intervals.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Its geometry is taken as known; its springs are where the search starts.
+    measured : Measurements
+        From `read_measurements`.
+    sought, ties, known, priors
+        What is to be found, see `cartstiff.identify.unknowns.unknowns_of`.
+    offsets : {"rigid", "translation", "none"}, optional
+        What is unknown of the measuring frame in each session, for measured positions; default
+        "rigid" where the table has sessions. Without sessions, positions are in the robot's own
+        base frame B.
+    loaded : bool
+        Fit the equilibrium under load itself, not displacements linear in the load.
+    fit : {"plain", "robust"}
+        Whose estimates are told first: least squares, or the robust fit, which is made anyway.
+    reject : float or "suspects", optional
+        Rows that are left out: those that the robust fit suspects, or those with a number
+        beyond this many standard deviations from it.
+    level : float
+        Probability of the intervals.
+    progress : callable, optional
+        Called with the number of a step and the norm of the residuals over their deviations.
+
+    Returns
+    -------
+    Identification
+        Estimates with intervals, covariance, suspects, checks of the model, notes.
+
+    Raises
+    ------
+    InputError
+        For fewer numbers than unknowns, rows that contradict each other, and what cannot be used.
+    ConvergenceError
+        If the fit does not settle.
+    """
+    _check(offsets, measured, fit, reject, level)
+    offsets = offsets or "rigid"
+    unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
+    contradictions(measured)
+    rows = measured.rows
+    measured = _in_base(unknowns, measured, offsets)
+    model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    rejected: tuple[Rejected, ...] = ()
+    if reject is not None:
+        drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
+        reasons = robust.reasons(model.observations, measured)
+        rejected = tuple(Rejected(int(measured.rows[n]), reasons[n]) for n in drop)
+        if rejected:
+            keep = np.ones(len(measured), bool)
+            keep[drop] = False
+            measured = measured.chosen(keep)
+            model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    chosen = robust.fit if fit == "robust" else plain
+    seen = model.observations
+    checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
+    inflation = inflation_of(checks)
+    springs = estimates(chosen.solved, unknowns, level, inflation)
+    result = Identification(
+        elastic,
+        unknowns,
+        measured,
+        len(rows),
+        rejected,
+        model,
+        chosen,
+        plain,
+        robust,
+        tuple(springs),
+        checks,
+        level,
+        fit,
+        offsets,
+        isinstance(model, LoadedModel),
+        inflation,
+    )
+    doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
+    return replace(result, notes=(*doubts, *notes_of(result)))
+
+
+def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:
+    """Which numbers the chosen fit rests on (m,)."""
+    return robust.kept if fit == "robust" else np.ones(count, bool)
+
+
+def _check(
+    offsets: str | None,
+    measured: Measurements,
+    fit: str,
+    reject: float | str | None,
+    level: float,
+) -> None:
+    if offsets is not None and offsets not in OFFSETS:
+        raise UnknownNameError("kind of offset", offsets, OFFSETS, where="--offsets")
+    has_positions = any(name in measured.values for name in (*POSITION, *TURN))
+    if offsets in ("rigid", "translation") and not (measured.session and has_positions):
+        missing = "column session" if has_positions else "measured positions x, y, z"
+        raise InputError(
+            f"there is no {missing}: nothing has an offset", where="--offsets", got=offsets
+        )
+    if fit not in FITS:
+        raise UnknownNameError("fit", fit, FITS, where="--fit")
+    if not 0.0 < level < 1.0:
+        raise InputError(
+            "level cannot be used", where="--level", expected="between 0 and 1", got=level
+        )
+    if isinstance(reject, str) and reject != "suspects":
+        raise InputError(
+            "unknown rule",
+            where="--reject",
+            got=repr(reject),
+            expected="suspects, or a number of standard deviations",
+        )
+    if isinstance(reject, float | int) and not reject >= 1.0:
+        raise InputError(
+            "rule cannot be used",
+            where="--reject",
+            got=reject,
+            expected="suspects, or at least 1 standard deviation",
+        )
+
+
+def _in_base(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measurements:
+    """Positions in the robot's base frame, from the sessions' own frames."""
+    if not measured.session or offsets != "rigid":
+        return measured
+    elastic = unknowns.elements.elastic
+    poses = LinearModel(unknowns, measured).poses
+    T_F_B = elastic.mechanism.base_pose
+    in_room = poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)
+    points = (in_room - T_F_B[:3, 3]) @ T_F_B[:3, :3]
+    return aligned(measured, points)
+
+
+def _fits(
+    unknowns: Unknowns,
+    measured: Measurements,
+    offsets: str,
+    loaded: bool,
+    progress: Callable[[int, float], None] | None,
+) -> tuple[Model, Fit, Robust]:
+    """The plain and the robust fit."""
+    model = model_of(unknowns, measured, loaded)
+    start = None
+    seen = model.observations
+    noise = Noise.of(seen.deviation, seen.is_angle)
+    nuisance = nuisance_of(seen, measured, offsets).columns
+    _check_count(len(seen), unknowns, nuisance.shape[1])
+    if isinstance(model, LoadedModel):
+        start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
+    plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
+    robust = robust_fit(model, unknowns, noise, nuisance, plain)
+    return model, plain, robust
+
+
+def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
+    """Where every row comes to rest: near, else at the file's own, else at stiffer parameters."""
+    own = unknowns.nominal
+    stiffer = [np.where(unknowns.is_bounded, share * own, own) for share in _STIFFER]
+    for start in (near, own, *stiffer):
+        try:
+            model.at(start)
+        except CartstiffError:
+            continue
+        return start
+    return own  # and the fit says which row does not
+
+
+def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Array) -> Array:
+    """Where small loads would have the parameters, if that costs little, else the file's own."""
+    if needs_equilibrium(unknowns.elements.elastic):
+        return unknowns.nominal
+    try:
+        first = fitted(small_loads(unknowns, measured), unknowns, noise, nuisance=nuisance)
+    except CartstiffError:  # no stiffness, or a law that does not reach so far
+        return unknowns.nominal
+    nominal = unknowns.nominal
+    share = first.theta / nominal
+    sound = ~unknowns.is_bounded | ((share > _FAR) & (share < 1.0 / _FAR))
+    return np.where(first.solved.is_determined & sound, first.theta, nominal)
+
+
+def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
+    priors = sum(u.prior is not None for u in unknowns.parameters)
+    wanted = len(unknowns.parameters) + offsets
+    if numbers + priors < wanted:
+        raise InputError(
+            "fewer numbers than unknowns",
+            got=f"{numbers} measured",
+            expected=f"at least {wanted} ({len(unknowns.parameters)} compliances"
+            + (f", {offsets} offsets of sessions)" if offsets else ")"),
+        )
