@@ -31,7 +31,6 @@ import numpy as np
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.mjcf import reading as mjcf_data
 from cartstiff.loading.mjcf import worker as mjcf_worker
 from cartstiff.loading.parts import tree_to
 from cartstiff.loading.robot_description import read_robot_description
@@ -451,7 +450,7 @@ def compile_here(path: Path, where: str) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # MuJoCo's, on inertias
-            data = json.loads(json.dumps(mjcf_worker.compiled(str(path), mjcf_data.LARGEST)))
+            data = json.loads(json.dumps(mjcf_worker.compiled(str(path), mjcf.LARGEST)))
     except ValueError as error:
         raise InputError("not a usable MJCF", where=where, got=str(error)) from None
     if "error" in data:

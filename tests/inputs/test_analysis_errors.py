@@ -10,17 +10,16 @@ import pytest
 from cartstiff.analysis import (
     asymmetry,
     centres,
-    compliant_axes,
     congruence,
     deflection,
     ellipsoids,
     indices,
     matrices,
     metrics,
-    normal_forms,
-    summary,
+    posture,
+    screws,
     synthesis,
-    uncertainty,
+    tolerances,
 )
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.report import analysis as report
@@ -31,7 +30,7 @@ LINE = np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 5.0])  # one spring: K_tt has rank one
 SKEW = K.copy()
 SKEW[0, 1] = 0.5
 NAN = np.full((6, 6), np.nan)
-TOLERANCES = {"x": uncertainty.Tolerance(1.0, 0.1)}
+TOLERANCES = {"x": tolerances.Tolerance(1.0, 0.1)}
 
 Call = Callable[[], object]
 
@@ -75,37 +74,37 @@ Call = Callable[[], object]
             lambda: congruence.joint_stiffness(K, np.eye(6, 7), null_space_stiffness=np.eye(2)),
             "null-space stiffness has the wrong shape",
         ),
-        (lambda: uncertainty.Tolerance(np.nan, 1.0), "nominal value must be finite"),
-        (lambda: uncertainty.Tolerance(1.0, -1.0), "standard deviation cannot be used"),
-        (lambda: uncertainty.propagate_first_order(dict, {}), "no tolerances given"),
+        (lambda: tolerances.Tolerance(np.nan, 1.0), "nominal value must be finite"),
+        (lambda: tolerances.Tolerance(1.0, -1.0), "standard deviation cannot be used"),
+        (lambda: tolerances.propagate_first_order(dict, {}), "no tolerances given"),
         (
-            lambda: uncertainty.propagate_first_order(dict, TOLERANCES, level=1.0),
+            lambda: tolerances.propagate_first_order(dict, TOLERANCES, level=1.0),
             "level cannot be used",
         ),
         (
-            lambda: uncertainty.propagate_monte_carlo(dict, TOLERANCES, samples=1),
+            lambda: tolerances.propagate_monte_carlo(dict, TOLERANCES, samples=1),
             "too few samples",
         ),
         (
-            lambda: uncertainty.propagate_first_order(
+            lambda: tolerances.propagate_first_order(
                 lambda p: np.zeros(1 + (p["x"] > 1.0)), TOLERANCES
             ),
             "other numbers from one call to the next",
         ),
         (
-            lambda: uncertainty.propagate_monte_carlo(
+            lambda: tolerances.propagate_monte_carlo(
                 lambda p: np.zeros(1 + (p["x"] > 1.0)), TOLERANCES
             ),
             "other numbers from one call to the next",
         ),
         (lambda: report.summary_text({}, {"length": "m"}), "units are incomplete"),
-        (lambda: summary.summarise({"B": K}, np.zeros(5)), "wrench has the wrong count"),
-        (lambda: summary.summarise({"B": NAN}, np.zeros(6)), "must be finite"),
+        (lambda: posture.summarise({"B": K}, np.zeros(5)), "wrench has the wrong count"),
+        (lambda: posture.summarise({"B": NAN}, np.zeros(6)), "must be finite"),
         (
-            lambda: summary.summarise({"B": K}, np.zeros(6), compliance=NAN),
+            lambda: posture.summarise({"B": K}, np.zeros(6), compliance=NAN),
             "compliance must be",
         ),
-        (lambda: summary.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
+        (lambda: posture.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
     ],
 )
 def test_input_errors(call: Call, message: str) -> None:
@@ -119,13 +118,13 @@ def test_input_errors(call: Call, message: str) -> None:
         (lambda: ellipsoids.stiffness_block(K, "turning", "free"), "unknown freedom"),  # type: ignore[arg-type]
         (lambda: ellipsoids.stiffness_block(K, "rotation", "loose"), "unknown condition"),  # type: ignore[arg-type]
         (lambda: asymmetry.compare_connections({"A": K}), "unknown connection.*'B'"),
-        (lambda: uncertainty.Tolerance(1.0, 1.0, "cauchy"), "unknown distribution"),  # type: ignore[arg-type]
+        (lambda: tolerances.Tolerance(1.0, 1.0, "cauchy"), "unknown distribution"),  # type: ignore[arg-type]
         (
-            lambda: uncertainty.propagate_first_order(lambda p: p, TOLERANCES).of("y"),
+            lambda: tolerances.propagate_first_order(lambda p: p, TOLERANCES).of("y"),
             "unknown result",
         ),
         (lambda: report.summary_text({}, level="long"), "unknown level"),
-        (lambda: summary.summarise({"B": K}, np.zeros(6), connection="Z"), "unknown connection"),
+        (lambda: posture.summarise({"B": K}, np.zeros(6), connection="Z"), "unknown connection"),
     ],
 )
 def test_unknown_names(call: Call, message: str) -> None:
@@ -165,9 +164,9 @@ def always_fails(p: dict[str, float]) -> dict[str, float]:
             "no-point-of-least-coupling",
             "not a single",
         ),
-        (lambda: normal_forms.normal_form(LINE), "no-centre-of-stiffness", "not a single"),
-        (lambda: normal_forms.decoupling_frame(LINE), "no-point-of-least-coupling", "not a"),
-        (lambda: compliant_axes.twist_compliant_axes(LINE), "singular", "do not exist"),
+        (lambda: centres.normal_form(LINE), "no-centre-of-stiffness", "not a single"),
+        (lambda: centres.decoupling_frame(LINE), "no-point-of-least-coupling", "not a"),
+        (lambda: screws.twist_compliant_axes(LINE), "singular", "do not exist"),
         (lambda: indices.best_conditioned_length(LINE), "not-positive", "no best length"),
         (
             lambda: asymmetry.compare_connections({"B": None, "A": K}),
@@ -194,7 +193,7 @@ def always_fails(p: dict[str, float]) -> dict[str, float]:
             "a motion of the joints is free",
         ),
         (
-            lambda: uncertainty.propagate_monte_carlo(always_fails, TOLERANCES, samples=3),
+            lambda: tolerances.propagate_monte_carlo(always_fails, TOLERANCES, samples=3),
             "no-samples",
             "0 of 3 draws",
         ),

@@ -13,7 +13,6 @@ from tests.inputs.mjcf_tool import compile_here, verdict
 
 from cartstiff import load
 from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.mjcf import reading as mjcf_data
 
 Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]
@@ -47,6 +46,7 @@ def same_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 
 
 BAD_FILES = "test_bad_mjcf_is_refused"
+IN_A_PROCESS = mjcf.compile_mjcf
 
 
 def changed(old: str, new: str, count: int = 1) -> str:
@@ -91,7 +91,7 @@ def test_malformed_numbers_are_refused_or_are_what_mujoco_makes_of_them(
     kind, words = verdict(path)
     assert kind in ("same", "refused", "refused by both"), words
     if kind != "same":
-        monkeypatch.setattr(mjcf, "compile_mjcf", mjcf_data.compile_mjcf)
+        monkeypatch.setattr(mjcf, "compile_mjcf", IN_A_PROCESS)
         request.getfixturevalue("refused")("analyse", str(path), words=("arm.xml",))
 
 

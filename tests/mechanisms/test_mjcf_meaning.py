@@ -13,7 +13,6 @@ from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 from cartstiff import analyse, load
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.mjcf import reading as mjcf_data
 from cartstiff.loading.parts import ASSUMED_STIFFNESS
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.
@@ -407,7 +406,7 @@ def test_legs_of_a_parallel_mechanism_bring_their_springs(tmp_path):
 
 def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
     path = arm(tmp_path)
-    monkeypatch.setattr(mjcf_data.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(mjcf.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'cartstiff\[mjcf\]'"):
         load(path)
 
@@ -415,7 +414,7 @@ def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
 def test_a_compiler_that_breaks_down_is_an_answer(tmp_path, monkeypatch):
     path = arm(tmp_path)
     worker = tmp_path / "worker.py"
-    monkeypatch.setattr(mjcf_data.worker, "__file__", str(worker))
+    monkeypatch.setattr(mjcf.worker, "__file__", str(worker))
     for body, words in (
         ("import os; os.abort()", "signal SIGABRT"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGXCPU)", "took too long"),
@@ -429,7 +428,7 @@ def test_a_compiler_that_breaks_down_is_an_answer(tmp_path, monkeypatch):
 
 def test_the_process_of_its_own_answers_as_this_one(tmp_path):
     path = arm(tmp_path, more=FINGER)
-    apart = mjcf_data.compile_mjcf(path, "arm.xml")
+    apart = mjcf.compile_mjcf(path, "arm.xml")
     assert apart == compile_here(path, "arm.xml")
 
 

@@ -26,8 +26,7 @@ from cartstiff.identify.measurements import POSITION, TURN, Measurements
 from cartstiff.identify.models import LinearModel, Model
 from cartstiff.identify.unknowns import Unknown, Unknowns
 from cartstiff.loading.catalogue import bundled
-from cartstiff.loading.mechanism_file import place_of
-from cartstiff.loading.parameters import with_parameters
+from cartstiff.loading.mechanism_file import place_of, with_parameters
 from cartstiff.loading.schema import FlexibleModel
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.contract import SI
