@@ -385,6 +385,33 @@ def test_an_equilibrium_says_what_its_load_passes_on_the_way():
     assert mirrored.q == pytest.approx(-buckled.q, abs=1e-9)
 
 
+@pytest.mark.parametrize("imperfection", [1e-2, 1e-4, 1e-6])
+def test_a_coarse_curve_stays_on_its_branch_beside_a_pitchfork(imperfection):
+    """One link that leans from the start never snaps through: P = (x - x_0) / sin x, x_0 < x < pi.
+
+    The limit point beyond the critical load is that of the other branch, which the load never sees.
+    """
+    leaning = column(1, imperfection)
+    curve = load_curve(leaning, DeadForce([-1.0, 0.0, 0.0]), to=100.0)
+    x = curve.q[:, 0]
+    assert curve.critical == ()
+    assert all(curve.stable)
+    assert curve.factors == pytest.approx((x - imperfection) / np.sin(x), rel=1e-6)
+    assert (np.diff(x) > 0.0).all()
+    state = equilibrium(leaning, DeadForce([-100.0, 0.0, 0.0]))
+    assert state.q == pytest.approx(x[-1:], abs=1e-9)
+    assert _on_the_way(state) == {}
+
+
+def test_only_the_first_critical_load_is_passed():
+    """Between its limit points a truss is on no way that a growing load takes."""
+    curve = load_curve(truss(), DeadForce([0.0, 0.0, -1.0]), to=2.4)
+    state = equilibrium(truss(), DeadForce([0.0, 0.0, -2.4]))
+    named = [n.values["factor"] * 2.4 for n in state.notes if "factor" in n.values]
+    assert len(curve.critical) == 2
+    assert named == pytest.approx([curve.critical[0].factor], rel=1e-9)
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_a_negative_determinant_diverges_whatever_the_masses(n):
     """A column past its first critical load, and a moment without potential; drawn masses."""
@@ -405,6 +432,70 @@ def test_a_negative_determinant_diverges_whatever_the_masses(n):
     held = equilibrium(column(n), DeadWrench([0.0, 0.0, 1e-3, -0.8 * first, 0.0, 0.0]))
     assert held.stable is None
     assert "masses-missing" in {note.code for note in held.notes}
+
+
+def _unstable_share(K, ratio, rng, count=200):
+    """Share of random masses, their eigenvalues spread up to a ratio, that leave K unstable."""
+    n, unstable = len(K), 0
+    for _ in range(count):
+        Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+        own = ratio ** rng.uniform(0.0, 1.0, n)
+        squares = np.linalg.eigvals(np.linalg.solve(Q @ np.diag(own) @ Q.T, K))
+        size = np.abs(squares)
+        unstable += bool((np.abs(squares.imag) > 1e-12 * size).any() or squares.real.min() < 0.0)
+    return unstable / count
+
+
+@pytest.mark.parametrize(("n", "push", "moment"), [(2, 1.0, 1e-9), (2, 4.0, 0.1), (3, 0.5, 1e-3)])
+def test_a_saddle_under_a_moment_is_unstable_up_to_a_ratio_of_inertias(n, push, moment):
+    """A column past two critical loads: the determinant is positive, two motions are unstable."""
+    turn = np.array([moment, moment, 0.0, -push, 0.0, 0.0])
+    elastic = spatial_column(n)
+    state = equilibrium(elastic, DeadWrench(turn), settle=False)
+    K = state.elastic.with_potential(DeadWrench(turn)).evaluate(state.posture).hessian
+    S, A = 0.5 * (K + K.T), 0.5 * (K - K.T)
+    assert (np.linalg.eigvalsh(S) < 0.0).any()
+    assert np.linalg.det(K) > 0.0
+    note = next(n for n in state.notes if "inertia_ratio" in n.values)
+    bound = 1e9
+    if np.linalg.eigvalsh(S)[-1] < 0.0:  # unstable with any masses
+        assert note.values["inertia_ratio"] is None
+    else:
+        bound = -np.linalg.eigvalsh(S)[0] / np.linalg.norm(A)
+        assert note.values["inertia_ratio"] == pytest.approx(bound, rel=1e-5)
+    assert _unstable_share(K, bound, np.random.default_rng(n)) == 1.0
+    assert state.stable is (False if bound >= 1e6 else None)
+
+
+def spatial_column(n):
+    """Links with two joints each, so that a moment makes the tangent unsymmetric."""
+    model, joint = pin.Model(), 0
+    for i in range(n):
+        at = pin.SE3(np.eye(3), np.array([1.0 if i else 0.0, 0.0, 0.0]))
+        joint = model.addJoint(joint, pin.JointModelRZ(), at, f"z{i}")
+        joint = model.addJoint(joint, pin.JointModelRY(), pin.SE3.Identity(), f"y{i}")
+    tip = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+    springs = JointSprings(np.ones(2 * n), np.zeros(2 * n))
+    return ElasticMechanism("column", Chain(plain_tree(model), "tip"), np.zeros(2 * n), springs)
+
+
+@pytest.mark.parametrize("load", [DeadWrench, FollowerWrench])
+def test_a_small_moment_leaves_no_saddle_behind(load):
+    """Under a pure dead force the column buckles; with a small moment it does as well."""
+    turn = np.array([1e-3, 1e-3, 0.0, 0.0, 0.0, 0.0])
+    push = DeadForce([-0.7, 0.0, 0.0])
+    elastic = spatial_column(2)
+    aside = DeadForce([0.0, 1e-2, 2e-2])
+    plain = equilibrium(elastic, push, aside)
+    state = equilibrium(elastic, push, aside, load(turn))
+    acting = (push, aside, load(turn))
+    at = state.elastic.with_potential(*acting).evaluate(state.posture)
+    assert np.abs(at.gradient).max() < 1e-9
+    assert np.linalg.eigvalsh(0.5 * (at.hessian + at.hessian.T))[0] > 0.0
+    assert np.linalg.norm(state.q) > 1.0
+    assert np.linalg.norm(plain.q) > 1.0
+    assert _on_the_way(plain) == {}  # the force aside has opened the bifurcation
 
 
 def test_a_curve_under_a_moment_is_unstable_between_its_limit_points():

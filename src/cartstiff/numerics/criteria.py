@@ -86,6 +86,8 @@ SOFTEST: Final = 1e-10
 SADDLE: Final = 1e-8
 #: Ratio of stiffnesses up to which a failure is not laid to rounding,
 RESOLVED: Final = 1e12
+#: Inertias of the motions of one mechanism, in natural units, differ by no more than this factor.
+LARGEST_INERTIA_RATIO: Final = 1e6
 #: that from which on stiff springs hold back soft ones, and
 STIFF: Final = 1e5
 #: that from which on the springs of legs are kept apart: half of the digits.

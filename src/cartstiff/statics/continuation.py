@@ -47,7 +47,14 @@ from cartstiff.statics.problem import (
     notes_at_start,
     spectrum,
 )
-from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, Vibrations, divergence, vibrations
+from cartstiff.statics.small_motions import (
+    MASSLESS,
+    UNDAMPED,
+    Vibrations,
+    divergence,
+    unstable_up_to,
+    vibrations,
+)
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import SCHEMA
 
@@ -693,17 +700,18 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
             landed = _land(path, here, there, goal, size_taken)
             if landed is not None:
                 there = landed
+        found: list[CriticalPoint] = []
+        if len(states) > 1 or not _is_singular(here):
+            found = crossings(path, here, there, size_taken)
+            if _is_elsewhere(here, there, found) and size_taken >= 4 * _SMALLEST:
+                size = 0.25 * size_taken
+                continue
         limits = seed._limits
         at = there.point.posture
         if limits.side(limits.values(at.q, at.pose)).any():
             reason = "limit-contact"
             break
-        if len(states) > 1 or not _is_singular(here):
-            critical += [
-                c
-                for c in crossings(path, here, there, size_taken)
-                if not last or (c.factor - goal) * np.sign(goal) <= 0.0
-            ]
+        critical += [c for c in found if not last or (c.factor - goal) * np.sign(goal) <= 0.0]
         states.append(there)
         if last:
             reason = "factor-reached"
@@ -714,6 +722,18 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
         grow = 1.5 if there.corrections <= 3 else 0.7 if there.corrections > 6 else 1.0
         size = min(size_taken * grow, seed._resolution)
     return _collected(seed, states, critical, reason)
+
+
+def _is_elsewhere(here: CurvePoint, there: CurvePoint, found: list[CriticalPoint]) -> bool:
+    """Whether a step has led to another curve, where an imperfection has opened a bifurcation.
+
+    Its limit points are none, or do not turn the load: by Cramer's rule det H_N = t_p det B, B the
+    bordered matrix, whose determinant keeps its sign along a curve that meets no other.
+    """
+    limits = [c for c in found if c.kind == "limit"]
+    turns = here.direction[-1] * there.direction[-1] < 0.0
+    is_none = any(abs(c.eigenvalue) > numerics.NEARBY for c in limits)
+    return bool(limits) and (is_none or turns != bool(len(limits) % 2))
 
 
 def _is_singular(state: CurvePoint) -> bool:
@@ -757,7 +777,10 @@ def _verdict(state: CurvePoint) -> bool | None:
     if not state.is_conservative:
         moving = state.vibrations
         grows = moving is not None and moving.growing
-        return False if grows or divergence(state.balance) is not None else None
+        if grows or divergence(state.balance) is not None:
+            return False
+        ratio = 0.0 if moving is not None else unstable_up_to(state.balance)
+        return False if ratio >= numerics.LARGEST_INERTIA_RATIO else None
     scaled = state.balance.modes[0]
     if np.abs(scaled).min(initial=np.inf) <= IDLE:
         return None

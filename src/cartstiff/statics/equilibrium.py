@@ -13,6 +13,7 @@ from dataclasses import replace
 from numbers import Integral
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
@@ -21,7 +22,7 @@ from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import Scaled
+from cartstiff.potentials.loads import Load, Scaled, SemitangentialWrench
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
@@ -29,6 +30,7 @@ from cartstiff.statics.problem import Contact, ExhaustedError, System, bounded, 
 from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.rest import chosen_forces, state_of_rest
+from cartstiff.statics.small_motions import divergence
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 
 
@@ -96,8 +98,10 @@ def equilibrium(
     limits : bool
         Keep joint (or leg) limits, as contacts.
     settle : bool
-        Go on from an unstable equilibrium to a stable one, where the loads have a potential.
-        Without it the equilibrium found first is returned, stable or not.
+        Go on from an unstable equilibrium to a stable one, where the loads have a potential. Where
+        they have none, from a saddle whose stability only masses decide: the loads then act from
+        where the mechanism rests under similar ones with a potential. Without it the equilibrium
+        found first is returned, stable or not.
     iterations : int
         Bound on the number of Newton steps, for each stage of loading.
 
@@ -142,6 +146,8 @@ def equilibrium(
     with bounded(elastic):
         try:
             solution = solve(system, q, iterations=iterations, settle=settle)
+            if settle and solution.is_saddle and divergence(solution.balance) is None:
+                solution = _from_rest(system, q, iterations) or solution
         except ConvergenceError as error:
             if not loads and held is None:
                 raise
@@ -192,6 +198,35 @@ def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Soluti
     except (ConvergenceError, ExhaustedError):
         return None
     return solution
+
+
+def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
+    """Loads without a potential put on where the mechanism rests under similar ones that have one.
+
+    Newton's steps towards a balance of such loads do not tell a minimum from a saddle. None where
+    all loads have a potential, or this leads to a saddle, too.
+    """
+    start = system.at(q).posture
+    is_kept = [not np.isnan(load.evaluate(start).energy) for load in system.loads]
+    if all(is_kept):
+        return None
+    similar: list[Potential] = []
+    for load, kept in zip(system.loads, is_kept, strict=True):
+        if kept:
+            similar.append(load)
+        elif isinstance(load, Load):
+            T_F_b, _ = start.relative("world", load.frame_b)
+            R = T_F_b[:3, :3]
+            wrench = -(load.on_pose(T_F_b)[1].reshape(2, 3) @ R.T).ravel()
+            similar.append(SemitangentialWrench(wrench, R, load.frame_b))
+    try:
+        rest = solve(
+            System(system.elastic, similar, system.held, system.limits), q, iterations=iterations
+        )
+        found = solve(system, rest.point.q, contacts=rest.contacts, iterations=iterations)
+    except ConvergenceError:
+        return None
+    return None if found.is_saddle else found
 
 
 def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:

@@ -61,6 +61,11 @@ class Solution:
     history: list[float]
     is_far: bool = False
 
+    @property
+    def is_saddle(self) -> bool:
+        """Whether a motion has a negative stiffness, by the symmetric part of the tangent."""
+        return bool((self.balance.modes[0] < -_SADDLE).any())
+
 
 def solve(
     system: System,

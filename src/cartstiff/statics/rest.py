@@ -45,7 +45,13 @@ from cartstiff.statics.problem import (
     notes_at_start,
     spectrum,
 )
-from cartstiff.statics.small_motions import MASSLESS, UNDAMPED, divergence, vibrations
+from cartstiff.statics.small_motions import (
+    MASSLESS,
+    UNDAMPED,
+    divergence,
+    unstable_up_to,
+    vibrations,
+)
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
@@ -233,13 +239,35 @@ def _by_vibrations(
         return False, squares, [*notes, Note("flutter", words, facts)]
     is_growing = vibration is not None and vibration.growing == "divergence"
     mode = vibration.mode if vibration is not None and is_growing else divergence(balance)
-    if mode is None:
-        return None, squares, [*notes, MASSLESS if vibration is None else UNDAMPED]
-    words = "the mechanism leaves the equilibrium in one sense (divergence)"
-    if vibration is None:
-        words += ", whatever its masses are: the determinant of the tangent is negative"
-    facts = {"frequency": None, "mode": mode.tolist()}
-    return False, squares, [*notes, Note("divergence", words, facts)]
+    if mode is not None:
+        words = "the mechanism leaves the equilibrium in one sense (divergence)"
+        if vibration is None:
+            words += ", whatever its masses are: the determinant of the tangent is negative"
+        facts = {"frequency": None, "mode": mode.tolist()}
+        return False, squares, [*notes, Note("divergence", words, facts)]
+    if vibration is not None:
+        return None, squares, [*notes, UNDAMPED]
+    return _without_masses(balance, squares, notes)
+
+
+def _without_masses(
+    balance: Balance, squares: Array, notes: list[Note]
+) -> tuple[bool | None, Array, list[Note]]:
+    """Verdict by the tangent alone, where its determinant is not negative."""
+    ratio = unstable_up_to(balance)
+    if ratio <= 1.0:
+        return None, squares, [*notes, MASSLESS]
+    facts: dict[str, object] = {
+        "eigenvalues": [complex(v).real for v in spectrum(balance, conservative=False)],
+        "inertia_ratio": ratio if np.isfinite(ratio) else None,
+    }
+    whose = "whatever the masses are"
+    if np.isfinite(ratio):
+        whose = f"unless the inertias of its motions differ by more than a factor {ratio:.2g}"
+    words = f"the mechanism leaves the equilibrium by itself, {whose}: its energy is no minimum"
+    if ratio >= numerics.LARGEST_INERTIA_RATIO:
+        return False, squares, [*notes, Note("unstable", words, facts)]
+    return None, squares, [*notes, Note(MASSLESS.code, f"{MASSLESS.message}; {words}", facts)]
 
 
 def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
@@ -434,25 +462,20 @@ class Equilibrium(Result, ShownInLines):
                 )
         except (ConvergenceError, UndefinedError):
             return []
-        passed: dict[str, float] = {}
-        for point in curve.critical:
-            if point.kind in _PASSED:
-                passed.setdefault(point.kind, float(point.factor))
-        if not passed and curve.reason == "factor-reached":
+        # Beyond the first critical load the mechanism is no longer on this curve.
+        passed = next((point for point in curve.critical if point.kind in _PASSED), None)
+        if passed is not None:
+            code = "limit-point" if passed.kind == "limit" else passed.kind
+            factor = float(passed.factor)
+            words = f"the way from the unloaded state passes, at {factor:.4g} of the load, "
+            return [Note(code, words + _PASSED[passed.kind], {"factor": factor})]
+        if curve.reason == "factor-reached":
             end = system.at(curve.q[-1])
             away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
             if away > numerics.NEARBY:
                 words = "the loads, put on gradually, lead to another equilibrium than this one"
                 return [Note("other-equilibrium", words, {"q": end.q.tolist()})]
-        words = "the way from the unloaded state passes, at {:.4g} of the load, {}"
-        return [
-            Note(
-                "limit-point" if kind == "limit" else "bifurcation",
-                words.format(factor, _PASSED[kind]),
-                {"factor": factor},
-            )
-            for kind, factor in passed.items()
-        ]
+        return []
 
     def _lines(self) -> list[str]:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]

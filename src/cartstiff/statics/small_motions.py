@@ -15,8 +15,15 @@ A load that turns with the body makes the tangent K unsymmetric, and its definit
 nothing. The equilibrium is left by oscillations that grow (flutter) where a pair of omega^2 is
 complex, or in one sense (divergence) where one is real and negative. Both depend on M, except where
 det K < 0: the product of all omega^2 is det K / det M, so that one is negative whatever the masses
-are. Otherwise, without a mass on every motion no statement is made. Damping is not modelled, and
-may lower the load of flutter.
+are. Where K = S + A has a symmetric part S with an eigenvalue -l < 0, the equilibrium is left for
+all M whose eigenvalues differ by less than the factor l / |A|_F: if all omega^2 were real and not
+negative, the Schur form of ``M^-1/2 K M^-1/2`` would have N above its diagonal, and
+
+    l / max M <= |N + N^T|_F / 2 = |N - N^T|_F / 2 <= |A|_F / min M
+
+For any M it is left where S has no eigenvalue >= 0, as the sum of all omega^2 is tr(M^-1 S), and
+where A = 0. Otherwise, without a mass on every motion no statement is made. Damping is not
+modelled, and may lower the load of flutter.
 """
 
 from __future__ import annotations
@@ -87,6 +94,27 @@ def divergence(balance: Balance) -> Array | None:
     real = np.where(values.imag == 0.0, values.real, np.inf)
     mode = balance.motion(vectors[:, int(np.argmin(real))].real / np.sqrt(balance.stiffness_scale))
     return np.asarray(mode / np.linalg.norm(mode))
+
+
+def unstable_up_to(balance: Balance) -> float:
+    """Ratio of the motions' inertias up to which all masses leave the equilibrium unstable.
+
+    In natural units. Infinite where it is unstable with any masses, 0 where no statement is made;
+    see the module.
+    """
+    zero = max(IDLE, balance.undecided)
+    values = balance.modes[0]
+    if not values.size or values[0] >= -zero:
+        return 0.0
+    if values[-1] < -zero:
+        return np.inf
+    K = balance.stiffness
+    if balance.is_oblique and balance.free is not None:
+        back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
+        K = back.T @ K @ back
+    least = float(np.linalg.eigvalsh(0.5 * (K + K.T))[0])
+    skew = 0.5 * float(np.linalg.norm(K - K.T))
+    return max(-least, 0.0) / skew if skew > 0.0 else np.inf
 
 
 def vibrations(
