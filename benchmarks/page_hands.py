@@ -25,7 +25,7 @@ from tools.screenshot import launch, ready, settled
 
 import cartstiff
 from cartstiff.page.export import export_page
-from cartstiff.page.run import Background
+from cartstiff.page.server import Background
 from cartstiff.page.source import Source
 
 SIZE = {"width": 1280, "height": 720}

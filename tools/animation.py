@@ -76,7 +76,7 @@ def main(target: Path = TARGET) -> None:
     from playwright.sync_api import sync_playwright
 
     import cartstiff
-    from cartstiff.page.run import Background
+    from cartstiff.page.server import Background
     from cartstiff.page.source import Source
     from cartstiff.report.output import write_whole
 

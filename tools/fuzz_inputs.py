@@ -149,7 +149,7 @@ def _session(name: str) -> Any:
 def message(rng: random.Random) -> str:
     """A message to the page's session, whole or damaged."""
     from cartstiff.errors import CartstiffError
-    from cartstiff.page.state import Export, Series, Sweep, read_message
+    from cartstiff.page.messages import Export, Series, Sweep, read_message
 
     session = _session(rng.choice(["cubic", "ur5", "five-bar"]))
     n = len(session.elastic.names)

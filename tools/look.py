@@ -44,7 +44,7 @@ def address(name: str, exported: bool) -> Iterator[str]:
     """Where the page of a mechanism is, live or as a file."""
     import cartstiff
     from cartstiff.page.export import export_page
-    from cartstiff.page.run import Background
+    from cartstiff.page.server import Background
     from cartstiff.page.source import Source
 
     source = Source(cartstiff.load(name))

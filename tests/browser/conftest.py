@@ -186,7 +186,7 @@ def pages(_pages: Pages) -> Iterator[Pages]:
 @pytest.fixture(scope="session")
 def serve() -> Iterator[Callable[..., Any]]:
     """Serve a mechanism by name, once for the same arguments; returns the server."""
-    from cartstiff.page.run import Background
+    from cartstiff.page.server import Background
     from cartstiff.page.source import Source
 
     running: dict[str, Background] = {}

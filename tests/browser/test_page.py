@@ -14,7 +14,7 @@ from tools.look import SIZES, looked_at
 from tools.screenshot import ready, settled
 
 import cartstiff
-from cartstiff.page.run import Background
+from cartstiff.page.server import Background
 from cartstiff.page.source import Source
 
 #: Cells show three digits at least.

@@ -9,7 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.run import Background
+from cartstiff.page.server import Background
 from cartstiff.page.source import Source
 
 LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]

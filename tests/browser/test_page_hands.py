@@ -8,8 +8,8 @@ from tests.browser.test_page_state import TOOL, changed
 from tools.screenshot import settled
 
 import cartstiff
+from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers
-from cartstiff.page.state import ViewState
 
 
 @pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])

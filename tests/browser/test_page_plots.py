@@ -10,9 +10,9 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.page.export import export_page
+from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import series_row
 from cartstiff.page.source import Source
-from cartstiff.page.state import ViewState
 
 LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
 QUANTITY, ALONG, AND = (

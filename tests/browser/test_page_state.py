@@ -13,7 +13,7 @@ import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
-from cartstiff.page.state import ViewState
+from cartstiff.page.messages import ViewState
 from cartstiff.report.analysis import summary_text
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
@@ -177,7 +177,7 @@ def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):
 
 
 def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
-    from cartstiff.page.run import Background
+    from cartstiff.page.server import Background
     from cartstiff.page.source import Source
 
     server = Background(Source(cartstiff.load("five-bar")))
@@ -192,7 +192,7 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
 
 
 def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
-    from cartstiff.page.run import Background
+    from cartstiff.page.server import Background
     from cartstiff.page.source import Source
 
     arm = cartstiff.load("ur5")

@@ -17,7 +17,7 @@ from cartstiff.errors import InputError
 from cartstiff.loading.collisions import Collisions
 from cartstiff.loading.meshes import read_mesh, read_meshes
 from cartstiff.scene import theme
-from cartstiff.scene.robot import ChainPicture
+from cartstiff.scene.mechanism import ChainPicture
 
 READS_MESHES = """
 from pathlib import Path

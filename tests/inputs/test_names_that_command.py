@@ -13,7 +13,7 @@ import pytest
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import printable
-from cartstiff.page.answer import Answer
+from cartstiff.page.messages import Answer
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.report.output import write_result
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartstiff.analysis.ellipsoids import compliance_ellipsoid, stiffness_ellipsoid
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.scene.quantities import HeldPair
+from cartstiff.scene.appearance import HeldPair
 
 
 @settings(max_examples=150, deadline=None)

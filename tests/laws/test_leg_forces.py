@@ -13,9 +13,9 @@ from tests.view.conftest import NoPicture
 import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.maps import Trajectory, compute_map, open_map
+from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import read_message
 from cartstiff.reach.margins import Margins
 from cartstiff.reach.workspace import carried
 from cartstiff.stiffness.applied_load import LoadKind

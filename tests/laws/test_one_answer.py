@@ -30,11 +30,10 @@ from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.page.answer import Answer
+from cartstiff.page.messages import Answer, ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import ViewState
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.potentials.springs import JointSprings

@@ -24,9 +24,9 @@ from tests.support.oracles import cross_matrix
 
 import cartstiff
 from cartstiff.cli.main import command as cartstiff_command
+from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import read_message
 
 
 def run(*words: Any) -> str:

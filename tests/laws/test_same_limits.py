@@ -18,9 +18,9 @@ import cartstiff
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
 from cartstiff.maps import RandomPostures, Trajectory, compute_map, open_map
+from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import read_message
 from cartstiff.reach.margins import LegMargins, Margins
 from cartstiff.reach.workspace import carried
 from cartstiff.stiffness.applied_load import checked_load

@@ -8,10 +8,10 @@ import pytest
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers
-from cartstiff.page.state import ViewState
 from cartstiff.report.analysis import describe, summary_text
-from cartstiff.scene.quantities import block_ellipsoid
+from cartstiff.scene.appearance import block_ellipsoid
 
 MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]
 U = np.array([0.48, -0.6, 0.64])

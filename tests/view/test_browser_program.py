@@ -29,10 +29,10 @@ from cartstiff.many.tape import (
 )
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_script
+from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import ViewState
 
 MECHANISMS = (
     "ur5",

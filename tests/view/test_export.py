@@ -15,12 +15,11 @@ import umsgpack
 from tests.view.conftest import unpacked
 
 import cartstiff
-from cartstiff.page.commands import Pictures, compacted, in_order
-from cartstiff.page.export import export_page
+from cartstiff.page.export import Pictures, compacted, export_page, in_order
 from cartstiff.page.files import page_script
+from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import ViewState
 
 #: A picture's numbers keep seventeen bits.
 PICTURE = 2e-5
@@ -106,9 +105,9 @@ def test_the_state_of_a_tab_is_exported():
 
 def test_meshes_are_kept_on_a_fine_grid():
     """The arrays of a link, from their steps, against those that a viewer gets."""
-    from cartstiff.page.picture import Picture
+    from cartstiff.page.picture import PageScene
 
-    picture = Picture(cartstiff.load("ur5"))
+    picture = PageScene(cartstiff.load("ur5"))
     result = cartstiff.analyse(cartstiff.load("ur5"))
     picture.draw(result, ViewState(q=result.q.tolist()))
     key = ("set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", "")

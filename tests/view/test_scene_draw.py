@@ -12,9 +12,9 @@ from tests.view.viewer import Viewer
 
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.scene import Look, RecordingWindow, Scene
-from cartstiff.scene.canvas import Node
+from cartstiff.scene import Appearance, RecordingWindow, Scene
 from cartstiff.scene.ellipsoids import add_ellipsoid
+from cartstiff.scene.viewer import ViewerNode
 
 ROOT = "/meshcat/cartstiff"
 # Lengths go through a single division and square roots.
@@ -27,12 +27,12 @@ class Drawing:
     def __init__(self, name: str, q: Any = None, wrench: Any = None) -> None:
         self.elastic = cartstiff.load(name)
         self.window = RecordingWindow()
-        self.scene = Scene(Node(self.window, "/meshcat"), self.elastic)
+        self.scene = Scene(ViewerNode(self.window, "/meshcat"), self.elastic)
         self.viewer = Viewer()
         self.result = cartstiff.analyse(self.elastic, q, wrench=wrench)
 
     def draw(self, **look: Any) -> dict[str, Any]:
-        legend = self.scene.draw(self.result, Look(**look))
+        legend = self.scene.draw(self.result, Appearance(**look))
         self.viewer.feed(self.window.take())
         return legend
 
@@ -167,7 +167,7 @@ def test_a_singular_matrix_is_a_disc_or_a_rod():
     lengths = np.linalg.norm(drawing.viewer.world(body)[:3, :3], axis=0)
     assert 0 < lengths[0] < 0.2 * lengths[1]
     assert lengths[1:] == pytest.approx(facts["radii"][1:])
-    rod = add_ellipsoid(Node(RecordingWindow(), "/meshcat"), np.diag([0.0, 3.0, 0.0]))
+    rod = add_ellipsoid(ViewerNode(RecordingWindow(), "/meshcat"), np.diag([0.0, 3.0, 0.0]))
     assert rod["shown"]
     assert "two principal values are zero; what is drawn is a rod" in rod["reason"]
 
@@ -499,7 +499,7 @@ def test_a_ghost_of_a_platform_and_one_that_cannot_be():
 )
 def test_what_a_look_cannot_be(look, words):
     with pytest.raises(InputError, match=words):
-        Look(**look)
+        Appearance(**look)
 
 
 @pytest.mark.parametrize("added", [(1.0, 2.0), (np.nan,) * 6])

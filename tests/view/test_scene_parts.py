@@ -31,11 +31,11 @@ from cartstiff.scene import (
     add_wrench,
     theme,
 )
-from cartstiff.scene.canvas import Node
+from cartstiff.scene.environment import scene_units
 from cartstiff.scene.labels import number, text_png
+from cartstiff.scene.objects import rotation_to, segment
 from cartstiff.scene.scales import Tension, round_number
-from cartstiff.scene.shapes import rotation_to, segment
-from cartstiff.scene.stage import scene_units
+from cartstiff.scene.viewer import ViewerNode
 
 ROUNDING = 1e-9
 
@@ -170,7 +170,7 @@ def test_points_of_a_map(vis, window):
 
 
 def test_points_carry_numbers_and_are_drawn_in_units_of_the_scene(vis, window):
-    node = Node.of(vis)["map"]
+    node = ViewerNode.of(vis)["map"]
     node.enlarged = 1e-3
     q = np.random.default_rng(1).normal(size=(3, 7))
     add_points(node, np.eye(3), [1.0, 2.0, 3.0], size=8.0, carried={"q": q})
@@ -389,8 +389,8 @@ def test_drawing_loads_no_window_of_meshcat():
     """The pieces speak meshcat's protocol; its servers are not started or even imported."""
     code = (
         "import sys; from cartstiff.scene import RecordingWindow, Scene, add_ellipsoid; "
-        "from cartstiff.scene.canvas import Node; w = RecordingWindow(); "
-        "add_ellipsoid(Node(w, '/a'), [[1,0,0],[0,2,0],[0,0,3]]); assert w.take(); "
+        "from cartstiff.scene.viewer import ViewerNode; w = RecordingWindow(); "
+        "add_ellipsoid(ViewerNode(w, '/a'), [[1,0,0],[0,2,0],[0,0,3]]); assert w.take(); "
         "bad = [m for m in ('meshcat', 'zmq', 'tornado', 'trimesh', 'matplotlib') "
         "if m in sys.modules]; sys.exit(str(bad) if bad else 0)"
     )

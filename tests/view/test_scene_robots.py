@@ -13,8 +13,8 @@ from tests.view.viewer import Viewer
 
 import cartstiff
 from cartstiff.loading.visuals import visuals_of
-from cartstiff.scene import Look, RecordingWindow, Scene
-from cartstiff.scene.canvas import Node
+from cartstiff.scene import Appearance, RecordingWindow, Scene
+from cartstiff.scene.viewer import ViewerNode
 
 MECHANISM = "/meshcat/cartstiff/mechanism"
 # Positions go through single rotations in double precision.
@@ -23,8 +23,8 @@ ROUNDING = 1e-9
 
 def drawn(elastic: Any, q: Any = None, **look: Any) -> tuple[Viewer, Scene, dict[str, Any]]:
     window = RecordingWindow()
-    scene = Scene(Node(window, "/meshcat"), elastic)
-    legend = scene.draw(cartstiff.analyse(elastic, q), Look(**look))
+    scene = Scene(ViewerNode(window, "/meshcat"), elastic)
+    legend = scene.draw(cartstiff.analyse(elastic, q), Appearance(**look))
     return Viewer(window.snapshot()), scene, legend
 
 
@@ -77,7 +77,7 @@ def test_a_snapshot_is_small():
     window = RecordingWindow()
     arm = cartstiff.load("ur5")
     robot_file("ur_description/urdf/ur5_robot.urdf")
-    Scene(Node(window, "/meshcat"), arm).draw(cartstiff.analyse(arm))
+    Scene(ViewerNode(window, "/meshcat"), arm).draw(cartstiff.analyse(arm))
     assert sum(map(len, window.snapshot())) < 2e6
 
 

@@ -22,7 +22,7 @@ import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.page import gate
 from cartstiff.page import tab as tabs_of
-from cartstiff.page.run import Background
+from cartstiff.page.server import Background
 from cartstiff.page.source import Source
 
 

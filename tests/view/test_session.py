@@ -10,10 +10,10 @@ import pytest
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.page.description import describe_mechanism, slider_coordinates, slider_ranges
+from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
+from cartstiff.page.shown import describe_mechanism, slider_coordinates, slider_ranges
 from cartstiff.page.source import Cloud, Playback, Source
-from cartstiff.page.state import read_message
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from tests.view.conftest import NoPicture
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError
+from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import read_message
 
 _NUMBERS = st.floats(-2.0, 2.0)
 

@@ -10,13 +10,12 @@ import pytest
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry import se3
-from cartstiff.page.description import describe_mechanism
+from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
-from cartstiff.page.shown import reference_frame, series_row, shown_numbers
+from cartstiff.page.shown import describe_mechanism, reference_frame, series_row, shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import ViewState
 from cartstiff.potentials.loads import DeadForce
-from cartstiff.scene.look import Look
+from cartstiff.scene.appearance import Appearance
 from cartstiff.statics.equilibrium import equilibrium
 
 #: Two orders of operations on numbers of size one.
@@ -102,7 +101,7 @@ def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(a
     state = ViewState(point=point, load=(0, 0, 0, *force), deflection=True)
     result = session.result(state)
     assert result.load.at == point
-    legend = session.picture._scene.draw(result, Look(point=point, deflection=True))
+    legend = session.picture._scene.draw(result, Appearance(point=point, deflection=True))
     moved = legend["deflection"]
     assert moved["acts_at"] == list(point)
     free = cartstiff.analyse(arm)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartstiff.errors import InputError
-from cartstiff.page.state import LARGEST_MESSAGE, Draw, ViewState, read_message
+from cartstiff.page.messages import LARGEST_MESSAGE, Draw, ViewState, read_message
 
 
 def test_a_message_is_read():

@@ -7,9 +7,9 @@ import pytest
 
 from cartstiff import load, modes
 from cartstiff.errors import InputError, UndefinedError
+from cartstiff.page.messages import Draw, Numbers, Response, Swing, ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import Draw, Numbers, Response, Swing, ViewState
 from cartstiff.scene.mechanism import extent
 from cartstiff.scene.swing import swing_of
 

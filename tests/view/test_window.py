@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.view.viewer import Viewer, meshcat
 
 from cartstiff.errors import InputError
-from cartstiff.scene.window import RecordingWindow
+from cartstiff.scene.viewer import RecordingWindow
 
 
 class Sent:

@@ -192,8 +192,8 @@ def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **text
     request = texts.pop("request")
     beside = [source_from_options(replace(request, mechanism=name), **texts) for name in others]
     try:
-        from cartstiff.page.opening import open_page
-        from cartstiff.page.run import serve
+        from cartstiff.page.api import open_page
+        from cartstiff.page.server import serve
     except ImportError as error:
         if (error.name or "").startswith("cartstiff"):
             raise

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import tempfile
+import webbrowser
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +34,7 @@ class Page:
 
     def __init__(self, source: Source, port: int, height: int) -> None:
         try:
-            from cartstiff.page.run import Background
+            from cartstiff.page.server import Background
         except ImportError as error:
             if (error.name or "").startswith("cartstiff"):
                 raise
@@ -159,7 +164,7 @@ def show(
     if open_browser is None:
         open_browser = not _in_notebook()
     if open_browser:
-        from cartstiff.page.opening import open_page
+        from cartstiff.page.api import open_page
 
         open_page(page.url)
     return page
@@ -177,3 +182,20 @@ def _in_notebook() -> bool:
         return False
     shell = get_ipython()
     return shell is not None and hasattr(shell, "kernel")
+
+
+def open_page(url: str) -> None:
+    """Have the user's browser open a page; nothing is said where there is none."""
+    # A browser in a snap sees its user's files, but no hidden ones and not this /tmp.
+    home = Path.home()
+    folder = home if (home / "snap").is_dir() and os.access(home, os.W_OK) else None
+    handle, name = tempfile.mkstemp(prefix="cartstiff-", suffix=".html", dir=folder)  # mode 0600
+    path = Path(name)
+    atexit.register(path.unlink, missing_ok=True)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(
+            "<!doctype html><meta charset=utf-8><title>cartstiff</title>"
+            f'<meta http-equiv="refresh" content="0;url={escape(url)}">'
+            f'<a href="{escape(url)}">cartstiff</a>\n'
+        )
+    webbrowser.open(path.as_uri())

@@ -1,32 +1,194 @@
-"""The page as one file that opens anywhere without a network.
+"""Commands of a picture in little room: transforms as single-precision numbers, labels as text.
 
-The file of an arm or of a body on line legs computes: it holds their arithmetic as JavaScript
-(`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their file holds
-one posture, its numbers and its picture, and says so. Nothing in either depends on when or where it
-was made.
+Meshes are kept as steps between corners on a fine grid, byte planes one after the other.
+Only pictures lose digits (five are left of a transform, a grid of 1/4096 of a link's size of its
+mesh); the page's numbers are never touched.
 """
 
 from __future__ import annotations
 
+import json
+import struct
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.errors import imported
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.page.answer import Answer
 from cartstiff.page.browser_program import browser_program
-from cartstiff.page.commands import Key, Pictures, compacted, in_order
 from cartstiff.page.files import page_document
-from cartstiff.page.picture import Picture
+from cartstiff.page.messages import Answer, ViewState
+from cartstiff.page.picture import PageScene
 from cartstiff.page.session import PictureMaker, Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import ViewState
 from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
+
+#: Kind of a command, path, property.
+Key = tuple[str, str, str]
+
+_ORDER = {"delete": 0, "set_object": 1, "set_transform": 2, "set_property": 3, "set_animation": 4}
+
+
+class Pictures:
+    """What a viewer would show after each of a sequence of changes.
+
+    A scene sends what has changed. Here changes are merged into the whole state of the viewer, and
+    states are kept as numbers of distinct commands.
+    """
+
+    def __init__(self) -> None:
+        self.commands: dict[int, tuple[Key, bytes]] = {}
+        self._numbers: dict[bytes, int] = {}
+        self._state: dict[Key, int] = {}
+
+    def merge(self, changes: Mapping[Key, bytes]) -> None:
+        """Take over what has changed."""
+        for key, packed in changes.items():
+            kind, path, _ = key
+            if kind == "delete":
+                below = path + "/"
+                for known in [k for k in self._state if k[1] == path or k[1].startswith(below)]:
+                    del self._state[known]
+            elif kind == "set_object":
+                self._state.pop(("delete", path, ""), None)
+            self._state[key] = self.number(key, packed)
+
+    def number(self, key: Key, packed: bytes) -> int:
+        """The number of a command."""
+        number = self._numbers.get(packed)
+        if number is None:
+            number = self._numbers[packed] = len(self.commands)
+            self.commands[number] = (key, packed)
+        return number
+
+    def state(self) -> dict[Key, int]:
+        """The viewer's state now: numbers of commands."""
+        return dict(self._state)
+
+
+def in_order(state: Mapping[Key, int], keys: set[Key]) -> list[int]:
+    """Numbers of the commands of some keys, in an order in which a viewer can take them."""
+    chosen = [key for key in state if key in keys]
+    chosen.sort(key=lambda key: _ORDER.get(key[0], 9))
+    return [state[key] for key in chosen]
+
+
+_MATRIX = struct.Struct(">" + "Bd" * 16)
+# Columns of T without their last entries, which are 0, 0, 0, 1.
+_KEPT = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14]
+# Bits of a float32 that a picture of a thousand dots does not need.
+_MASK = np.uint32(0xFFFFFF80)
+# Halvings of a mesh's size that make its grid.
+_GRID = 12
+
+
+def compacted(
+    commands: Mapping[int, tuple[Key, bytes]], lists: Iterable[list[int]]
+) -> tuple[dict[str, Any], list[bytes]]:
+    """A table of commands, and its binary parts; the numbers in `lists` are rewritten to it.
+
+    Parameters
+    ----------
+    commands : mapping
+        Key and packed command by number.
+    lists : iterable of list of int
+        Every list of numbers there is; changed in place.
+
+    Returns
+    -------
+    dict
+        "transforms": path of each; "labels": text, colours, size and path of each; "meshes": path,
+        object without its arrays, counts and grid of each.
+    list of bytes
+        The transforms' numbers, byte planes one after the other (they zip better so), those of each
+        mesh, and the commands that are none of these.
+    """
+    lists = list(lists)
+    used = sorted({number for numbers in lists for number in numbers})
+    transforms, labels, meshes, others = [], [], [], []
+    for number in used:
+        (kind, path, _), packed = commands[number]
+        if kind == "set_transform" and len(packed) > _MATRIX.size:
+            transforms.append((path, number, _MATRIX.unpack(packed[-_MATRIX.size :])[1::2]))
+        elif packed[:1] == b"{":  # a label
+            label = json.loads(packed)
+            del label["type"]
+            labels.append((label, number))
+        elif kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
+            meshes.append((mesh, number))
+        else:
+            others.append((packed, number))
+    transforms.sort(key=lambda entry: entry[:2])
+    order = [n for _, n, _ in transforms] + [n for _, n in (*labels, *meshes, *others)]
+    renamed = {number: i for i, number in enumerate(order)}
+    for numbers in lists:
+        numbers[:] = [renamed[number] for number in numbers]
+    matrices = np.array([m for _, _, m in transforms]).reshape(-1, 16)[:, _KEPT]
+    single = (np.ascontiguousarray(matrices, "<f4").view("<u4") & _MASK).view(np.uint8)
+    paths = sorted({path for path, _, _ in transforms})
+    table = {
+        "paths": paths,
+        "transforms": [paths.index(path) for path, _, _ in transforms],
+        "labels": [label for label, _ in labels],
+        "meshes": [facts for (facts, _), _ in meshes],
+    }
+    planes = np.ascontiguousarray(single.T).tobytes()
+    return table, [planes, *(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
+
+
+def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
+    """A mesh's facts and its arrays as steps, if that is all an object is."""
+    if b"BufferGeometry" not in packed or b"index" not in packed or b"normal" not in packed:
+        return None
+    msgpack = imported("msgpack", "msgpack", "a picture in a page")
+    lowered = msgpack.unpackb(packed)["object"]
+    data = lowered["geometries"][0]["data"]
+    attributes = data["attributes"]
+    kinds = {"position": "<f4", "normal": "i1", "color": "u1"}
+    if not {"position", "normal"} <= set(attributes) <= set(kinds):
+        return None
+    arrays = {
+        name: np.frombuffer(attributes[name]["array"].data, kind).reshape(-1, 3)
+        for name, kind in kinds.items()
+        if name in attributes
+    }
+    positions = arrays["position"]
+    if not len(positions):
+        return None
+    size = float(np.ptp(positions, axis=0).max()) or 1.0
+    grid = 2.0 ** (np.floor(np.log2(size)) - _GRID)
+    if np.abs(positions).max() >= grid * 2**30:
+        return None  # far from its own origin
+    index = data["index"]
+    corners = np.frombuffer(index["array"].data, "<u2" if "16" in index["type"] else "<u4")
+    del data["attributes"], data["index"]
+    parts = [
+        _steps(np.round(positions / grid), "<i4"),
+        _steps(corners, "<i4"),
+        *(np.ascontiguousarray(arrays[n].T).tobytes() for n in ("normal", "color") if n in arrays),
+    ]
+    facts = {
+        "path": path,
+        "object": lowered,
+        "counts": [len(positions), len(corners)],
+        "grid": grid,
+        "coloured": "color" in arrays,
+    }
+    return facts, b"".join(parts)
+
+
+def _steps(values: NDArray[Any], kind: str) -> bytes:
+    """Differences along the first axis, as byte planes."""
+    steps = np.diff(values.astype(np.int64), axis=0, prepend=0).astype(kind)
+    return np.ascontiguousarray(steps.reshape(len(steps), -1).view(np.uint8).T).tobytes()
+
 
 # Parts that a file which computes does not draw.
 _NOT_COMPUTED = ("deflection", "screws", "centres")
@@ -39,7 +201,7 @@ def export_page(
     *,
     elastic: ElasticMechanism | None = None,
     state: ViewState | None = None,
-    picture: PictureMaker = Picture,
+    picture: PictureMaker = PageScene,
     address: str | None = None,
 ) -> str:
     """The page as HTML text.
@@ -133,11 +295,11 @@ def _picture_of(
     pictures, picture = Pictures(), session.picture
     states: dict[str, dict[Key, int]] = {}
     other = "light" if shown.theme == "dark" else "dark"
-    kit = None
+    assets = None
     for theme in (shown.theme, other):
         look = shown.model_copy(update={"theme": theme})
         if is_whole:  # the file copies the links of a ghost
-            kit = picture.kit(base, look.model_copy(update={"ghost": None}))
+            assets = picture.assets(base, look.model_copy(update={"ghost": None}))
         else:
             picture.draw(base, look)
         pictures.merge(picture.changes_by_path() if states else picture.everything_by_path())
@@ -155,7 +317,7 @@ def _picture_of(
     data = {
         "start": start,
         "themes": themes,
-        "kit": kit,
+        "assets": assets,
         "legend": legend,
         "scene": {
             "units": {"length": units.length, "force": units.force, "moment": units.moment},

@@ -26,8 +26,8 @@ from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
+from cartstiff.page.shown import verdict
 from cartstiff.page.source import Source
-from cartstiff.page.verdict import verdict
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import CoupledSprings

@@ -12,21 +12,21 @@ from cartstiff.analysis.screws import Screw
 from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.page.messages import ViewState
 from cartstiff.page.source import Cloud
-from cartstiff.page.state import ViewState
-from cartstiff.scene.canvas import Node
-from cartstiff.scene.scene import Look, Scene
-from cartstiff.scene.window import RecordingWindow
+from cartstiff.scene.appearance import Appearance
+from cartstiff.scene.scene import Scene
+from cartstiff.scene.viewer import RecordingWindow, ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
 
 
-class Picture:
+class PageScene:
     """Draws postures; hands over what has changed, or everything."""
 
     def __init__(self, elastic: ElasticMechanism) -> None:
         self._window = RecordingWindow(writes=True)
-        self._scene = Scene(Node(self._window, "/meshcat"), elastic)
+        self._scene = Scene(ViewerNode(self._window, "/meshcat"), elastic)
 
     def draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Move everything to a posture; returns what the picture's sizes mean."""
@@ -40,7 +40,7 @@ class Picture:
                         float(swings.frequencies[state.mode - 1]),
                         swings.nodal_axes[state.mode - 1],
                     )
-        legend: dict[str, Any] = self._scene.draw(result, _look(state, nodal))
+        legend: dict[str, Any] = self._scene.draw(result, _appearance(state, nodal))
         measures = {
             freedom: facts["scale"]
             for freedom, facts in legend["ellipsoids"].items()
@@ -54,9 +54,9 @@ class Picture:
             "screws": legend["screws"],
         }
 
-    def kit(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-        """Every part that another state needs is sent; what places them, see `Scene.kit`."""
-        return self._scene.kit(result, _look(state))
+    def assets(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
+        """Every part that another state needs is sent; what places them, see `Scene.assets`."""
+        return self._scene.assets(result, _appearance(state))
 
     def along(self, postures: Sequence[MechanismPosture]) -> list[list[bytes]]:
         """Commands that bring the mechanism from each posture to the next; no numbers change."""
@@ -100,11 +100,11 @@ class Picture:
         return self._window.snapshot()
 
 
-def _look(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Look:
+def _appearance(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Appearance:
     """What the picture of a state shows."""
     measures = state.measures
     kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}
-    return Look(
+    return Appearance(
         connection=state.connection,
         quantity=state.quantity,
         others=state.others,

@@ -25,18 +25,9 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.page.answer import Answer
-from cartstiff.page.description import (
-    describe_mechanism,
-    slider_coordinates,
-    slider_ranges,
-)
-from cartstiff.page.picture import Picture
-from cartstiff.page.refining import Row, Rows, outwards, refine
-from cartstiff.page.shown import response_curves, series_row, shown_numbers
-from cartstiff.page.source import Source, changed
-from cartstiff.page.state import (
+from cartstiff.page.messages import (
     Analysis,
+    Answer,
     Bounds,
     Draw,
     Frame,
@@ -49,6 +40,17 @@ from cartstiff.page.state import (
     Swing,
     ViewState,
 )
+from cartstiff.page.picture import PageScene
+from cartstiff.page.refining import Row, Rows, outwards, refine
+from cartstiff.page.shown import (
+    describe_mechanism,
+    response_curves,
+    series_row,
+    shown_numbers,
+    slider_coordinates,
+    slider_ranges,
+)
+from cartstiff.page.source import Source, changed
 from cartstiff.report.analysis import summary_text
 from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
@@ -64,7 +66,7 @@ _FINEST = 64
 
 
 class PictureMaker(Protocol):
-    """What draws; `cartstiff.page.picture.Picture` unless a test brings its own."""
+    """What draws; `cartstiff.page.picture.PageScene` unless a test brings its own."""
 
     def __call__(self, elastic: ElasticMechanism) -> Any:
         """A picture of a mechanism, without a posture yet."""
@@ -90,7 +92,7 @@ class Session:
     """
 
     def __init__(
-        self, source: Source, picture: PictureMaker = Picture, told: dict[str, Any] | None = None
+        self, source: Source, picture: PictureMaker = PageScene, told: dict[str, Any] | None = None
     ) -> None:
         self.source, self._told = source, told or {}
         self.make_picture = picture

@@ -1,40 +1,264 @@
-r"""The numbers of the page, as plain values for JSON; everything is asked of the library.
-
-`shown_numbers` gives the object of ``cartstiff analyse --json`` under "result", and what depends on
-the tab: the matrices for another reference point or along the axes of F, principal values,
-condition, distance to singularities, legs, and the verdict in words.
-"""
+"""The state of a posture in one line of words, and how serious it is."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import condition, held_values, spectrum
-from cartstiff.analysis.posture import (
-    FoundDeflection,
-    deflection_found,
-)
+from cartstiff.analysis.posture import FoundDeflection, deflection_found
 from cartstiff.analysis.sections import Notes
 from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.quick_posture import QuickPosture
-from cartstiff.mechanisms.platform import PlatformPosture
-from cartstiff.page.state import ViewState
-from cartstiff.page.verdict import asymmetries, verdict
+from cartstiff.matrix_names import MATRICES
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.platform import Platform, PlatformPosture
+from cartstiff.page.messages import ViewState
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.scene.quantities import HeldPair, block_ellipsoid, held_pair
+from cartstiff.scene.appearance import HeldPair, block_ellipsoid, held_pair
+from cartstiff.statics.command import drives
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame
 from cartstiff.stiffness.reduction import scaled_values, values_of_closed
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
+
+Level = Literal["good", "warning", "bad"]
+
+# Asymmetry below this share of the largest entry is rounding.
+_ROUNDING = numerics.SYMMETRY
+
+# Why there is no matrix, the most telling first.
+_NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
+    ("constraint-singularity", "bad", "Constraint singularity: branches of motion cross here"),
+    ("non-regular-redundancy", "bad", "The closures lose rank and block the motion"),
+    ("unbalanced", "bad", "Unbalanced: the arm would move by itself, no wrench holds it"),
+    ("buckled", "bad", "Buckled: the energy has no minimum along the self-motion"),
+    ("strut-buckled", "bad", "A strut has buckled between its flexures"),
+    ("strut-not-found", "bad", "The flexures are bent too far: no balance of a strut was found"),
+    ("serial-singularity", "bad", "Singular posture: a motion of the end-effector is impossible"),
+    ("idle-self-motion", "bad", "A self-motion costs no energy, yet moves the end-effector"),
+    (
+        "fewer-than-six-freedoms",
+        "warning",
+        "Fewer than six free motions: only the compliance exists",
+    ),
+)
+NEAR: tuple[tuple[str, Level, str], ...] = (
+    ("type-2-singularity", "bad", "Singular posture: the actuators do not hold the body"),
+    ("near-constraint-singularity", "warning", "The closures nearly repeat each other"),
+    ("singular-stiffness", "warning", "Singular stiffness: one motion costs nothing"),
+    ("near-serial-singularity", "warning", "Near a singularity: one motion is almost impossible"),
+    ("near-type-2-singularity", "warning", "Near a singularity: one direction is hardly held"),
+    ("slack", "warning", "Slack cables carry nothing"),
+)
+DEFINITE: dict[str, tuple[Level, str]] = {
+    "positive": ("good", "Positive definite: every motion is resisted"),
+    "positive semidefinite": ("warning", "Positive semidefinite: some motion costs nothing"),
+    "indefinite": ("bad", "Indefinite: along some motion the load pushes further away"),
+    "negative semidefinite": ("bad", "Not positive along any motion"),
+    "negative": ("bad", "Negative definite: no motion is resisted"),
+    "zero": ("bad", "Zero stiffness"),
+}
+
+
+def asymmetries(matrices: list[Array]) -> list[float]:
+    """Largest entry of K - K^T of each, 0 where it is only rounding."""
+    if not matrices:
+        return []
+    stack = np.array(matrices)
+    differences = (stack - stack.swapaxes(1, 2)).max(axis=(1, 2)).tolist()
+    largest = np.abs(stack).max(axis=(1, 2)).tolist()
+    return [
+        difference if difference > _ROUNDING * size else 0.0
+        for difference, size in zip(differences, largest, strict=True)
+    ]
+
+
+def verdict(
+    result: PostureStiffness, connection: str, matrix: Array | None, definiteness: str | None
+) -> dict[str, Any]:
+    """Words and level for the shown stiffness matrix.
+
+    Parameters
+    ----------
+    result : PostureStiffness
+        The posture.
+    connection : str
+        The name of the connection shown.
+    matrix : ndarray or None
+        The stiffness, None where it does not exist.
+    definiteness : str or None
+        Definiteness of its symmetric part.
+
+    Returns
+    -------
+    dict
+        "level" ("good", "warning", "bad"), "title" in one line, "code" of the state or None.
+    """
+    notes = {note.code: note.message for note in result.notes}
+    if matrix is None:
+        for code, level, title in _NO_MATRIX:
+            if code in notes:
+                return {"level": level, "title": title, "code": code}
+        if connection == "F" and (reason := notes.get("kf-undefined")):
+            return {"level": "warning", "title": f"No K^F: {reason}", "code": "kf-undefined"}
+        for code, level, title in NEAR:
+            if code in notes:
+                return {"level": level, "title": title, "code": code}
+        return {"level": "bad", "title": "The matrix does not exist here", "code": None}
+    level, title = DEFINITE[definiteness or "zero"]
+    if level == "bad":
+        return {"level": level, "title": title, "code": definiteness}
+    for code, near, words in NEAR:
+        if code in notes:
+            return {"level": near, "title": words, "code": code}
+    return {"level": level, "title": title, "code": None if level == "good" else definiteness}
+
+
+# Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and lengths
+# as a share of the mechanism's size.
+_TILT = np.pi / 6
+_TURN = np.pi
+_SHARE = 0.25
+
+
+def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True) -> dict[str, Any]:
+    """Names, units, ranges and springs.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    q : ndarray (n,)
+        The posture around which coordinates without limits are ranged.
+    frames : bool
+        Whether other frames of interest may be chosen.
+    """
+    mechanism, units = elastic.mechanism, elastic.units
+    ranges = slider_ranges(elastic, q)
+    springs = elastic.springs
+    lines = isinstance(springs, LineSprings)
+    coordinates = [
+        {
+            "name": c.name,
+            "is_length": c.is_length,
+            "unit": units.coordinate(c.is_length),
+            "lower": lower,
+            "upper": upper,
+            "limited": bool(np.isfinite(c.lower) and np.isfinite(c.upper)),
+        }
+        for c, (lower, upper) in zip(mechanism.coordinates, ranges, strict=True)
+    ]
+    stiffness = [] if springs is None else np.asarray(springs.stiffness, float).tolist()
+    stiffness = [np.inf if i in mechanism.rigid else k for i, k in enumerate(stiffness)]
+    spring_units = [
+        units.spring(lines or bool(c["is_length"]))
+        for c in (coordinates if not lines else [{}] * len(stiffness))
+    ]
+    driven = () if springs is None else drives(elastic)
+    return {
+        "name": elastic.name,
+        "kind": mechanism.kind,
+        "frame": mechanism.frame,
+        "frames": _frames(elastic) if frames else [mechanism.frame],
+        "units": units.as_dict(),
+        "coordinates": coordinates,
+        "joints": _joints(elastic),
+        "axes": _axes(elastic),
+        "sliders": slider_coordinates(elastic),
+        "springs": [
+            {"name": name, "stiffness": plain(k), "unit": unit, "driven": name in driven}
+            for name, k, unit in zip(elastic.spring_names, stiffness, spring_units, strict=False)
+        ],
+        "takes_load": springs is not None,
+        "may_be_loaded": elastic.may_be_loaded,
+        "source": elastic.source,
+        "weighed": gravity_loads(elastic).text,
+        "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
+        "size": float(mechanism.at(q).length),
+        "platform": isinstance(mechanism, Platform),
+        "connections": [
+            {"name": name, "title": matrix.name, "meaning": matrix.sentence}
+            for name, matrix in MATRICES.items()
+        ],
+    }
+
+
+def _frames(elastic: ElasticMechanism) -> list[str]:
+    mechanism = elastic.mechanism
+    if not isinstance(mechanism, Chain) or mechanism.kind not in ("serial", "closed-chain"):
+        return [mechanism.frame]
+    # Those that move with the same joint: for them the chain, its joints and springs are the same.
+    joint = mechanism.body.joint
+    names = [name for name, place in mechanism.tree.frames.items() if place.joint == joint]
+    return names if mechanism.frame in names else [mechanism.frame, *names]
+
+
+def _joints(elastic: ElasticMechanism) -> list[int]:
+    """The coordinate that moves each joint of the tree."""
+    mechanism = elastic.mechanism
+    if not isinstance(mechanism, Chain):
+        return []
+    mimic = mechanism.tree.mimic
+    if mimic is None:
+        return list(range(len(mechanism.coordinates)))
+    return np.abs(mimic).argmax(axis=1).tolist()
+
+
+def _axes(elastic: ElasticMechanism) -> list[list[float]]:
+    """The line along or about which each joint of the tree moves, in the joint's own frame."""
+    mechanism = elastic.mechanism
+    if not isinstance(mechanism, Chain):
+        return []
+    screws = mechanism.tree.screws()
+    return [(s[:3] if s[:3].any() else s[3:]).tolist() for s in screws]
+
+
+def slider_coordinates(elastic: ElasticMechanism) -> list[int]:
+    """Coordinates that a user moves: all of an open chain, the motors of a closed one.
+
+    Where a closed chain names no motors, those with a spring; the closures move the others.
+    """
+    mechanism = elastic.mechanism
+    every = list(range(len(mechanism.coordinates)))
+    if not isinstance(mechanism, Chain):
+        return every
+    if mechanism.actuated is not None:
+        return list(mechanism.actuated)
+    if not mechanism.closures or elastic.springs is None:
+        return [i for i in every if i not in mechanism.held]  # not the links that give
+    stiff = np.asarray(elastic.springs.stiffness) > 0
+    return [i for i in every if i < len(stiff) and stiff[i] and i not in mechanism.held] or every
+
+
+def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, float]]:
+    """Ends of every slider: the limits, and a range about q where there are none."""
+    mechanism = elastic.mechanism
+    size = mechanism.at(q).length
+    is_platform = False
+    if isinstance(mechanism, Platform):
+        is_platform, size = True, float(np.mean(mechanism.leg_lengths(q)))
+    pairs = zip(mechanism.coordinates, q, strict=True)
+    return [_range(c, float(x), size, is_platform) for c, x in pairs]
+
+
+def _range(coordinate: Coordinate, x: float, size: float, is_platform: bool) -> tuple[float, float]:
+    half = _SHARE * size if coordinate.is_length else _TILT if is_platform else _TURN
+    centre = x if coordinate.is_length or is_platform else 0.0
+    lower = coordinate.lower if np.isfinite(coordinate.lower) else min(centre - half, x)
+    upper = coordinate.upper if np.isfinite(coordinate.upper) else max(centre + half, x)
+    return float(lower), float(upper)
+
 
 _Matrices = Mapping[str, Array | None]
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")

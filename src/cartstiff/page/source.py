@@ -96,7 +96,7 @@ class Source:
     load : ndarray (6,) or None
         Wrench shown at first.
     load_kind, load_at, load_axes
-        What it does, where and along which axes, as in `cartstiff.page.state.ViewState`.
+        What it does, where and along which axes, as in `cartstiff.page.messages.ViewState`.
     command : list of float or None
         What the drives are told at first, one number a spring.
     reload : callable or None

@@ -1,8 +1,8 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
+from .appearance import Appearance as Appearance
 from .arrows import add_wrench as add_wrench
 from .ellipsoids import add_ellipsoid as add_ellipsoid
-from .look import Look as Look
 from .points import add_path as add_path
 from .points import add_points as add_points
 from .scales import Linear as Linear
@@ -10,4 +10,4 @@ from .scales import Logarithmic as Logarithmic
 from .scales import Root as Root
 from .scene import Scene as Scene
 from .screws import add_screw as add_screw
-from .window import RecordingWindow as RecordingWindow
+from .viewer import RecordingWindow as RecordingWindow

@@ -14,10 +14,10 @@ from cartstiff.analysis.deflection import displacement_of_point
 from cartstiff.arrays import checked_pose, checked_vector
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.scene import shapes, theme
-from cartstiff.scene.canvas import Node
+from cartstiff.scene import objects, theme
 from cartstiff.scene.labels import Label, number
 from cartstiff.scene.scales import Growing
+from cartstiff.scene.viewer import ViewerNode
 
 #: Length of an arrow, about, over the size of the mechanism.
 LONGEST_ARROW = 0.22
@@ -32,7 +32,9 @@ _SMALLEST_LOAD = 1e-3
 class Arrow:
     """A vector at a point, with its size written at the tip."""
 
-    def __init__(self, node: Node, colour: int, look: theme.Theme, turning: bool = False) -> None:
+    def __init__(
+        self, node: ViewerNode, colour: int, look: theme.Theme, turning: bool = False
+    ) -> None:
         self._node, self._colour, self._turning = node, colour, turning
         self._label, self._body = Label(node["label"], look, colour), node["arrow"]
         self._made = False
@@ -53,7 +55,7 @@ class Arrow:
             return 0.0
         self.make()
         (a, b, c), start = vector.tolist(), point.tolist()
-        x, y, z = ([length * e for e in axis] for axis in shapes.axes_along(a, b, c, size))
+        x, y, z = ([length * e for e in axis] for axis in objects.axes_along(a, b, c, size))
         self._body.set_columns(x, y, z, start)
         self._node.show(True)
         if labels:
@@ -68,7 +70,7 @@ class Arrow:
         """Send its parts, once."""
         if not self._made:
             self._made = True
-            made = shapes.turning_arrow if self._turning else shapes.arrow
+            made = objects.turning_arrow if self._turning else objects.arrow
             made(self._body, self._colour)
 
     def hide(self) -> None:
@@ -88,7 +90,9 @@ class WrenchPicture:
         Of force and moment.
     """
 
-    def __init__(self, node: Node, look: theme.Theme, scales: tuple[Growing, Growing]) -> None:
+    def __init__(
+        self, node: ViewerNode, look: theme.Theme, scales: tuple[Growing, Growing]
+    ) -> None:
         self._force = Arrow(node["force"], look.load, look)
         self._moment = Arrow(node["moment"], look.load, look, turning=True)
         self._scales = scales
@@ -122,7 +126,7 @@ class WrenchPicture:
 class DeflectionPicture:
     """Where a small motion takes the body, much enlarged: a pale frame and an arrow to it."""
 
-    def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
+    def __init__(self, node: ViewerNode, size: float, look: theme.Theme) -> None:
         self._size = size
         self._frame = node["frame"]
         self._arrow = Arrow(node["displacement"], theme.DEFLECTION, look)
@@ -136,7 +140,7 @@ class DeflectionPicture:
         factor = self._factor(twist) if wanted is None else wanted
         if not self._made:
             self._made = True
-            shapes.frame(self._frame, 0.12 * self._size, 0.45)
+            objects.frame(self._frame, 0.12 * self._size, 0.45)
         self._frame.show(True)
         self._frame.set_transform(T @ se3.exp(factor * twist))
         moved = displacement_of_point(twist, np.zeros(3))
@@ -207,7 +211,7 @@ def add_wrench(
     InputError
         For a wrong shape or numbers that are not finite.
     """
-    node = Node.of(visualizer)["wrench"]
+    node = ViewerNode.of(visualizer)["wrench"]
     W = checked_vector(wrench, 6, "wrench")
     pose = np.eye(4) if T is None else checked_pose(T, "T")
     node.delete()

@@ -19,10 +19,10 @@ from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, ellipsoid
 from cartstiff.arrays import checked_pose, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.scene import objects, shapes, theme
-from cartstiff.scene.canvas import Node
+from cartstiff.scene import objects, theme
 from cartstiff.scene.labels import Label, number
 from cartstiff.scene.scales import SCALES, Logarithmic, Scale
+from cartstiff.scene.viewer import ViewerNode
 
 # Decades that have a ring.
 MOST_RINGS = 6
@@ -42,7 +42,7 @@ class EllipsoidPicture:
 
     Parameters
     ----------
-    node : Node
+    node : ViewerNode
         Where it is drawn.
     colour : int
         0xRRGGBB.
@@ -58,7 +58,7 @@ class EllipsoidPicture:
 
     def __init__(
         self,
-        node: Node,
+        node: ViewerNode,
         colour: int,
         scale: Scale,
         size: float,
@@ -155,8 +155,8 @@ class EllipsoidPicture:
         )
         radius = 0.0035 * self._size
         for plus, minus in self._signs:  # from one end of the axis to the other
-            plus.set_object(shapes.rod(radius, _darker(self._colour)))
-            minus.set_object(shapes.dashed_rod(1.3 * radius, theme.NEGATIVE))
+            plus.set_object(objects.rod(radius, _darker(self._colour)))
+            minus.set_object(objects.dashed_rod(1.3 * radius, theme.NEGATIVE))
             minus.show(False)
         turn = np.linspace(0.0, 2.0 * np.pi, 97)
         circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
@@ -259,7 +259,7 @@ def add_ellipsoid(
     InputError
         For a wrong shape, numbers that are not finite, or an unknown freedom.
     """
-    node = Node.of(visualizer)
+    node = ViewerNode.of(visualizer)
     M = real_array(matrix, "matrix")
     if freedom not in _BLOCKS:
         raise InputError("unknown freedom", expected=", ".join(_BLOCKS), got=freedom)

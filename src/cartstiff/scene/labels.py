@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from cartstiff.errors import imported, printable
 from cartstiff.scene import theme as themes
-from cartstiff.scene.canvas import Node
 from cartstiff.scene.objects import sprite
+from cartstiff.scene.viewer import ViewerNode
 
 #: Height of a letter's box in dots, and of a label on the screen at unit distance.
 _DOTS = 30
@@ -101,7 +101,7 @@ class Label:
 
     Parameters
     ----------
-    node : Node
+    node : ViewerNode
         Its place.
     theme : Theme
         Colours of letters and paper.
@@ -109,7 +109,7 @@ class Label:
         Colour of what it belongs to: its letters are tinted.
     """
 
-    def __init__(self, node: Node, theme: themes.Theme, colour: int | None = None) -> None:
+    def __init__(self, node: ViewerNode, theme: themes.Theme, colour: int | None = None) -> None:
         self.node = node
         shades = list(themes.THEMES.values())
         self._letters = [t.text if colour is None else t.tinted(colour) for t in shades]

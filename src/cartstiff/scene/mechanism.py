@@ -1,24 +1,405 @@
-"""Any mechanism as a picture: chains, platforms, and the springs between their links."""
+"""Bodies held by lines: plates, legs as telescopes or cables, tension in colour."""
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
+from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.meshes import Mesh, read_meshes
+from cartstiff.loading.visuals import Visual, visuals_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
+from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
-from cartstiff.scene import theme
-from cartstiff.scene.canvas import Node
-from cartstiff.scene.platforms import LinesPicture, PlatformPicture
-from cartstiff.scene.robot import ChainPicture
+from cartstiff.scene import objects, theme
+from cartstiff.scene.objects import Y_TO_Z
 from cartstiff.scene.scales import Tension
+from cartstiff.scene.skeleton import Skeleton, skeleton
+from cartstiff.scene.viewer import ViewerNode, scaled
 from cartstiff.stiffness.compute import PostureStiffness
+
+
+class LinesPicture:
+    """Straight springs between points: one rod each, coloured by tension.
+
+    Parameters
+    ----------
+    node : ViewerNode
+        Where they are drawn.
+    count : int
+        How many.
+    radius : float
+        Radius of the rods.
+    cables : bool
+        A slack line is drawn dashed and grey.
+    telescope : float or None
+        Length of the outer tube of a leg; None draws one rod.
+    tube : int
+        Its colour.
+    ghost : bool
+        Translucent and in one colour.
+
+    Attributes
+    ----------
+    telescope : float or None
+        As given.
+    """
+
+    def __init__(
+        self,
+        node: ViewerNode,
+        count: int,
+        radius: float,
+        *,
+        cables: bool = False,
+        telescope: float | None = None,
+        tube: int = theme.LIGHT.joint,
+        ghost: bool = False,
+    ) -> None:
+        self.telescope = telescope
+        self._radius = radius
+        self._cables = cables
+        colour = theme.GHOST if ghost else 0xFFFFFF
+        opacity = theme.GHOST_OPACITY if ghost else 1.0
+        lines = [node[f"line {i + 1}"] for i in range(count)]
+        self._rods = [line["rod"] for line in lines]
+        self._tubes = [line["tube"] for line in lines] if telescope is not None else []
+        self._shades: list[int | None] = [None] * count
+        outer = theme.GHOST if ghost else tube
+        for line in self._rods:
+            line.set_object(objects.rod(radius, colour, opacity))
+        for line in self._tubes:
+            line.set_object(objects.rod(1.9 * radius, outer, opacity))
+        self._dashed = [False] * count
+
+    def move(self, starts: Array, ends: Array) -> None:
+        """Draw each line from `starts` to `ends` (m, 3)."""
+        for i, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+            x, y, z = objects.segment_columns(start, end)
+            self._rods[i].set_columns(x, y, z, start)
+            if self.telescope is not None:
+                a, b, c = x
+                share = min(1.0, self.telescope / sqrt(a * a + b * b + c * c))
+                self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
+
+    def carry(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
+        """Colour each line by what it carries at a length; returns the legend.
+
+        Tensions that are not known yet (no rest length) count as zero.
+        """
+        tensions = springs.tensions(lengths)
+        tensions = np.where(np.isnan(tensions), 0.0, tensions)
+        taut = springs.is_taut(lengths)
+        scale.fit(tensions)
+        self._paint(tensions, taut, scale)
+        slack = [int(i) + 1 for i in np.flatnonzero(~taut)] if self._cables else []
+        return {**scale.legend(), "values": tensions.tolist(), "slack": slack}
+
+    def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
+        """Slack cables grey and dashed."""
+        shades = [theme.shade(share) for share in scale.share(tensions).tolist()]
+        for i, line in enumerate(self._rods):
+            slack = self._cables and not taut[i]
+            shade = theme.SLACK if slack else shades[i]
+            if slack != self._dashed[i]:
+                self._dashed[i] = slack
+                rod = objects.dashed_rod if slack else objects.rod
+                line.set_object(rod(self._radius, 0xFFFFFF))
+                self._shades[i] = None
+            if shade != self._shades[i]:
+                self._shades[i] = shade
+                line.set_property("color", [*theme.fractions(shade), 1.0])
+
+
+class PlatformPicture:
+    """Draws a Stewart-Gough platform, a body on springs, or a cable robot; then moves it."""
+
+    def __init__(
+        self,
+        node: ViewerNode,
+        platform: Platform,
+        cables: bool,
+        size: float,
+        look: theme.Theme,
+        reference: Array,
+        *,
+        ghost: bool = False,
+    ) -> None:
+        self._platform = platform
+        self.notes: list[str] = []
+        radius = 0.011 * size
+        opacity = theme.GHOST_OPACITY if ghost else 1.0
+        colour = theme.GHOST if ghost else look.plate
+        ball = theme.GHOST if ghost else look.joint
+        self._body = node["body"]
+        solid_body = 0.45 if cables else 0.8
+        flat = objects.plate(platform.points, 0.025 * size, colour, min(opacity, solid_body))
+        if flat is not None:
+            self._body["plate"].set_object(flat)
+        else:
+            for i, point in enumerate(platform.points):
+                if np.linalg.norm(point) > numerics.NEARBY * size:
+                    rod = self._body[f"rod {i + 1}"]
+                    rod.set_object(objects.rod(radius, colour, opacity))
+                    rod.set_transform(objects.segment(np.zeros(3), point))
+        self._balls(self._body, platform.points, 1.7 * radius, ball, opacity)
+        if not ghost:
+            self._ground(node["base"], size, look, ball)
+        legs = platform.kind == "stewart-gough"
+        lengths = platform.leg_lengths(reference)
+        shortest = lengths.min() if platform.limits is None else platform.limits[:, 0].min()
+        self._lines = LinesPicture(
+            node["legs"],
+            len(platform.points),
+            (0.8 if legs else 0.35) * radius,
+            cables=cables,
+            telescope=0.55 * float(max(shortest, 0.2 * lengths.min())) if legs else None,
+            tube=look.joint,
+            ghost=ghost,
+        )
+
+    def _ground(self, node: ViewerNode, size: float, look: theme.Theme, ball: int) -> None:
+        anchors = self._platform.anchors
+        spread = np.linalg.svd(anchors - anchors.mean(axis=0), compute_uv=False)
+        if spread[-1] < 0.2 * spread[0]:
+            made = objects.plate(anchors, 0.025 * size, look.plate, 0.9)
+        else:
+            made = _edges(anchors, look.link)
+        if made is not None:
+            node["plate"].set_object(made)
+        self._balls(node, anchors, 0.017 * size, ball, 1.0)
+
+    @staticmethod
+    def _balls(node: ViewerNode, points: Array, radius: float, colour: int, opacity: float) -> None:
+        for i, point in enumerate(np.unique(np.round(points, 12), axis=0)):
+            T = np.eye(4)
+            T[:3, 3] = point
+            node[f"joint {i + 1}"].set_object(
+                objects.solid(objects.sphere(radius), colour, opacity)
+            )
+            node[f"joint {i + 1}"].set_transform(T)
+
+    def move(self, posture: PlatformPosture) -> None:
+        """Put body and legs where they are at a pose."""
+        T, platform = posture.pose, self._platform
+        self._body.set_transform(T)
+        self._lines.move(platform.anchors, platform.points @ T[:3, :3].T + T[:3, 3])
+
+    def facts(self) -> dict[str, Any]:
+        """What the legs are, for a viewer that moves the picture itself."""
+        return {"telescope": self._lines.telescope, "colours": theme.DIVERGING.tolist()}
+
+    def paint(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
+        """Colour the legs by what they carry; returns the legend."""
+        return self._lines.carry(springs, lengths, scale)
+
+
+def _edges(corners: Array, colour: int) -> objects.Object | None:
+    """Edges of a convex hull: the frame that cables hang from."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:
+        return None
+    ends = []
+    for face, neighbours in enumerate(hull.neighbors):
+        for corner, other in enumerate(neighbours):
+            bent = hull.equations[face, :3] @ hull.equations[other, :3] < 1 - numerics.CLOSE
+            if other > face and bent:
+                ends += [hull.points[v] for k, v in enumerate(hull.simplices[face]) if k != corner]
+    return objects.lines(np.array(ends), colour) if ends else None
+
+
+_UNPAINTED = 0xC8CCD0
+
+
+class ChainPicture:
+    """Draws a chain once, then moves it.
+
+    Parameters
+    ----------
+    node : ViewerNode
+        Where it is drawn, in the mechanism's own unit of length.
+    chain : Chain
+        The mechanism.
+    size : float
+        Its size, in its unit: how thick sticks are.
+    look : Theme
+        Colours of sticks.
+    ghost : bool
+        Translucent and in one colour.
+    lines : tuple of LineSprings
+        Springs between links, for the stick figure.
+
+    Attributes
+    ----------
+    notes : list of str
+        What cannot be shown, and what stands for it.
+    """
+
+    def __init__(
+        self,
+        node: ViewerNode,
+        chain: Chain,
+        size: float,
+        look: theme.Theme,
+        *,
+        ghost: bool = False,
+        lines: tuple[LineSprings, ...] = (),
+    ) -> None:
+        self._chain, self._size, self._theme, self._ghost = chain, size, look, ghost
+        self._node = node
+        self._boxes: list[tuple[FixedFrame, Array]] = []
+        pieces, self._missing = visuals_of(chain)
+        self._joints: dict[int, tuple[ViewerNode, FixedFrame]] = {}
+        self._meshes = read_meshes(p.shape.path for p in pieces if isinstance(p.shape, MeshFile))
+        # Lengths of a robot description are metres, as are those of its mechanism.
+        shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
+        self.notes: list[str] = []
+        if self._missing:
+            others = f" (and {n} more like it)" if (n := len(self._missing) - 1) else ""
+            self.notes.append(self._missing[0] + others)
+        self._sliders: list[tuple[ViewerNode, FixedFrame, Array, FixedFrame]] = []
+        if self.notes or not any(shown):
+            self._sticks(skeleton(chain, lines))
+            if self.notes:
+                self.notes.append("sticks between the joints stand for what is missing")
+        self._moving = [self._joints[j] for j in sorted(self._joints) if j > 0]
+
+    def move(self, posture: ChainPosture) -> None:
+        """Put every link where it is at a posture."""
+        at = posture.pose_at
+        for node, placement in self._moving:
+            node.set_transform(at(placement))
+        for node, parent, start, joint in self._sliders:
+            T = at(parent)
+            node.set_transform(objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3]))
+
+    def facts(self) -> dict[str, Any]:
+        """What moves with which joint, for a viewer that moves the picture itself."""
+        return {
+            "joints": sorted(j for j in self._joints if j > 0),
+            "sliders": [
+                [node.path.rpartition("/")[2], parent.joint, start.tolist(), joint.joint]
+                for node, parent, start, joint in self._sliders
+            ],
+            "boxes": [[at.joint, box.tolist()] for at, box in self._boxes],
+        }
+
+    def corners(self, posture: ChainPosture) -> Array:
+        """Corners (n, 3) in F of boxes around the meshes at a posture."""
+        corners = [np.zeros((0, 3))]
+        for placement, box in self._boxes:
+            T = posture.pose_at(placement)
+            corners.append(box @ T[:3, :3].T + T[:3, 3])
+        return np.concatenate(corners)
+
+    def _on(self, joint: int) -> ViewerNode:
+        if joint not in self._joints:
+            self._joints[joint] = (self._node[f"joint {joint}"], FixedFrame(joint, np.eye(4)))
+        return self._joints[joint][0]
+
+    def _piece(self, i: int, visual: Visual) -> bool:
+        node = self._on(visual.at.joint)[f"{i} {visual.link.replace('/', ' ')}"]
+        mesh = self._meshes[visual.shape.path] if isinstance(visual.shape, MeshFile) else None
+        if isinstance(mesh, InputError):
+            self._missing.append(f"link {visual.link}: {mesh}")
+            return False
+        if mesh is not None and not len(mesh.faces):
+            return False
+        M = visual.at.T_j_f
+        if isinstance(visual.shape, MeshFile):
+            M = scaled(M, np.array(visual.shape.scale))
+        if mesh is not None:
+            ends = np.array([mesh.positions.min(axis=0), mesh.positions.max(axis=0)], float)
+            box = np.array([[x, y, z] for x in ends[:, 0] for y in ends[:, 1] for z in ends[:, 2]])
+            box = box @ M[:3, :3].T + M[:3, 3]
+            self._boxes.append((FixedFrame(visual.at.joint, np.eye(4)), box))
+        colour, opacity = self._paint(visual, mesh)
+        for k, (geometry, own) in enumerate(_geometries(visual.shape, mesh, not self._ghost)):
+            part = node if k == 0 else node[f"part {k}"]
+            if "color" in geometry.get("data", {}).get("attributes", {}):
+                colour = 0xFFFFFF
+            part.set_object(objects.solid(geometry, colour, opacity, own))
+        node.set_transform(M)
+        return True
+
+    def _paint(self, visual: Visual, mesh: Mesh | None) -> tuple[int, float]:
+        if self._ghost:
+            return theme.GHOST, theme.GHOST_OPACITY
+        if visual.colour is not None:
+            return theme.hex_of(255 * np.array(visual.colour)), max(visual.colour[3], 0.05)
+        if mesh is not None and mesh.colour is not None:
+            return theme.hex_of(mesh.colour), 1.0
+        return _UNPAINTED, 1.0
+
+    def _sticks(self, figure: Skeleton) -> None:
+        size, look = self._size, self._theme
+        opacity = theme.GHOST_OPACITY if self._ghost else 1.0
+        link = theme.GHOST if self._ghost else look.link
+        knuckle = theme.GHOST if self._ghost else look.joint
+        radius = 0.012 * size
+        for i, bone in enumerate(figure.bones):
+            node = self._on(bone.joint)[f"bone {i}"]
+            node.set_object(objects.rod(radius, link, opacity))
+            node.set_transform(objects.segment(bone.start, bone.end))
+        for i, flat in enumerate(figure.plates):
+            # The ground plate of a planar mechanism must not hide its links.
+            solid = 0.35 if flat.joint == 0 else 0.85
+            made = objects.plate(flat.corners, 0.02 * size, link, min(opacity, solid))
+            if made is not None:
+                self._on(flat.joint)[f"plate {i}"].set_object(made)
+        for part in figure.knuckles:
+            node = self._on(part.joint)["knuckle"]
+            if part.axis is None:
+                node.set_object(objects.solid(objects.sphere(1.8 * radius), knuckle, opacity))
+                continue
+            if part.prismatic:
+                sides = (5 * radius, 3 * radius, 3 * radius)
+                node.set_object(objects.solid(objects.box(sides), knuckle, opacity))
+            else:
+                geometry = objects.cylinder(1.8 * radius, 4.2 * radius)
+                node.set_object(objects.solid(geometry, knuckle, opacity, objects.Y_TO_X))
+            T = np.eye(4)
+            T[:3, :3] = objects.rotation_to(part.axis)
+            node.set_transform(T)
+        for slider in figure.sliders:
+            node = self._node[f"slider {slider.joint}"]
+            node.set_object(objects.rod(0.7 * radius, link, opacity))
+            parent, joint = (FixedFrame(j, np.eye(4)) for j in (slider.parent, slider.joint))
+            self._sliders.append((node, parent, slider.start, joint))
+
+
+def _geometries(
+    shape: Shape, mesh: Mesh | None, coloured: bool
+) -> list[tuple[objects.Object, Array | None]]:
+    """three.js geometries of a shape, each with its motion in the shape's frame."""
+    if mesh is not None:
+        colours = mesh.colours if coloured else None
+        return [(objects.mesh(mesh.positions, mesh.faces, mesh.normals, colours), None)]
+    if isinstance(shape, Box):
+        return [(objects.box(shape.sides), None)]
+    if isinstance(shape, Cylinder):
+        return [(objects.cylinder(shape.radius, shape.length, 32), Y_TO_Z)]
+    if isinstance(shape, Capsule):
+        ends = []
+        for side in (-0.5, 0.5):
+            T = np.eye(4)
+            T[2, 3] = side * shape.length
+            ends.append((objects.sphere(shape.radius), T))
+        return [(objects.cylinder(shape.radius, shape.length, 32), Y_TO_Z), *ends]
+    if isinstance(shape, MeshFile):
+        return []
+    return [(objects.sphere(), np.diag([*shape.radii, 1.0]))]
 
 
 def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
@@ -61,7 +442,7 @@ class MechanismPicture:
 
     Attributes
     ----------
-    node : Node
+    node : ViewerNode
         Its place.
     notes : list of str
         What cannot be shown.
@@ -69,7 +450,7 @@ class MechanismPicture:
 
     def __init__(
         self,
-        node: Node,
+        node: ViewerNode,
         elastic: ElasticMechanism,
         size: float,
         look: theme.Theme,

@@ -13,7 +13,7 @@ from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, theme
-from cartstiff.scene.canvas import Node
+from cartstiff.scene.viewer import ViewerNode
 
 # Kinds of points that a legend lists; rarer ones are "others".
 _MOST_KINDS = len(theme.KINDS)
@@ -129,7 +129,7 @@ def add_points(
         For wrong shapes or positions that are not finite.
     """
     p, v = _checked(positions, values)
-    node = Node.of(visualizer)
+    node = ViewerNode.of(visualizer)
     facts: dict[str, Any] = {"label": label, "unit": unit, "count": len(p)}
     if v is None or not len(p):
         node.delete()
@@ -169,8 +169,8 @@ def add_path(
         raise InputError("a path has at least two points", got=str(len(p)))
     facts: dict[str, Any] = {"label": label, "unit": unit, "count": len(p)}
     if v is None:
-        Node.of(visualizer).set_object(objects.lines(p, colour, joined=True))
+        ViewerNode.of(visualizer).set_object(objects.lines(p, colour, joined=True))
         return facts
     colours, bar = colours_of(v)
-    Node.of(visualizer).set_object(objects.lines(p, colours.astype(float), joined=True))
+    ViewerNode.of(visualizer).set_object(objects.lines(p, colours.astype(float), joined=True))
     return facts | bar

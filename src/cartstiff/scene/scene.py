@@ -20,18 +20,17 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.scene import theme
+from cartstiff.scene.appearance import Appearance, block_ellipsoid, load_at, reference, why_missing
 from cartstiff.scene.arrows import (
     LONGEST_ARROW,
     SMALLEST_MOTION,
     DeflectionPicture,
     WrenchPicture,
 )
-from cartstiff.scene.canvas import Node
 from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
-from cartstiff.scene.look import Look as Look
+from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
-from cartstiff.scene.quantities import block_ellipsoid, load_at, reference, why_missing
 from cartstiff.scene.scales import SCALES, Growing, Scale
 from cartstiff.scene.screws import (
     AxesPicture,
@@ -40,7 +39,7 @@ from cartstiff.scene.screws import (
     compliant_lines,
     eigenscrew_lines,
 )
-from cartstiff.scene.stage import Stage
+from cartstiff.scene.viewer import ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.posture import StiffnessInFrame
 
@@ -71,9 +70,11 @@ class Scene:
 
     def __init__(self, visualizer: Any, elastic: ElasticMechanism) -> None:
         self._elastic = elastic
-        self._node = Node.of(visualizer)["cartstiff"]
+        self._node = ViewerNode.of(visualizer)["cartstiff"]
         self._start = elastic.mechanism.closed(elastic.q)
-        self._stage = Stage(self._node, extent(elastic, self._start), elastic.units.length)
+        self._environment = Environment(
+            self._node, extent(elastic, self._start), elastic.units.length
+        )
         #: Place of the picture: what is added below is in F, in the mechanism's unit of length.
         self.node = self._node
         self._theme = ""
@@ -86,14 +87,14 @@ class Scene:
 
     # -- the picture -------------------------------------------------------------------------
 
-    def draw(self, result: PostureStiffness, look: Look | None = None) -> dict[str, Any]:
-        """Move everything to a posture and show what a `Look` asks for.
+    def draw(self, result: PostureStiffness, look: Appearance | None = None) -> dict[str, Any]:
+        """Move everything to a posture and show what a `Appearance` asks for.
 
         Parameters
         ----------
         result : PostureStiffness
             From `cartstiff.analyse`, of the same mechanism.
-        look : Look, optional
+        look : Appearance, optional
             What is shown; the default shows the tangent stiffness under the load, and the load.
 
         Returns
@@ -108,7 +109,7 @@ class Scene:
         InputError
             For coordinates of a ghost or an added wrench that do not fit.
         """
-        look = look or Look()
+        look = look or Appearance()
         if look.theme != self._theme:
             self._ghost_at = None  # will be drawn anew
         ghost = self._ghost_posture(look)
@@ -125,7 +126,7 @@ class Scene:
             self._node[name]["name"].show(look.labels)
         self._node["ground"].show(look.grid)
         return {
-            "length": self._stage.legend(),
+            "length": self._environment.legend(),
             "connection": look.connection,
             "quantity": look.quantity,
             "others": look.others,
@@ -164,20 +165,20 @@ class Scene:
         return add_path(self._node["path"], positions, values, label=label, unit=unit)
 
     def camera(self, preset: str = "iso") -> None:
-        """Look from "iso" (also "fit", "home"), "front", "side" or "top"."""
-        self._stage.camera(preset)
+        """Appearance from "iso" (also "fit", "home"), "front", "side" or "top"."""
+        self._environment.camera(preset)
 
     def bounds(self, result: PostureStiffness) -> Array:
         """Lowest and highest corner (2, 3), in the viewer's units, of what has to be seen."""
         posture = result.posture
-        around = _RADIUS * self._stage.size * np.array([[-1.0] * 3, [1.0] * 3])
+        around = _RADIUS * self._environment.size * np.array([[-1.0] * 3, [1.0] * 3])
         points = [extent(self._elastic, posture), result.pose[:3, 3] + around, self._around_map]
         if self._theme:
             points.append(self._mechanism.corners(posture))
         every = np.concatenate(points)
-        return self._stage.seen(np.array([every.min(axis=0), every.max(axis=0)]))
+        return self._environment.seen(np.array([every.min(axis=0), every.max(axis=0)]))
 
-    def kit(self, result: PostureStiffness, look: Look) -> dict[str, Any]:
+    def assets(self, result: PostureStiffness, look: Appearance) -> dict[str, Any]:
         """Send every part that another posture, load or quantity needs, and what places them.
 
         A viewer that has this moves the picture itself. Lengths are in the mechanism's unit.
@@ -195,9 +196,9 @@ class Scene:
                 picture.hide()
         self._wrenches.make()
         self.draw(result, look)
-        size, kinds = self._stage.size, [(q, f) for q in _QUANTITIES for f in _FREEDOMS]
+        size, kinds = self._environment.size, [(q, f) for q in _QUANTITIES for f in _FREEDOMS]
         return {
-            **self._stage.facts(),
+            **self._environment.facts(),
             "radius": _RADIUS * size,
             "map": self._around_map.tolist(),
             "arrows": dict(
@@ -225,7 +226,7 @@ class Scene:
     def _build(self, name: str) -> None:
         """Send every object in the colours of a theme."""
         look = theme.THEMES[name]
-        node, size = self._node, self._stage.size
+        node, size = self._node, self._environment.size
         if self._theme:  # what has been drawn in another theme
             for part in (
                 "mechanism",
@@ -243,10 +244,10 @@ class Scene:
         self._theme = name
         self._mechanism = MechanismPicture(node["mechanism"], self._elastic, size, look)
         if first:
-            self._stage.frame_also(self._mechanism.corners(self._start))
-            self._stage.camera("iso")
-        self._stage.dress(look)
-        self._frame = self._stage.frames(look)
+            self._environment.frame_also(self._mechanism.corners(self._start))
+            self._environment.camera("iso")
+        self._environment.dress(look)
+        self._frame = self._environment.frames(look)
         self.notes = self._mechanism.notes
         self._ghost, self._ghost_at = None, None
         self._ellipsoids: dict[tuple[Freedom, Quantity], EllipsoidPicture] = {}
@@ -258,7 +259,7 @@ class Scene:
         self._balls = CentresPicture(node["centres"], size, look)
 
     def _ellipsoid(
-        self, freedom: Freedom, look: Look, here: StiffnessInFrame, reason: str | None
+        self, freedom: Freedom, look: Appearance, here: StiffnessInFrame, reason: str | None
     ) -> dict[str, Any] | None:
         wanted = look.translation if freedom == "translation" else look.rotation
         key = (freedom, look.quantity)
@@ -288,7 +289,7 @@ class Scene:
                 self._node[f"{freedom} ellipsoid"][quantity],
                 _COLOURS[freedom],
                 self._scale(freedom, quantity, "root"),
-                self._stage.size,
+                self._environment.size,
                 theme.THEMES[self._theme],
                 side=1.0 if freedom == "translation" else -1.0,
             )
@@ -296,7 +297,7 @@ class Scene:
 
     def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:
         """The scale of a kind of value: it has no history."""
-        key, target = (quantity, freedom, kind), _RADIUS * self._stage.size
+        key, target = (quantity, freedom, kind), _RADIUS * self._environment.size
         if kept and (measure := kept.get(freedom)) and measure["kind"] == kind:
             return SCALES[kind](target).kept(measure)
         if key not in self._scales:
@@ -308,10 +309,12 @@ class Scene:
     def _arrow_scales(self) -> tuple[Growing, Growing]:
         """Of forces and moments, beginning where they hardly move the mechanism."""
         scales = []
-        for freedom, motion in zip(_FREEDOMS, (self._stage.size, 1.0), strict=True):
+        for freedom, motion in zip(_FREEDOMS, (self._environment.size, 1.0), strict=True):
             stiffness = float(np.abs(self._usual_values("stiffness", freedom)).max())
             smallest = SMALLEST_MOTION * motion * stiffness
-            scales.append(Growing(LONGEST_ARROW * self._stage.size, smallest or SMALLEST_MOTION))
+            scales.append(
+                Growing(LONGEST_ARROW * self._environment.size, smallest or SMALLEST_MOTION)
+            )
         return scales[0], scales[1]
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
@@ -332,7 +335,9 @@ class Scene:
         units = self._elastic.units
         return (units.stiffness if quantity == "stiffness" else units.compliance)[freedom]
 
-    def _wrench(self, result: PostureStiffness, look: Look, T: Array) -> dict[str, Any] | None:
+    def _wrench(
+        self, result: PostureStiffness, look: Appearance, T: Array
+    ) -> dict[str, Any] | None:
         W = load_at(result, look)
         if not look.wrench or W is None:
             self._wrenches.hide()
@@ -340,7 +345,7 @@ class Scene:
         force, moment = self._elastic.units.force, self._elastic.units.moment
         return self._wrenches.draw(W, T, force, moment, look.labels)
 
-    def _added(self, result: PostureStiffness, look: Look) -> Array | None:
+    def _added(self, result: PostureStiffness, look: Appearance) -> Array | None:
         """The wrench whose deflection is drawn, about the reference point."""
         if not look.deflection:
             return None
@@ -353,7 +358,7 @@ class Scene:
         return added + np.concatenate([np.cross(away, added[3:]), np.zeros(3)])
 
     def _deflection(
-        self, result: PostureStiffness, look: Look, added: Array | None, T: Array
+        self, result: PostureStiffness, look: Appearance, added: Array | None, T: Array
     ) -> dict[str, Any] | None:
         if not look.deflection:
             self._deflections.hide()
@@ -372,7 +377,7 @@ class Scene:
         return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 
     def _axes(
-        self, name: str, wanted: bool, look: Look, here: StiffnessInFrame, reason: str | None
+        self, name: str, wanted: bool, look: Appearance, here: StiffnessInFrame, reason: str | None
     ) -> list[dict[str, Any]] | dict[str, Any] | None:
         picture = self._lines[name]
         if not wanted or (K := here.matrices[look.connection]) is None:
@@ -384,7 +389,7 @@ class Scene:
         )
         return picture.draw(lines, here.pose, self._elastic.units.length, look.labels)
 
-    def _nodal(self, result: PostureStiffness, look: Look) -> dict[str, Any] | None:
+    def _nodal(self, result: PostureStiffness, look: Appearance) -> dict[str, Any] | None:
         if look.nodal is None:
             self._lines["nodal"].hide()
             return None
@@ -394,7 +399,7 @@ class Scene:
         return self._lines["nodal"].draw([line], result.pose, unit, look.labels)[0]
 
     def _centres(
-        self, look: Look, here: StiffnessInFrame, reason: str | None
+        self, look: Appearance, here: StiffnessInFrame, reason: str | None
     ) -> dict[str, Any] | None:
         if not look.centres or (K := here.matrices[look.connection]) is None:
             self._balls.hide()
@@ -402,7 +407,7 @@ class Scene:
         C = here.inverse_of_symmetric_part(look.connection)
         return self._balls.draw(symmetric_part(K), C, here.pose, look.labels)
 
-    def _ghost_posture(self, look: Look) -> MechanismPosture | None:
+    def _ghost_posture(self, look: Appearance) -> MechanismPosture | None:
         if look.ghost is None or look.ghost == self._ghost_at:
             return None
         q = self._elastic.mechanism.checked(look.ghost, "ghost")
@@ -411,7 +416,9 @@ class Scene:
         except CartstiffError:
             return None
 
-    def _move_ghost(self, posture: MechanismPosture | None, look: Look, notes: list[str]) -> None:
+    def _move_ghost(
+        self, posture: MechanismPosture | None, look: Appearance, notes: list[str]
+    ) -> None:
         if look.ghost is None:
             if self._ghost is not None:
                 self._ghost.node.show(False)
@@ -420,7 +427,11 @@ class Scene:
             if self._ghost is None:
                 place = self._node["ghost"]
                 self._ghost = MechanismPicture(
-                    place, self._elastic, self._stage.size, theme.THEMES[look.theme], ghost=True
+                    place,
+                    self._elastic,
+                    self._environment.size,
+                    theme.THEMES[look.theme],
+                    ghost=True,
                 )
             self._ghost.move(posture)
             self._ghost_at = look.ghost

@@ -21,9 +21,9 @@ from cartstiff.arrays import checked_pose
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units
-from cartstiff.scene import objects, shapes, theme
-from cartstiff.scene.canvas import Node
+from cartstiff.scene import objects, theme
 from cartstiff.scene.labels import Label, number
+from cartstiff.scene.viewer import ViewerNode
 
 # Farther than this many sizes of the mechanism is outside of the picture.
 _OUTSIDE = 2.5
@@ -76,9 +76,9 @@ def compliant_lines(K: Array, C: Array | None, units: Units) -> list[Line]:
 class AxesPicture:
     """Lines in space, each with its pitch written at one end."""
 
-    def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
+    def __init__(self, node: ViewerNode, size: float, look: theme.Theme) -> None:
         self._node, self._size, self._theme = node, size, look
-        self._lines: list[tuple[Node, Label]] = []
+        self._lines: list[tuple[ViewerNode, Label]] = []
         self._colours: list[int | None] = []
 
     def draw(
@@ -113,10 +113,10 @@ class AxesPicture:
                 continue
             if self._colours[i] != line.colour:
                 self._colours[i] = line.colour
-                node.set_object(shapes.rod(0.003 * self._size, line.colour, 0.9))
+                node.set_object(objects.rod(0.003 * self._size, line.colour, 0.9))
             point = T[:3, :3] @ line.screw.point + T[:3, 3]
             along = T[:3, :3] @ line.screw.direction
-            node.set_transform(shapes.segment(point - half * along, point + half * along))
+            node.set_transform(objects.segment(point - half * along, point + half * along))
             if labels:
                 # Ends of lines through one point lie apart; neighbours get opposite ends.
                 end = half * (1.04 if i % 2 else -1.04)
@@ -152,7 +152,7 @@ _NAMES = {
 class CentresPicture:
     """The centres of an elasticity; those that coincide share one label."""
 
-    def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
+    def __init__(self, node: ViewerNode, size: float, look: theme.Theme) -> None:
         self._node, self._size = node, size
         self._labels = {name: Label(node[f"{name} label"], look) for name in _NAMES}
         self._made: set[str] = set()
@@ -251,15 +251,15 @@ def add_screw(
     bool
         False for a screw of infinite pitch: it has a direction and no place.
     """
-    node = Node.of(visualizer)["screw"]
+    node = ViewerNode.of(visualizer)["screw"]
     node.delete()
     if not np.all(np.isfinite(screw.point)):
         return False
     pose = np.eye(4) if T is None else checked_pose(T, "T")
     point = pose[:3, :3] @ screw.point + pose[:3, 3]
     half = 0.5 * size * (pose[:3, :3] @ screw.direction)
-    node["axis"].set_object(shapes.rod(0.006 * size, colour, 0.9))
-    node["axis"].set_transform(shapes.segment(point - half, point + half))
+    node["axis"].set_object(objects.rod(0.006 * size, colour, 0.9))
+    node["axis"].set_transform(objects.segment(point - half, point + half))
     text = f"h = {number(screw.pitch, unit)}" if label is None else label
     if text:
         look = theme.DARK if dark else theme.LIGHT

@@ -1,4 +1,4 @@
-// The picture without a server: what `cartstiff.scene` would send for a posture, from its `kit`.
+// The picture without a server: what `cartstiff.scene` would send for a posture, from its `assets`.
 
 import { general, motion, moved, place, rotation, times } from "./algebra.js";
 import { inFrame, principalValues } from "./program.js";
@@ -70,9 +70,9 @@ function number(value, unit) {
 }
 
 export class Drawing {
-  constructor(program, kit, scene) {
+  constructor(program, assets, scene) {
     this.program = program;
-    this.kit = kit;
+    this.assets = assets;
     this.scene = scene; // {units, notes}
     this.seen = new Map(); // what was sent of each path, so that only changes are
     this.texts = new Map();
@@ -97,11 +97,11 @@ export class Drawing {
   }
 
   write(path, text, point, kind) {
-    const { letters: { light, dark } } = this.kit;
+    const { letters: { light, dark } } = this.assets;
     if (this.texts.get(path) !== text) {
       this.texts.set(path, text);
       const [letters, paper] = [kind, "paper"].map((name) => [light[name], dark[name]]);
-      this.commands.push({ type: "label", path: `${ROOT}/${path}`, text, letters, paper, height: this.kit.label });
+      this.commands.push({ type: "label", path: `${ROOT}/${path}`, text, letters, paper, height: this.assets.label });
     }
     this.put(path, [[1, 0, 0], [0, 1, 0], [0, 0, 1], point]);
     this.show(path, true);
@@ -122,7 +122,7 @@ export class Drawing {
     here.principal = principalValues(here, state);
     const found = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state)).filter(Boolean);
     const arrows = this.arrows(m, here, state);
-    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.kit.scale };
+    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.assets.scale };
     return { commands: this.commands, legend };
   }
 
@@ -135,27 +135,27 @@ export class Drawing {
   }
 
   mechanism(root, { pose, frames }) {
-    const { kit, program } = this;
+    const { assets, program } = this;
     if (program.data.platform) {
       this.pose(`${root}/body`, pose);
       program.data.points.forEach((point, i) => {
         const [start, end] = [program.data.anchors[i], moved(pose, point)];
         this.segment(`${root}/legs/line ${i + 1}/rod`, start, end);
-        if (kit.telescope) this.segment(`${root}/legs/line ${i + 1}/tube`, start, end, kit.telescope);
+        if (assets.telescope) this.segment(`${root}/legs/line ${i + 1}/tube`, start, end, assets.telescope);
       });
       return;
     }
-    for (const joint of kit.joints) this.pose(`${root}/joint ${joint}`, frames[joint - 1]);
-    for (const [name, parent, start, joint] of kit.sliders) {
+    for (const joint of assets.joints) this.pose(`${root}/joint ${joint}`, frames[joint - 1]);
+    for (const [name, parent, start, joint] of assets.sliders) {
       this.segment(`${root}/${name}`, parent ? moved(frames[parent - 1], start) : start, place(frames[joint - 1]));
     }
   }
 
   /** Places below the mechanism that hold what it is made of. */
   parts() {
-    const { kit, program } = this;
-    if (!program.data.platform) return [...kit.joints.map((joint) => `joint ${joint}`), ...kit.sliders.map(([name]) => name)];
-    return ["body", ...program.data.points.flatMap((_, i) => [`legs/line ${i + 1}/rod`, ...(kit.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
+    const { assets, program } = this;
+    if (!program.data.platform) return [...assets.joints.map((joint) => `joint ${joint}`), ...assets.sliders.map(([name]) => name)];
+    return ["body", ...program.data.points.flatMap((_, i) => [`legs/line ${i + 1}/rod`, ...(assets.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
   }
 
   segment(path, start, end, most = Infinity) {
@@ -175,7 +175,7 @@ export class Drawing {
     }
     m.tensions.forEach((tension, i) => {
       const share = this.limit ? Math.max(-1, Math.min(1, tension / this.limit)) : 0;
-      const value = [...between(this.kit.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
+      const value = [...between(this.assets.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
       this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color", value });
     });
     if (this.limit) lines.push({ mark: "tension", text: `legs: blue ${few(-this.limit)} to orange ${few(this.limit)} ${this.scene.units.force}` });
@@ -186,13 +186,13 @@ export class Drawing {
     if (!state.ghost) return;
     if (!this.copied) {
       this.copied = true;
-      this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(), ...this.kit.ghost });
+      this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(), ...this.assets.ghost });
     }
     this.mechanism("ghost", this.program.place(state.ghost));
   }
 
   ellipsoid(freedom, here, state) {
-    const { kit } = this;
+    const { assets } = this;
     const [quantity, root] = [state.quantity, `${freedom} ellipsoid`];
     const other = quantity === "stiffness" ? "compliance" : "stiffness";
     this.show(`${root}/${other}`, false);
@@ -206,14 +206,14 @@ export class Drawing {
     const R = rotation(here.pose);
     const axes = found.axes.map((v) => times(R, v));
     const solid = kind === "positive";
-    const unit = kit.units[`${quantity}/${freedom}`];
+    const unit = assets.units[`${quantity}/${freedom}`];
     const kept = state.measures?.[freedom];
-    const scale = kept?.kind === state.scale ? MADE[kept.kind](kept) : SCALES[state.scale](values, kit.usual[`${quantity}/${freedom}`], kit.radius);
+    const scale = kept?.kind === state.scale ? MADE[kept.kind](kept) : SCALES[state.scale](values, assets.usual[`${quantity}/${freedom}`], assets.radius);
     this.measures[freedom] = scale.facts;
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
     this.show(`${at}/body`, solid);
-    if (solid) this.put(`${at}/body`, [...axes.map((v, i) => along(v, Math.max(lengths[i], kit.thin))), centre]);
+    if (solid) this.put(`${at}/body`, [...axes.map((v, i) => along(v, Math.max(lengths[i], assets.thin))), centre]);
     axes.forEach((v, i) => {
       const path = `${at}/axis ${i + 1}`;
       const shown = state.labels && lengths[i] > 0;
@@ -225,7 +225,7 @@ export class Drawing {
         this.write(`${at}/value ${i + 1}`, number(values[i], unit), along(v, (freedom === "translation" ? 1.08 : -1.08) * lengths[i], centre), freedom);
       } else this.show(`${at}/value ${i + 1}`, false);
     });
-    for (let k = 1; k <= kit.rings; k++) {
+    for (let k = 1; k <= assets.rings; k++) {
       const radius = solid ? k * (scale.step ?? 0) : 0;
       const shown = radius > 0 && radius < Math.max(...lengths);
       this.show(`${at}/ring ${k}`, shown);
@@ -246,7 +246,7 @@ export class Drawing {
       this.show(path, shown);
       if (!shown) return;
       const unit = this.scene.units[kind];
-      const { length_per_decade: per, zero_at: zero } = this.kit.arrows[kind];
+      const { length_per_decade: per, zero_at: zero } = this.assets.arrows[kind];
       const length = growing(size, per, zero);
       const [along, centre] = [times(rotation(here.pose), vector), place(here.pose)];
       this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
@@ -261,15 +261,15 @@ export class Drawing {
 
   /** Two corners of what has to be seen, in the viewer's units. */
   bounds({ pose, frames }) {
-    const { kit, program } = this;
+    const { assets, program } = this;
     const tool = place(pose);
-    const points = [...kit.map, ...[-1, 1].map((side) => tool.map((x) => x + side * kit.radius))];
+    const points = [...assets.map, ...[-1, 1].map((side) => tool.map((x) => x + side * assets.radius))];
     if (program.data.platform) points.push(...program.data.anchors, ...program.data.points.map((point) => moved(pose, point)));
     else {
       points.push([0, 0, 0], ...frames.map(place));
-      for (const [joint, box] of kit.boxes) points.push(...box.map((corner) => (joint ? moved(frames[joint - 1], corner) : corner)));
+      for (const [joint, box] of assets.boxes) points.push(...box.map((corner) => (joint ? moved(frames[joint - 1], corner) : corner)));
     }
-    return [Math.min, Math.max].map((least) => [0, 1, 2].map((i) => kit.scale * (least(...points.map((p) => p[i])) - kit.middle[i])));
+    return [Math.min, Math.max].map((least) => [0, 1, 2].map((i) => assets.scale * (least(...points.map((p) => p[i])) - assets.middle[i])));
   }
 }
 

@@ -44,7 +44,7 @@ export class LiveSource {
     const local = new ComputingSource(data, data.packed);
     local.cannot = "the server does not answer, and the browser cannot do that";
     local.onanswer = (...answer) => this.onanswer(...answer);
-    this.passing = new Drawing(local.program, data.kit, data.scene);
+    this.passing = new Drawing(local.program, data.assets, data.scene);
     this.local = local;
     store.tell("local", local);
   }

@@ -87,7 +87,7 @@ export class ComputingSource extends FileSource {
     this.shows = ["translation", "rotation", "labels", "wrench"];
     this.theme = data.hello.state.theme;
     this.program = new Program(data.program, globalThis.cartstiffProgram);
-    this.drawing = new Drawing(this.program, data.kit, data.scene);
+    this.drawing = new Drawing(this.program, data.assets, data.scene);
   }
 
   reason({ message }) {

@@ -47,8 +47,8 @@ export function sway(store) {
     const angle = Math.hypot(...store.numbers.moved.rotation);
     // A larger motion is drawn larger.
     const share = Math.max(size / data.program.reach, angle / 4);
-    const enlarged = growing(share, WIDEST / 4, data.kit.smallest_motion) / share;
-    const drawing = new Drawing(program, data.kit, data.scene);
+    const enlarged = growing(share, WIDEST / 4, data.assets.smallest_motion) / share;
+    const drawing = new Drawing(program, data.assets, data.scene);
     const put = (share) => store.pane.move(drawing.places(along(program, m, share * enlarged)));
     button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
     button.title = "From where it rests without the load to where it is under it, and back";

@@ -9,10 +9,10 @@ import numpy as np
 
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.scene import objects, shapes, theme
-from cartstiff.scene.canvas import Node
+from cartstiff.scene import objects, theme
 from cartstiff.scene.labels import HEIGHT, Label
 from cartstiff.scene.scales import round_number
+from cartstiff.scene.viewer import ViewerNode
 
 #: Directions from the mechanism to the camera.
 PRESETS = {
@@ -50,12 +50,12 @@ def scene_units(size: float, unit: str) -> float:
     return metres * 10.0 ** -floor(log10(actual / _SMALLEST))
 
 
-class Stage:
+class Environment:
     """Ground, background and camera of a mechanism.
 
     Parameters
     ----------
-    node : Node
+    node : ViewerNode
         Place of the mechanism, in its own unit of length.
     points : ndarray (n, 3)
         What has to be in the picture.
@@ -63,7 +63,7 @@ class Stage:
         Unit of length.
     """
 
-    def __init__(self, node: Node, points: Array, unit: str) -> None:
+    def __init__(self, node: ViewerNode, points: Array, unit: str) -> None:
         self.size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
         self.scale = scene_units(self.size, unit)
         self._points = points
@@ -73,7 +73,7 @@ class Stage:
         self.spacing = round_number(0.14 * self.size)
         node.enlarged = self.scale
         self.frame(points)
-        self._root = Node(node.window, "")
+        self._root = ViewerNode(node.window, "")
         for name in ("Grid", "Axes"):
             self._root[name].show(False)
         self._theme: theme.Theme | None = None
@@ -125,7 +125,7 @@ class Stage:
         return objects.lines(lines, look.grid, 0.8)
 
     def camera(self, preset: str = "iso") -> None:
-        """Look from "iso", "front", "side" or "top"; "fit" is the first of them.
+        """Appearance from "iso", "front", "side" or "top"; "fit" is the first of them.
 
         Raises
         ------
@@ -145,12 +145,12 @@ class Stage:
         place.set_property("fov", _FIELD_OF_VIEW)
         place.set_property("position", [float(eye[0]), float(eye[2]), float(-eye[1])])
 
-    def frames(self, look: theme.Theme) -> Node:
+    def frames(self, look: theme.Theme) -> ViewerNode:
         """Draw the axes of F and M; returns the place of M."""
         length = 0.11 * self.size
         for name in ("F", "M"):
             node = self.node[name]
-            shapes.frame(node, length)
+            objects.frame(node, length)
             Label(node["name"], look).show(name, np.full(3, -0.3 * length))
         return self.node["M"]
 
