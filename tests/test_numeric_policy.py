@@ -31,8 +31,8 @@ ALLOWED = {
     "report/exchange.py": "limits that stand for none",
     "scene/arrows.py": "the smallest loads and motions that are drawn",
     "scene/ellipsoids.py": "the thinnest body that is drawn",
-    "scene/look.py": "the largest exaggeration that is drawn",
-    "scene/stage.py": "units",
+    "scene/appearance.py": "the largest exaggeration that is drawn",
+    "scene/environment.py": "units",
     "statics/newton.py": "the longest step: no bound",
     "vibration/chatter.py": "the spacing of a picture's points",
 }

@@ -592,7 +592,7 @@ def test_the_page_comes_back_when_the_server_does(pages):
 
 
 def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):
-    from cartstiff.page import tab
+    from cartstiff.page import server as tab
 
     monkeypatch.setattr(tab, "MOST_TABS", 1)
     server = Background(Source(cartstiff.load("cubic")))

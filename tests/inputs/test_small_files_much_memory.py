@@ -120,7 +120,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.loading.mjcf import worker as mjcf_worker
     from cartstiff.maps import sampling, store
     from cartstiff.mechanisms import chain, tree
-    from cartstiff.page import state
+    from cartstiff.page import messages
     from cartstiff.statics import problem as effort
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
@@ -147,7 +147,7 @@ def test_the_limits_are_those_of_the_reference():
         "10 000 000": sampling._MOST_VALUES,
         "1 000 000": store._MOST_CHUNKS,
         "| 10 000 |": path._MOST_PLACES,
-        "64 KiB": state.LARGEST_MESSAGE / 1024,
+        "64 KiB": messages.LARGEST_MESSAGE / 1024,
     }
     for words, value in shown.items():
         assert words in table

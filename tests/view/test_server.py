@@ -20,8 +20,7 @@ from tornado.websocket import WebSocketClosedError
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.page import gate
-from cartstiff.page import tab as tabs_of
+from cartstiff.page import server as serving
 from cartstiff.page.server import Background
 from cartstiff.page.source import Source
 
@@ -289,13 +288,13 @@ def test_long_questions_do_not_hold_up_short_ones(tab):
 
 def test_long_questions_rest_while_a_hand_moves_something(tab, monkeypatch):
     """However long one posture of theirs takes: no picture waits for it, on no tab of the page."""
-    monkeypatch.setattr(tabs_of, "_HAND", 1e9)
+    monkeypatch.setattr(serving, "_HAND", 1e9)
     one, other = tab(), tab()
     other.ask({"id": 1, "do": "draw"})
     one.send({"id": 1, "do": "sweep", "coordinate": 0, "steps": 2})
     for number in range(2, 60):
         assert one.ask({"id": number, "do": "draw"})["id"] == number
-    monkeypatch.setattr(tabs_of, "_HAND", 0.0)
+    monkeypatch.setattr(serving, "_HAND", 0.0)
     assert one.read()["id"] == 1
 
 
@@ -341,7 +340,7 @@ def test_refused_messages_leave_the_tab_open(tab):
 
 
 def test_too_many_messages_are_dropped_and_said(tab, monkeypatch):
-    monkeypatch.setattr(tabs_of, "MOST_MESSAGES", 20)
+    monkeypatch.setattr(serving, "MOST_MESSAGES", 20)
     one = tab()
     for number in range(1, 400):
         one.send({"id": number, "do": "bounds"})
@@ -371,7 +370,7 @@ def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
 
 
 def test_tabs_are_counted(page, monkeypatch):
-    monkeypatch.setattr(tabs_of, "MOST_TABS", 3)
+    monkeypatch.setattr(serving, "MOST_TABS", 3)
     tabs = [Tab(page.url) for _ in range(3)]
     late = Tab(page.url)
     assert late.read()["error"] == "too many tabs show this page; expected at most 3"
@@ -391,7 +390,7 @@ def test_tabs_are_counted(page, monkeypatch):
 
 def test_a_crowd_without_a_word_locks_nobody_out(page, monkeypatch):
     """Idle and slow connections give way to new ones, and never to one that has the token."""
-    monkeypatch.setattr(gate, "MOST_CONNECTIONS", 20)
+    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 20)
     place = urlsplit(page.url)
     one = Tab(page.url)
     assert one.read()["do"] == "hello"
