@@ -13,6 +13,9 @@ import pytest
 
 import cartstiff
 
+#: Seconds: only what never comes takes longer, on the busiest machine too.
+PATIENCE = 300
+
 
 class NoPicture:
     """Draws nothing, quickly; remembers what it was asked."""
@@ -86,12 +89,12 @@ class Tab:
         """The next answer's object; None if the socket has been closed."""
 
         async def next_message() -> Any:
-            message = await asyncio.wait_for(self.socket.read_message(), 20)
+            message = await asyncio.wait_for(self.socket.read_message(), PATIENCE)
             if not isinstance(message, str):
                 return message
             pieces = b""  # a large answer comes in pieces, behind its size
             while len(pieces) < int(message):
-                pieces += await asyncio.wait_for(self.socket.read_message(), 20)
+                pieces += await asyncio.wait_for(self.socket.read_message(), PATIENCE)
             return pieces
 
         message = self.loop.run_until_complete(next_message())

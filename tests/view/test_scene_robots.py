@@ -222,7 +222,7 @@ def test_mechanisms_without_meshes_are_stick_figures(name):
             M = viewer.world(path)
             for end in (M[:3, 3], M[:3, 3] + M[:3, 0]):
                 nearest = min(float(np.linalg.norm(end - k)) for k in known)
-                assert nearest < 1e-6 * scene._stage.size, path
+                assert nearest < 1e-6 * scene._environment.size, path
     assert viewer.below(MECHANISM)
 
 

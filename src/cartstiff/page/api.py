@@ -164,8 +164,6 @@ def show(
     if open_browser is None:
         open_browser = not _in_notebook()
     if open_browser:
-        from cartstiff.page.api import open_page
-
         open_page(page.url)
     return page
 

@@ -46,8 +46,6 @@ class EllipsoidPicture:
         Where it is drawn.
     colour : int
         0xRRGGBB.
-    scale : Linear, Root or Logarithmic
-        From values to lengths; may be another for the next picture.
     size : float
         Size of the mechanism: how thick its axes are.
     look : Theme
@@ -60,12 +58,11 @@ class EllipsoidPicture:
         self,
         node: ViewerNode,
         colour: int,
-        scale: Scale,
         size: float,
         look: theme.Theme,
         side: float = 1.0,
     ) -> None:
-        self.node, self.scale = node, scale
+        self.node = node
         self._colour, self._size, self._side = colour, size, side
         self._body = node["body"]
         self._axes = [node[f"axis {i + 1}"] for i in range(3)]
@@ -76,14 +73,22 @@ class EllipsoidPicture:
         self._made = False
 
     def draw(
-        self, shape: Ellipsoid, T: Array, unit: str, axes: bool = True, labels: bool = True
+        self,
+        shape: Ellipsoid,
+        T: Array,
+        scale: Scale,
+        unit: str,
+        axes: bool = True,
+        labels: bool = True,
     ) -> dict[str, Any]:
-        """Show an ellipsoid whose matrix is in the frame with pose T; returns its legend."""
+        """Show an ellipsoid whose matrix is in the frame with pose T; returns its legend.
+
+        The scale leads from values to lengths.
+        """
         values = shape.eigenvalues
         flat = shape.definiteness == "positive semidefinite"
         solid = flat or shape.definiteness == "positive"
-        self.scale.fit(values)
-        lengths = self.scale.length(values)
+        lengths = scale.length(values)
         self.make()
         # In plain numbers from here: arrays of three take longer.
         columns = T[:3, :3].dot(shape.axes).T.tolist()
@@ -100,7 +105,8 @@ class EllipsoidPicture:
             self._body.set_columns(x, y, z, centre)
         for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
             self._axis(i, columns, radius, value < 0.0, centre, axes)
-        self._draw_rings(columns, centre, max(radii) if solid else 0.0)
+        step = scale.per_decade if isinstance(scale, Logarithmic) else 0.0
+        self._draw_rings(columns, centre, step, max(radii) if solid else 0.0)
         for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
             if labels and axes and radius > 0.0:
                 end = _along(columns[i], self._side * 1.08 * radius, centre)
@@ -115,7 +121,7 @@ class EllipsoidPicture:
             "axes": shape.axes.tolist(),
             "unit": unit,
             "radii": radii,
-            "scale": self.scale.legend(),
+            "scale": scale.legend(),
             "asymmetry": shape.asymmetry,
         }
 
@@ -164,9 +170,10 @@ class EllipsoidPicture:
             ring.set_object(objects.lines(circle, _darker(self._colour), 0.7, joined=True))
             ring.show(False)
 
-    def _draw_rings(self, columns: list[list[float]], centre: list[float], largest: float) -> None:
+    def _draw_rings(
+        self, columns: list[list[float]], centre: list[float], step: float, largest: float
+    ) -> None:
         """Where a logarithmic scale has another factor of ten, across the softest axis."""
-        step = self.scale.per_decade if isinstance(self.scale, Logarithmic) else 0.0
         if not step and not self._has_rings:
             return
         self._has_rings = step > 0.0
@@ -272,10 +279,10 @@ def add_ellipsoid(
     if isinstance(scale, str):
         if scale not in SCALES:
             raise InputError("unknown scale", expected=", ".join(SCALES), got=scale)
-        scale = SCALES[scale](size)
+        scale = SCALES[scale].from_values(shape.eigenvalues, size)
     default = theme.TRANSLATION if freedom == "translation" else theme.ROTATION
     look = theme.DARK if dark else theme.LIGHT
     node = node["ellipsoid"]
     node.delete()
-    picture = EllipsoidPicture(node, default if colour is None else colour, scale, 3.0 * size, look)
-    return picture.draw(shape, pose, unit, axes=True, labels=labels)
+    picture = EllipsoidPicture(node, default if colour is None else colour, 3.0 * size, look)
+    return picture.draw(shape, pose, scale, unit, labels=labels)

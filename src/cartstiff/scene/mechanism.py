@@ -90,7 +90,7 @@ class LinesPicture:
                 share = min(1.0, self.telescope / sqrt(a * a + b * b + c * c))
                 self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
 
-    def carry(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
+    def carry(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
         """Colour each line by what it carries at a length; returns the legend.
 
         Tensions that are not known yet (no rest length) count as zero.
@@ -98,7 +98,7 @@ class LinesPicture:
         tensions = springs.tensions(lengths)
         tensions = np.where(np.isnan(tensions), 0.0, tensions)
         taut = springs.is_taut(lengths)
-        scale.fit(tensions)
+        scale = Tension.from_values(tensions)
         self._paint(tensions, taut, scale)
         slack = [int(i) + 1 for i in np.flatnonzero(~taut)] if self._cables else []
         return {**scale.legend(), "values": tensions.tolist(), "slack": slack}
@@ -197,9 +197,9 @@ class PlatformPicture:
         """What the legs are, for a viewer that moves the picture itself."""
         return {"telescope": self._lines.telescope, "colours": theme.DIVERGING.tolist()}
 
-    def paint(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
+    def paint(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
         """Colour the legs by what they carry; returns the legend."""
-        return self._lines.carry(springs, lengths, scale)
+        return self._lines.carry(springs, lengths)
 
 
 def _edges(corners: Array, colour: int) -> objects.Object | None:
@@ -484,7 +484,6 @@ class MechanismPicture:
             )
             for i, term in enumerate(lines)
         ]
-        self._scales = [Tension() for _ in range(1 + len(lines))]
 
     def move(self, posture: MechanismPosture) -> None:
         """Put everything where it is at a posture."""
@@ -529,15 +528,13 @@ class MechanismPicture:
             and isinstance(posture, PlatformPosture)
         ):
             lengths = springs.geometry(posture).lengths
-            legs = self._platform.paint(springs, lengths, self._scales[0])
+            legs = self._platform.paint(springs, lengths)
             answer = {"unit": unit, **legs}
         groups = []
         terms = _lines(result.elastic, posture)
-        for picture, scale, (term, starts, ends) in zip(
-            self._lines, self._scales[1:], terms, strict=True
-        ):
+        for picture, (term, starts, ends) in zip(self._lines, terms, strict=True):
             lengths = line_geometry(np.eye(4), starts, ends).lengths
-            groups.append({"unit": unit, **picture.carry(term, lengths, scale)})
+            groups.append({"unit": unit, **picture.carry(term, lengths)})
         if groups:
             answer = {**(answer or {}), "lines": groups}
         return answer

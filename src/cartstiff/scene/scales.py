@@ -1,15 +1,15 @@
 """How large a value is drawn, and what the legend says about it.
 
-A scale follows from the value alone, and from values that it is told to refer to: the same matrix
-is drawn alike, whatever was drawn before. The legend says what the scale is.
+A scale follows from the values alone, and from usual ones of the mechanism: the same matrix is
+drawn alike, whatever was drawn before. The legend says what the scale is.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import ceil, floor, isfinite, log, log1p, log10
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,166 +32,93 @@ def round_number(x: float) -> float:
     return float(f"{step}e{power}")
 
 
-class _Scale(ABC):
-    """A scale for the values that are drawn next.
+@dataclass(frozen=True)
+class Linear:
+    """Length = value / `per_length`, a round number of value units per unit of length."""
 
-    Parameters
-    ----------
-    target : float
-        Length the largest value is drawn with, about.
-    """
-
-    def __init__(self, target: float) -> None:
-        self._target = target
-        self._settled = False
+    per_length: float = 0.0
+    kind: ClassVar[Literal["linear", "root"]] = "linear"
+    _power: ClassVar[int] = 1
+    _least: ClassVar[float] = 0.05
 
     @classmethod
-    def from_values(cls, values: ArrayLike, target: float) -> Self:
-        """A scale for values (any shape) that are drawn together; it does not change any more."""
-        scale = cls(target)
-        scale.fit(np.asarray(values, float))
-        scale._settled = True
-        return scale
+    def from_values(cls, values: ArrayLike, target: float, usual: ArrayLike = ()) -> Self:
+        """A scale for values (any shape) that are drawn together, the largest about `target` long.
 
-    def refer(self, values: Array) -> None:
-        """Keep to the scale that fits these values (any shape) as long as a size is of use."""
-        if (sizes := _sizes(values)) is not None:
-            self._refer(*sizes)
-
-    def fit(self, values: Array) -> None:
-        """Choose the scale for values (any shape) that are drawn next."""
-        if not self._settled and (sizes := _sizes(values)) is not None:
-            self._choose(*sizes)
-
-    def copy(self) -> Self:
-        """A scale of its own."""
-        other = object.__new__(type(self))
-        vars(other).update(vars(self))
-        return other
-
-    def kept(self, facts: Mapping[str, Any]) -> Self:
-        """The scale that a legend says."""
-        self._keep(facts)
-        self._settled = True
-        return self
-
-    @abstractmethod
-    def _keep(self, facts: Mapping[str, Any]) -> None: ...
-
-    @abstractmethod
-    def _refer(self, sizes: list[float], largest: float) -> None: ...
-
-    @abstractmethod
-    def _choose(self, sizes: list[float], largest: float) -> None: ...
-
-    @abstractmethod
-    def length(self, values: Array) -> Array:
-        """Lengths of the absolute values."""
-
-    @abstractmethod
-    def legend(self) -> dict[str, Any]:
-        """What a length means."""
-
-
-def _sizes(values: Array) -> tuple[list[float], float] | None:
-    """Absolute values and their largest; None where there is none above zero."""
-    sizes = [abs(v) for v in values.ravel().tolist() if isfinite(v)]
-    largest = max(sizes, default=0.0)
-    return (sizes, largest) if largest > 0.0 else None
-
-
-class Linear(_Scale):
-    """Length = value / `per_length`, a round number of value units per unit of length.
-
-    `target` is the length the largest value is drawn with, about.
-    """
-
-    kind: Literal["linear"] = "linear"
-    per_length = 0.0
-    _reference = 0.0
-
-    def _keep(self, facts: Mapping[str, Any]) -> None:
-        self.per_length = facts["value_per_length"] or 0.0
-
-    def _refer(self, sizes: list[float], largest: float) -> None:
-        self._reference = self._round(sizes, largest)
-
-    def _choose(self, sizes: list[float], largest: float) -> None:
-        self.per_length = self._reference
-        if not self._reference:
-            self.per_length = self._round(sizes, largest)
-        elif not 0.05 < (size := largest / self._reference / self._target) <= 2.5:
-            # Whole powers of ten: the length then lies between a quarter and 2.5 times the target.
-            self.per_length *= 10.0 ** ceil(log10(size / 2.5))
-
-    def _round(self, sizes: list[float], largest: float) -> float:  # noqa: ARG002
+        The scale of `usual` values is kept as long as a length is of use; else it is whole powers
+        of ten away.
+        """
+        largest, target = max(_sizes(values), default=0.0), target**cls._power
+        if not largest:
+            return cls()
         # Rounded down, so that a value is drawn up to 2.5 times the target length at most.
-        return round_number(1.6 * largest / self._target)
+        per = round_number(1.6 * max(_sizes(usual), default=largest) / target)
+        if not cls._least < (size := largest / per / target) <= 2.5:
+            per *= 10.0 ** ceil(log10(size / 2.5))
+        return cls(per)
+
+    @classmethod
+    def from_legend(cls, facts: Mapping[str, Any]) -> Self:
+        """The scale that a legend says."""
+        return cls(facts["value_per_length"] or 0.0)
 
     def length(self, values: Array) -> Array:
         """Lengths of the absolute values."""
         if not self.per_length:
             return np.zeros_like(values)
-        return np.abs(values) / self.per_length
+        return (np.abs(values) / self.per_length) ** (1.0 / self._power)
 
     def legend(self) -> dict[str, Any]:
         """What a length means."""
         return {"kind": self.kind, "value_per_length": self.per_length or None}
 
 
+@dataclass(frozen=True)
 class Root(Linear):
     """Length = sqrt(value / `per_length`): soft and stiff are both seen, and nothing is cut off.
 
-    `per_length` is a round number, the value that one unit of length stands for; `target` is the
-    length the largest value is drawn with, about.
+    `per_length` is a round number, the value that one unit of length stands for.
     """
 
-    kind: Literal["root"] = "root"  # type: ignore[assignment]
-
-    def _choose(self, sizes: list[float], largest: float) -> None:
-        self.per_length = self._reference or self._round(sizes, largest)
-        size = largest / self.per_length / self._target**2
-        if not 0.02 < size <= 2.5:
-            self.per_length *= 10.0 ** ceil(log10(size / 2.5))
-
-    def _round(self, sizes: list[float], largest: float) -> float:  # noqa: ARG002
-        return round_number(1.6 * largest / self._target**2)
-
-    def length(self, values: Array) -> Array:
-        """Lengths of the absolute values."""
-        return np.sqrt(super().length(values))
+    kind = "root"
+    _power = 2
+    _least = 0.02
 
 
-class Logarithmic(_Scale):
-    """Length = `per_decade` log10(value / `zero`); a value of `zero` or less has no length.
+@dataclass(frozen=True)
+class Logarithmic:
+    """Length = `per_decade` log10(value / `zero`); a value of `zero` or less has no length."""
 
-    `target` is the length the largest value is drawn with, about.
-    """
+    zero: float = 0.0
+    per_decade: float = 0.0
+    kind: ClassVar[Literal["log"]] = "log"
 
-    kind: Literal["log"] = "log"
-    zero = 0.0
-    per_decade = 0.0
-    _reference: tuple[float, float] | None = None  # log10 of `zero`, and `per_decade`
+    @classmethod
+    def from_values(cls, values: ArrayLike, target: float, usual: ArrayLike = ()) -> Self:
+        """A scale for values (any shape) that are drawn together, the largest about `target` long.
 
-    def _keep(self, facts: Mapping[str, Any]) -> None:
-        self.zero = facts["zero_at"] or 0.0
-        self.per_decade = facts["length_per_decade"] or 0.0
+        The scale of `usual` values is kept as long as a length is of use.
+        """
+        if not (sizes := _sizes(values)):
+            return cls()
+        zero, per_decade = cls._round(sizes, target)
+        if known := _sizes(usual):
+            first, step = cls._round(known, target)
+            reach = (log10(max(sizes)) - first) * step / target
+            if 0.3 <= log10(_smallest(sizes)) - first <= 3.5 and 0.6 <= reach <= 1.3:
+                zero, per_decade = first, step
+        return cls(float(f"1e{zero}"), per_decade)
 
-    def _refer(self, sizes: list[float], largest: float) -> None:
-        self._reference = self._round(sizes, largest)
+    @classmethod
+    def from_legend(cls, facts: Mapping[str, Any]) -> Self:
+        """The scale that a legend says."""
+        return cls(facts["zero_at"] or 0.0, facts["length_per_decade"] or 0.0)
 
-    def _choose(self, sizes: list[float], largest: float) -> None:
-        zero, per_decade = self._round(sizes, largest)
-        if self._reference is not None:
-            first, step = self._reference
-            reach = (log10(largest) - first) * step / self._target
-            if 0.3 <= log10(_smallest(sizes, largest)) - first <= 3.5 and 0.6 <= reach <= 1.3:
-                zero, per_decade = self._reference
-        self.zero, self.per_decade = float(f"1e{zero:.0f}"), per_decade
-
-    def _round(self, sizes: list[float], largest: float) -> tuple[float, float]:
-        zero = floor(log10(_smallest(sizes, largest)) - 0.7)
-        return zero, self._target / ceil(log10(largest) - zero)
+    @staticmethod
+    def _round(sizes: list[float], target: float) -> tuple[int, float]:
+        """log10 of `zero`, and `per_decade`."""
+        zero = floor(log10(_smallest(sizes)) - 0.7)
+        return zero, target / ceil(log10(max(sizes)) - zero)
 
     def length(self, values: Array) -> Array:
         """Lengths of the absolute values."""
@@ -209,14 +136,20 @@ class Logarithmic(_Scale):
         }
 
 
-def _smallest(sizes: list[float], largest: float) -> float:
+def _sizes(values: ArrayLike) -> list[float]:
+    """Absolute values that are finite, if there is one above zero."""
+    sizes = [abs(v) for v in np.ravel(values).tolist() if isfinite(v)]
+    return sizes if any(sizes) else []
+
+
+def _smallest(sizes: list[float]) -> float:
     """What is rounding beside the largest counts as zero and has no length."""
-    return min(v for v in sizes if v > numerics.ZERO * largest)
+    return min(v for v in sizes if v > numerics.ZERO * max(sizes))
 
 
 Scale = Linear | Root | Logarithmic
 #: By name; the first is that of pictures where nothing else is said.
-SCALES: dict[str, type[Scale]] = {"root": Root, "linear": Linear, "log": Logarithmic}
+SCALES: dict[str, type[Linear | Logarithmic]] = {"root": Root, "linear": Linear, "log": Logarithmic}
 
 
 class Growing:
@@ -245,25 +178,26 @@ class Growing:
         return {"kind": "log", "zero_at": self.zero, "length_per_decade": self.per_decade}
 
 
+@dataclass(frozen=True)
 class Tension:
     """Colours of tensions between round limits of either sign."""
 
-    def __init__(self) -> None:
-        self.limit = 0.0
+    limit: float = 0.0
 
-    def fit(self, tensions: Array) -> None:
-        """Choose the limit for the tensions that are drawn next."""
+    @classmethod
+    def from_values(cls, tensions: Array) -> Self:
+        """The limits for tensions that are drawn together."""
         largest = float(np.abs(tensions).max(initial=0.0))
-        if 0.0 < largest < np.inf:
-            self.limit = 2.0 * round_number(largest)
-            if self.limit < largest:
-                self.limit = 5.0 * round_number(largest)
+        if not 0.0 < largest < np.inf:
+            return cls()
+        limit = 2.0 * round_number(largest)
+        return cls(limit if limit >= largest else 5.0 * round_number(largest))
 
     def share(self, tensions: Array) -> Array:
         """Tensions over the limit, within [-1, 1]."""
         if not self.limit:
             return np.zeros_like(tensions)
-        return np.minimum(np.maximum(tensions / self.limit, -1.0), 1.0)
+        return np.clip(tensions / self.limit, -1.0, 1.0)
 
     def legend(self) -> dict[str, Any]:
         """The limits of the colour bar: compression below zero."""

@@ -31,7 +31,7 @@ from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
 from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
-from cartstiff.scene.scales import SCALES, Growing, Scale
+from cartstiff.scene.scales import SCALES, Growing
 from cartstiff.scene.screws import (
     AxesPicture,
     CentresPicture,
@@ -82,7 +82,6 @@ class Scene:
         self._ghost_at: tuple[float, ...] | None = None
         self._usual: dict[tuple[str, str], Array] = {}
         self._around_map = np.empty((0, 3))
-        self._scales: dict[tuple[str, str, str], Scale] = {}
         self.notes: list[str] = []
 
     # -- the picture -------------------------------------------------------------------------
@@ -278,9 +277,15 @@ class Scene:
                 self._ellipsoids[key].hide()
             return {"shown": False, "reason": reason or f"no {look.quantity} exists here"}
         picture = self._ellipsoid_of(freedom, look.quantity)
-        picture.scale = self._scale(freedom, look.quantity, look.scale, look.measures)
+        target, scale = _RADIUS * self._environment.size, SCALES[look.scale]
+        kept = (look.measures or {}).get(freedom)
+        if kept and kept["kind"] == look.scale:
+            measure = scale.from_legend(kept)
+        else:
+            usual = self._usual_values(look.quantity, freedom)
+            measure = scale.from_values(shape.eigenvalues, target, usual)
         return picture.draw(
-            shape, here.pose, self._unit(freedom, look.quantity), look.axes, look.labels
+            shape, here.pose, measure, self._unit(freedom, look.quantity), look.axes, look.labels
         )
 
     def _ellipsoid_of(self, freedom: Freedom, quantity: Quantity) -> EllipsoidPicture:
@@ -288,23 +293,11 @@ class Scene:
             self._ellipsoids[freedom, quantity] = EllipsoidPicture(
                 self._node[f"{freedom} ellipsoid"][quantity],
                 _COLOURS[freedom],
-                self._scale(freedom, quantity, "root"),
                 self._environment.size,
                 theme.THEMES[self._theme],
                 side=1.0 if freedom == "translation" else -1.0,
             )
         return self._ellipsoids[freedom, quantity]
-
-    def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:
-        """The scale of a kind of value: it has no history."""
-        key, target = (quantity, freedom, kind), _RADIUS * self._environment.size
-        if kept and (measure := kept.get(freedom)) and measure["kind"] == kind:
-            return SCALES[kind](target).kept(measure)
-        if key not in self._scales:
-            scale = SCALES[kind](target)
-            scale.refer(self._usual_values(quantity, freedom))
-            self._scales[key] = scale
-        return self._scales[key].copy()
 
     def _arrow_scales(self) -> tuple[Growing, Growing]:
         """Of forces and moments, beginning where they hardly move the mechanism."""
