@@ -24,7 +24,7 @@ from cartstiff.many.postures import analyse_many
 from cartstiff.maps import row_by_row
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
-from cartstiff.stiffness import closures, general_reduction
+from cartstiff.stiffness import closures, reduction
 from cartstiff.stiffness.applied_load import LoadKind
 
 # Two ways to the same number of a matrix of condition up to 1e6.
@@ -369,7 +369,7 @@ def test_every_state_has_a_number():
     import ast
     from pathlib import Path
 
-    files = [Path(module.__file__) for module in (general_reduction, closures)]
+    files = [Path(module.__file__) for module in (reduction, closures)]
     trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
     calls = [n for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Call)]
     codes = {

@@ -101,7 +101,7 @@ def _principal(
     if inverse:
         values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3), losses)
     else:
-        values, vectors = numerics.symmetric_vectors(m)
+        values, vectors = np.linalg.eigh(m)
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
     sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)

@@ -115,7 +115,7 @@ def _principal_values(K: Array, C: Array | None) -> tuple[Array, Array]:
     inverse, free, loss = None, None, 1.0
     if C is not None:
         free = C[ROTATION, ROTATION]
-        moving, turning = map(numerics.symmetric_values, (K[TRANSLATION, TRANSLATION], free))
+        moving, turning = map(np.linalg.eigvalsh, (K[TRANSLATION, TRANSLATION], free))
         if numerics.hold_all_digits(moving) and numerics.hold_all_digits(turning):
             return moving, np.sort(1.0 / turning) if moving[0] > 0.0 else np.full(3, np.nan)
         with suppress(UndefinedError):

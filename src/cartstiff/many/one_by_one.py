@@ -32,8 +32,7 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     if "compliance" in kinds:
         notes = result.notes
     elif "stiffness" in kinds:  # other inverses need not be found
-        of_b = result.notes_on_digits(lambda: result.reduction.compliance_with_error)
-        notes = *notes, *of_b
+        notes = *notes, *result.notes_on_digits
     codes = {note.code for note in notes}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:

@@ -181,8 +181,8 @@ class QuickPosture(PostureStiffness):
         C, change = self.compliances["B"], self._changes[2]
         if C is None or not any(change.ravel().tolist()):
             return C
-        inverse = numerics.plain_inverse_of_sum(C, change)
-        return self._engine.tangent_compliance if inverse is None else inverse
+        (inverse,), (is_plain,) = numerics.inverses_of_sums(C[None], change[None])
+        return np.asarray(inverse) if is_plain else self._engine.tangent_compliance
 
     @cached_property
     def inverse_of_symmetric_tangent(self) -> Array | None:

@@ -6,6 +6,5 @@ from cartstiff.numerics.bases import *
 from cartstiff.numerics.criteria import *
 from cartstiff.numerics.inverses import *
 from cartstiff.numerics.policy import *
-from cartstiff.numerics.small import *
 from cartstiff.numerics.spectra import *
 from cartstiff.numerics.threads import *

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cartstiff.numerics.policy import RANK, Array
 
 
-def graded_basis(
+def stiffness_scaled_basis(
     motions: Array, stiffness: Array, across: Array | None = None
 ) -> tuple[Array, NDArray[np.intp]]:
     r"""Basis of given motions in which springs of any stiffness do not disturb each other.

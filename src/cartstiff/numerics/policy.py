@@ -35,8 +35,6 @@ NEAR: Final = 0.05
 ZERO: Final = 1e-13
 #: A motion costs nothing if its stiffness is below this share of the terms whose sum it is.
 IDLE: Final = 1e-11
-#: From this share of all that acts on, no look at single terms is needed: none can be idle.
-FAR_FROM_IDLE: Final = 1e-6
 #: An equilibrated matrix is singular above this condition number: all but two digits are gone.
 INVERTIBLE: Final = 1e14
 #: A motion is balanced if the force along it is below this share of the forces whose sum it is,

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.numerics.criteria import PLAIN_BLOCK
-from cartstiff.numerics.policy import EPSILON, LOST_ERROR, ZERO, Array
-from cartstiff.numerics.small import right_angled, symmetric_values, symmetric_vectors
-
-# Sums over the components of turning, and of moving.
-_HALVES = np.repeat(np.eye(2), 3, axis=1)
+from cartstiff.numerics.policy import EPSILON, LOST_ERROR, TINY, ZERO, Array
 
 
 def eigenvalues(
@@ -51,20 +44,17 @@ def eigenvalues(
         return _cleaned(a)
     if losses[0] == 1.0 and a.ndim == 1 and hold_all_digits(a):
         return a
-    b = _of_symmetric(inverse)
-    if a.ndim == 1 and a.size and not np.isnan(a).any() and not np.isnan(b).any():
-        of_one = _parted(a, b, losses)
-        if of_one.error > LOST_ERROR and not doubtful:
-            return np.full(len(a), np.nan)
-        return np.array(sorted(of_one.values))
-    alone = _cleaned(a)
+    c = _of_symmetric(inverse)
+    rows, inverses = np.atleast_2d(a), np.atleast_2d(c)
     with np.errstate(divide="ignore", invalid="ignore"):
-        c = 1.0 / b
-        result = np.where(np.isnan(a), np.sort(1.0 / _cleaned(b), axis=-1), alone)
-    both = ~np.isnan(a).any(axis=-1) & ~np.isnan(c).any(axis=-1)
+        result = np.where(
+            np.isnan(rows), np.sort(1.0 / _cleaned(inverses), axis=-1), _cleaned(rows)
+        )
+        inverses = 1.0 / inverses
+    both = ~np.isnan(rows).any(axis=-1) & ~np.isnan(inverses).any(axis=-1)
     if both.any():
-        result[both] = _merged(a[both], c[both], losses, doubtful)
-    return result
+        result[both] = _merged(rows[both], inverses[both], losses, doubtful)
+    return result.reshape(a.shape)
 
 
 def eigenpairs(
@@ -74,70 +64,33 @@ def eigenpairs(
 
     NaN where these lose what `eigenvalues` needs.
     """
-    a, u = symmetric_vectors(0.5 * (matrix + matrix.T))
+    a, u = np.linalg.eigh(0.5 * (matrix + matrix.T))
     if inverse is None:
         return _cleaned(a), u
     if losses[0] == 1.0 and hold_all_digits(a):
         return a, u
-    b, v = symmetric_vectors(0.5 * (inverse + inverse.T))
-    parts = _parted(a, b, losses)
-    if parts.error > LOST_ERROR:
+    b, v = np.linalg.eigh(0.5 * (inverse + inverse.T))
+    with np.errstate(divide="ignore"):
+        c = 1.0 / b
+    i, j = (np.argsort(-np.abs(values), kind="stable") for values in (a, c))
+    sizes = np.abs(a[i])[None], np.abs(c[j])[None]
+    cut = _cut(*sizes, losses)
+    if _errors(*sizes, cut, losses)[0] > LOST_ERROR:
         return np.full(len(a), np.nan), u
-    # From two sources, so that they are at right angles only about.
-    vectors = right_angled(np.concatenate((u[:, parts.of_a], v[:, parts.of_c]), axis=1))
-    order = sorted(range(len(a)), key=parts.values.__getitem__)
-    return np.array(parts.values)[order], vectors[:, order]
+    i, j = i[: cut[0]], j[cut[0] :]
+    # From two sources, so that they are at right angles only about: each is next to its own, the
+    # first keep their direction.
+    q, r = np.linalg.qr(np.concatenate((u[:, i], v[:, j]), axis=1))
+    vectors = np.where(r.diagonal() < 0.0, -q, q)
+    values = np.concatenate((a[i], c[j]))
+    order = np.argsort(values, kind="stable")
+    return values[order], vectors[:, order]
 
 
 def hold_all_digits(values: Array) -> bool:
     """Whether a matrix with these eigenvalues (n,) alone has digits enough for all of them."""
     sizes = [abs(x) for x in values.tolist()]
     return max(sizes, default=0.0) < PLAIN_BLOCK * min(sizes, default=0.0)
-
-
-class _Parts(NamedTuple):
-    """Which eigenvalues of one matrix come from itself and which from its inverse.
-
-    The values, those of the matrix first, their places in both, and the worst relative error.
-    """
-
-    values: list[float]
-    of_a: list[int]
-    of_c: list[int]
-    error: float
-
-
-def _parted(a: Array, b: Array, losses: tuple[float, float]) -> _Parts:
-    """`_merged` for one matrix with the eigenvalues a and its inverse with b, each (n,)."""
-    own = a.tolist()
-    others = [1.0 / x if x else inf for x in b.tolist()]
-    i, j = _by_size(own), _by_size(others)
-    large, small = [abs(own[k]) for k in i], [abs(others[k]) for k in j]
-    if not (large[-1] > 0.0 and small[-1] > 0.0 and max(large[0], small[0]) < inf):
-        rows = np.array([large]), np.array([small])
-        cut = _cut(*rows, losses)
-        k, error = int(cut[0]), float(_errors(*rows, cut, losses)[0])
-    else:
-        k, error = _cut_of_one(large, small, losses)
-    return _Parts([own[x] for x in i[:k]] + [others[x] for x in j[k:]], i[:k], j[k:], error)
-
-
-def _by_size(values: list[float]) -> list[int]:
-    """Places of the values, the largest first."""
-    return sorted(range(len(values)), key=lambda k: -abs(values[k]))
-
-
-def _cut_of_one(a: list[float], c: list[float], losses: tuple[float, float]) -> tuple[int, float]:
-    """`_cut` and `_errors` of positive sizes: on so few numbers NumPy takes ten times as long."""
-    of_a = [1.0, *(losses[0] * a[0] / x for x in a)]
-    of_c = [*(losses[1] * x / c[-1] for x in c), 1.0]
-    cost = list(map(max, of_a, of_c))
-    ends = min(cost[0], cost[-1])
-    for k in range(1, len(a)):
-        if a[k - 1] < (1.0 + 1e-6) * c[k] and cost[k] < ends:
-            cost[k] *= 1e3
-    k = cost.index(min(cost))
-    return k, EPSILON * max(of_a[k], of_c[k])
 
 
 def number_of_large(a: Array, c: Array) -> tuple[int, float]:
@@ -156,8 +109,6 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
     """Eigenvalues of the symmetric parts, NaN for matrices that are not finite."""
     m = np.asarray(matrix, float)
     half = 0.5 * (m + m.swapaxes(-1, -2))
-    if m.ndim == 2 and np.isfinite(half).all():
-        return symmetric_values(half)
     finite = np.isfinite(half).all(axis=(-1, -2))
     if finite.all():
         return np.linalg.eigvalsh(half)
@@ -218,36 +169,18 @@ def condition(values: ArrayLike) -> Array:
     return np.where(np.isnan(ratio) & ~np.isnan(size).any(axis=-1), np.inf, ratio)
 
 
-def pair_conditions(stiffness: Array, compliance: Array) -> Array:
-    """Bounds (N,) on condition numbers of matrices (N, 6, 6) with given inverses.
-
-    Lengths are measured so that both diagonal blocks of the stiffness are of one size. NaN where
-    one of the two does not exist.
-    """
-    k, c = (_squared_blocks(stack) for stack in (stiffness, compliance))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        area = np.sqrt(np.where((k[0] > 0.0) & (k[2] > 0.0), k[0] / k[2], 1.0))
-        size = k[0] / area / area + k[1] / area + k[2]
-        return np.sqrt(size) * np.sqrt(c[0] * area * area + c[1] * area + c[2])
+def singular_values(matrix: Array) -> Array:
+    """Singular values of matrices (..., m, n), the largest first."""
+    return np.linalg.svd(matrix, compute_uv=False)
 
 
-def pair_condition(stiffness: Array, compliance: Array) -> float:
-    """`pair_conditions` of one matrix (6, 6): of so few numbers lists are several times as fast."""
-    k, c = (
-        (_HALVES @ (matrix * matrix) @ _HALVES.T).ravel().tolist()
-        for matrix in (stiffness, compliance)
-    )
-    with np.errstate(over="ignore"):
-        area = sqrt(k[0] / k[3]) if k[0] > 0.0 and k[3] > 0.0 else 1.0
-        if not 0.0 < area < inf:
-            return float(pair_conditions(stiffness[None], compliance[None])[0])
-        size = k[0] / area / area + (k[1] + k[2]) / area + k[3]
-        return sqrt(size) * sqrt(c[0] * area * area + (c[1] + c[2]) * area + c[3])
+def ratios(matrices: Array) -> Array:
+    """Smallest over largest singular value of each matrix of a stack; 0 where all vanish."""
+    values = singular_values(matrices)
+    return np.asarray(values[..., -1] / np.maximum(values[..., 0], TINY))
 
 
-def _squared_blocks(stack: Array) -> tuple[Array, Array, Array]:
-    """Squared sizes (N,) of the rotation, coupling and translation blocks of matrices."""
-    squares = stack * stack
-    turning, moving = squares[:, :3], squares[:, 3:]
-    coupling = turning[:, :, 3:].sum(axis=(1, 2)) + moving[:, :, :3].sum(axis=(1, 2))
-    return turning[:, :, :3].sum(axis=(1, 2)), coupling, moving[:, :, 3:].sum(axis=(1, 2))
+def determinants(matrices: Array) -> Array:
+    """Of matrices (..., n, n); NumPy warns of those that are singular to the last digit."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.linalg.det(matrices))

@@ -170,7 +170,7 @@ class HeldPair:
             return [False] * 4, K, K
         t, r = (TRANSLATION, TRANSLATION), (ROTATION, ROTATION)
         stack = np.array([K[t], K[r], C[r], C[t]])
-        values, vectors = numerics.symmetric_vectors(stack)
+        values, vectors = np.linalg.eigh(stack)
         return [*map(numerics.hold_all_digits, values)], values, vectors
 
     def ellipsoid(self, freedom: Freedom) -> Ellipsoid:

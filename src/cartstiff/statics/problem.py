@@ -44,7 +44,7 @@ from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
 from cartstiff.stiffness.closures import decompose
-from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
+from cartstiff.stiffness.leg_length_basis import ByLengths, by_lengths
 
 # What a search may cost, and what a posture costs at least, in postures of one coordinate; and what
 # each beam or strut adds, which comes to rest in every posture anew.
@@ -466,7 +466,7 @@ class System:
             N, follow = closed.N, list(range(len(g)))
             if is_graded := self._spread > _FAR:
                 # Stiff joints lead: what they exert is no force of the closures.
-                N, leading = numerics.graded_basis(N, np.abs(H).max(axis=0), closed.V)
+                N, leading = numerics.stiffness_scaled_basis(N, np.abs(H).max(axis=0), closed.V)
                 follow = sorted(set(follow) - set(leading.tolist()))
             carried = closed.forces(-g, follow)
             forces = forces + np.abs(A.T @ carried)

@@ -53,10 +53,10 @@ from cartstiff.statics.small_motions import (
     vibrations,
 )
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.leg_length_basis import leg_length_basis
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import codes_of, numbers_text
-from cartstiff.stiffness.springs_apart import springs_apart
 from cartstiff.stiffness.tensor import StiffnessTensor
 
 
@@ -614,7 +614,7 @@ class Equilibrium(Result, ShownInLines):
             posture.length,
             posture.coordinate_lengths,
             force=force,
-            apart=partial(springs_apart, elastic, posture)
+            by_lengths=partial(leg_length_basis, elastic, posture)
             if posture.coordinates_are_pose
             else None,
         )

@@ -22,11 +22,11 @@ from cartstiff.stiffness.applied_load import (
     checked_load,
     wrench_in_body,
 )
+from cartstiff.stiffness.leg_length_basis import leg_length_basis
 from cartstiff.stiffness.posture import SCHEMA as SCHEMA
 from cartstiff.stiffness.posture import PostureStiffness as PostureStiffness
 from cartstiff.stiffness.reduction import Reduction, reduce_to, scaled_values
 from cartstiff.stiffness.settled_links import settled
-from cartstiff.stiffness.springs_apart import springs_apart
 
 
 def analyse(
@@ -124,7 +124,9 @@ def analyse_at(
         posture.length,
         posture.coordinate_lengths,
         force=force,
-        apart=partial(springs_apart, elastic, posture) if posture.coordinates_are_pose else None,
+        by_lengths=partial(leg_length_basis, elastic, posture)
+        if posture.coordinates_are_pose
+        else None,
     )
     return PostureStiffness(
         elastic,

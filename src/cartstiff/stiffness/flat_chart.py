@@ -98,7 +98,7 @@ def _hessian_in(
     chart: Map, to_chart: Array, rates: Array, closure: Map | None, energy: Evaluation
 ) -> Array:
     """Hessian (n, n) in the chart's coordinates, carried to those of the mechanism."""
-    mu = numerics.solved(to_chart.T, rates.T.dot(energy.gradient))
+    mu = np.linalg.solve(to_chart.T, rates.T.dot(energy.gradient))
     H: Array = energy.hessian - chart.curvature(mu)
     if closure is not None:
         balance = chart.jacobian.T @ mu - energy.gradient
@@ -143,4 +143,4 @@ def pose_by_chart(posture: MechanismPosture, flat: FlatChart, natural: Array) ->
         values = numerics.singular_values(chart.jacobian * natural)
         if not values[-1] > numerics.RANK * values[0]:
             return None
-    return numerics.inverted(chart.jacobian, regular=True)
+    return np.linalg.inv(chart.jacobian)

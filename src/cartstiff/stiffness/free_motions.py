@@ -3,22 +3,19 @@ r"""Motions that are free, and compliances from them: ``C = J H^-1 J^T`` without
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.stiffness.rounding import norm
 
 _NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
-
-
-def _given(motions: FreeMotions | None) -> FreeMotions | None:
-    return motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +37,7 @@ class FreeMotions:
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
         Whether `hessian` is that of an energy.
-    apart : callable or None
+    by_lengths : callable or None
         The same motions in a basis that keeps stiff springs from soft ones, or None: taken where
         `hessian` has lost digits.
     springs : tuple of ndarray (m, n), (m,), or None
@@ -55,19 +52,14 @@ class FreeMotions:
     largest: Callable[[], float]
     basis: Array | None = None
     is_symmetric: bool = True
-    apart: Callable[[], FreeMotions | None] | None = None
+    by_lengths: Callable[[], FreeMotions | None] | None = None
     springs: tuple[Array, Array] | None = None
     error: float = 0.0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything, with the sizes of the terms as they are instead of a way to them."""
-        terms, largest = partial(np.asarray, self._terms), partial(float, self._largest)
-        return {
-            **vars(self),
-            "terms": terms,
-            "largest": largest,
-            "apart": partial(_given, self._apart),
-        }
+        """Everything, with what the callables answer in their places."""
+        known = ("terms", self._terms), ("largest", self._largest), ("by_lengths", self._by_lengths)
+        return {**vars(self), **{name: partial(copy, value) for name, value in known}}
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
         """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
@@ -76,9 +68,7 @@ class FreeMotions:
 
     def compliance(self, change: Array | None = None) -> numerics.Inverse | None:
         """``J (H + J^T D J)^-1 J^T``, the inverse of K + D without K; None if there is none."""
-        if change is None or not change.any():
-            return self.compliances()[0]
-        return self.compliances(change[None])[1]
+        return self.compliances(_NO_CHANGES if change is None else change[None])[-1]
 
     def compliances(
         self, changes: Array = _NO_CHANGES, other: Array | None = None
@@ -88,54 +78,39 @@ class FreeMotions:
         And, as the last one, for the Hessian (n, n) of another energy without terms to cancel.
         """
         inverses, errors = self._inverses(changes, other)
-        J = self.jacobian
-        C = J @ inverses @ J.T
+        C = self.jacobian @ inverses @ self.jacobian.T
         same = [self.is_symmetric and numerics.is_symmetric(D) for D in changes]
         symmetric = [self.is_symmetric, *same, self.is_symmetric]
         return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
 
-    def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, list[float]]:
+    def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, Array]:
         """Inverses of H, H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""
         J, count = self.jacobian, 1 + len(changes)
-        H = np.empty((count + (other is not None), *self.hessian.shape))
-        H[0] = self.hessian
-        added = loss = 0.0
-        if count > 1:
-            np.add(J.T @ changes @ J, self.hessian, out=H[1:count])
-            # No entry of |J|^T |D| |J| is more than this.
-            added = float(np.vdot(changes, changes)) ** 0.5 * float(np.vdot(J, J))
+        changes = np.concatenate([_NO_CHANGE, changes])
+        H, loss = self.hessian + J.T @ changes @ J, 0.0
         if other is not None:
-            H[count], loss = self._in_basis(other)
+            in_basis, loss = self._in_basis(other)
+            H = np.concatenate([H, in_basis[None]])
         inverses, errors = numerics.invert_each(H)
-        if other is not None and loss > errors[count]:
-            errors[count] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
-        # A bound on what is added up alone tells but for rare cases.
-        least = numerics.IDLE * (self._largest + added)
-        diagonal = H[:count].diagonal(0, 1, 2).ravel().tolist()
-        if not min(diagonal, default=1.0) > least:
-            each = np.concatenate([_NO_CHANGE, np.abs(changes)])
-            terms = self._terms + np.abs(J.T) @ each @ np.abs(J)
+        if loss > errors[-1]:
+            errors[-1] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
+        # A bound on what is added up alone tells but for rare cases: no entry of |J|^T |D| |J| is
+        # larger.
+        added = norm(changes) * norm(J) ** 2
+        diagonal = H[:count].diagonal(0, 1, 2)
+        if not diagonal.min(initial=1.0) > numerics.IDLE * (self._largest + added):
+            terms = self._terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
             idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
-            errors[:count] = np.where(idle, np.inf, errors[:count]).tolist()
-        if max(errors) > numerics.REPORTED_ERROR and self._apart is not None:
-            return self._better(inverses, errors, changes, other, self._apart)
-        return inverses, errors
-
-    @staticmethod
-    def _better(
-        inverses: Array,
-        errors: list[float],
-        changes: Array,
-        other: Array | None,
-        apart: FreeMotions,
-    ) -> tuple[Array, list[float]]:
-        """Of each inverse that which has more digits: by these motions, or by springs apart."""
-        inverse, own = apart._inverses(changes, other)
-        own = [error + apart.error for error in own]
-        back = apart.jacobian @ inverse @ apart.jacobian.T
-        best = [min(each) for each in zip(errors, own, strict=True)]
-        chosen = np.array([a <= b for a, b in zip(own, errors, strict=True)])
-        return np.where(chosen[:, None, None], back, inverses), best
+            errors[:count][idle] = np.inf
+        basis = self._by_lengths if errors.max() > numerics.REPORTED_ERROR else None
+        if basis is None:
+            return inverses, errors
+        # Of each inverse that which has more digits: on these motions, or by lengths.
+        inverse, own = basis._inverses(changes[1:], other)
+        own = own + basis.error
+        to_motions = np.linalg.inv(self.jacobian) @ basis.jacobian
+        back = to_motions @ inverse @ to_motions.T
+        return np.where((own <= errors)[:, None, None], back, inverses), np.minimum(own, errors)
 
     def _in_basis(self, other: Array) -> tuple[Array, float]:
         """Another Hessian (n, n) on the motions, and the relative error that it has there."""
@@ -156,8 +131,8 @@ class FreeMotions:
         return along + self.basis.T @ rest @ self.basis, loss
 
     @cached_property
-    def _apart(self) -> FreeMotions | None:
-        return None if self.apart is None else self.apart()
+    def _by_lengths(self) -> FreeMotions | None:
+        return None if self.by_lengths is None else self.by_lengths()
 
     @cached_property
     def _terms(self) -> Array:
@@ -166,20 +141,6 @@ class FreeMotions:
     @cached_property
     def _largest(self) -> float:
         return self.largest()
-
-    @cached_property
-    def is_far_from_idle(self) -> bool:
-        """Whether stiffness along each motion is no small share of all that acts."""
-        least = min(self.hessian.diagonal().tolist(), default=0.0)
-        return least > numerics.FAR_FROM_IDLE * self._largest
-
-    @cached_property
-    def idle(self) -> NDArray[np.bool_]:
-        """Which motions (f,) cost nothing: all that acts along them is rounding of its terms."""
-        H = self.hessian
-        if min(H.diagonal().tolist(), default=1.0) > numerics.IDLE * self._largest:
-            return np.zeros(len(H), bool)
-        return np.all(np.abs(H) <= numerics.IDLE * self._terms, axis=1)
 
     def motion(self, inverse: Array, wrench: Array) -> Array:
         """Motion of all coordinates (n,) under an output force (6,)."""
@@ -190,4 +151,4 @@ class FreeMotions:
 def _one(matrix: Array, error: float, symmetric: bool) -> numerics.Inverse | None:
     if not error < np.inf:
         return None
-    return numerics.Inverse(0.5 * (matrix + matrix.T) if symmetric else matrix, error)
+    return numerics.Inverse(0.5 * (matrix + matrix.T) if symmetric else matrix, float(error))

@@ -38,11 +38,11 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
-from cartstiff.stiffness import inverses, posture_notes
+from cartstiff.stiffness import posture_notes
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
 from cartstiff.stiffness.reduction import Reduction
-from cartstiff.stiffness.rounding import is_felt, shown_wrench
+from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
 from cartstiff.stiffness.showing import SCHEMA as SCHEMA
 from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
@@ -279,8 +279,14 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def _every(self) -> Array | None:
         """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B."""
-        known = self._changes, self._flat.stiffness, self.posture.length
-        return inverses.every_matrix(self.reduction, *known)
+        K, K_F = self.reduction.stiffness, self._flat.stiffness
+        if K is None or self.wrench is None:
+            return None
+        every = np.array([K] * 4 if K_F is None else [*[K] * 4, K_F])
+        if self._changes.any():
+            every[1:4] = without_cancelled(K + self._changes, K, self._changes, 1 / self._natural)
+        every.flags.writeable = False
+        return every
 
     @cached_property
     def _changes(self) -> Array:
@@ -294,24 +300,23 @@ class PostureStiffness(ShownInLines):
         ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
         for C^F the Hessian is that in the chart.
         """
-        # Not by way of this object: in a circle it would stay until circles are looked for.
-        under_load: Any = self._inverses.load
-        if under_load is None:
-            under_load = partial(inverses.compliance_under, self.reduction, self._changes[2])
-        return NamedArrays(self._inverses.matrices, {"load": under_load})
+        C = {name: None if C is None else C.matrix for name, C in self._inverses.items()}
+        return NamedArrays(C, {"load": C.pop("load")})
 
     @cached_property
-    def _inverses(self) -> inverses.Compliances:
-        """`compliances` with their error."""
-        if self._plain_inverses is not None:
-            return self._plain_inverses
-        chart = self._flat.hessian
-        own = chart is self.evaluation.hessian and self.posture.closure is None
-        return inverses.inverses(self.reduction, self._changes[:2], chart, own)
-
-    @cached_property
-    def _plain_inverses(self) -> inverses.Compliances | None:
-        return inverses.plain_inverses(self.reduction, self._every, self._flat.hessian)
+    def _inverses(self) -> dict[str, numerics.Inverse | None]:
+        """`compliances` with their errors."""
+        free, chart = self.reduction.free, self._flat.hessian
+        if free is None or self.wrench is None:
+            return dict.fromkeys(("A", "B", "K", "F", "load"))
+        if self._changes.any():
+            B, A, K, load, *F = free.compliances(self._changes, chart)
+        else:  # then one Hessian serves all, but for a chart that is not the coordinates themselves
+            own = chart is self.evaluation.hessian and self.posture.closure is None
+            B, *F = free.compliances(other=None if own else chart)
+            A = K = load = B
+            F = F or [B] * own
+        return {"A": A, "B": B, "K": K, "F": F[0] if F else None, "load": load}
 
     @cached_property
     def is_loaded(self) -> bool:
@@ -319,7 +324,7 @@ class PostureStiffness(ShownInLines):
         if self.wrench is None or self._load_is_given or not any(self.wrench.tolist()):
             return self.wrench is not None and self._load_is_given
         J, sizes = self.posture.motion.jacobian, self.posture.coordinate_lengths
-        return is_felt(self.wrench, J, self.evaluation.hessian, sizes)
+        return exceeds_roundoff(self.wrench, J, self.evaluation.hessian, sizes)
 
     @property
     def wrench_is_known(self) -> bool:
@@ -425,24 +430,20 @@ class PostureStiffness(ShownInLines):
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
         reason = () if self._flat.note is None else (self._flat.note,)
-        return (*self.notes_on_posture, *reason, *self.notes_on_digits(lambda: self._inverses.B))
+        return (*self.notes_on_posture, *reason, *self.notes_on_digits)
 
-    def notes_on_digits(self, compliance: Callable[[], numerics.Inverse | None]) -> list[Note]:
-        """Those of the `notes` on lost digits, from a way to C^B with its error."""
-        plain = self._plain_inverses
+    @cached_property
+    def notes_on_digits(self) -> list[Note]:
+        """Those of the `notes` on lost digits."""
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
-        error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])
-        if error > numerics.REPORTED_ERROR and not self.is_loaded:
+        error = posture_notes.error_of_chosen_forces(*parts)
+        known = self._inverses
+        if not self.is_loaded:
             error = 0.0
-        if (
-            error <= numerics.REPORTED_ERROR
-            and plain
-            and (plain.has_load or not self._load_is_given)
-        ):
-            return []
         change = self.change_by_load if self._load_is_given else None
-        known = compliance(), self._natural, change, error
-        return posture_notes.notes_on_digits(self.reduction, *known)
+        return posture_notes.notes_on_digits(
+            self.reduction, known["B"], self._natural, change, known["load"], error
+        )
 
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:

@@ -39,6 +39,7 @@ def notes_on_digits(
     compliance: numerics.Inverse | None,
     natural: Array,
     change: Array | None = None,
+    loaded: numerics.Inverse | None = None,
     error_of_forces: float = 0.0,
 ) -> list[Note]:
     """Where stiffness or compliance have lost digits, or the stiffness has no inverse.
@@ -53,15 +54,15 @@ def notes_on_digits(
         Natural sizes of the twist's components.
     change : ndarray, shape (6, 6), optional
         K^load - K^B of a load that was given: its compliance counts too.
+    loaded : Inverse, optional
+        That compliance, C^load, with its error.
     error_of_forces : float
         See `error_of_chosen_forces`.
     """
     notes = []
     K = reduction.stiffness
-    loaded = None
-    if change is not None and reduction.free is not None:
-        loaded = reduction.free.compliance(change)
-    errors = [inverse.error for inverse in (compliance, loaded) if inverse is not None]
+    known = (compliance, None if change is None else loaded)
+    errors = [inverse.error for inverse in known if inverse is not None]
     error = max(*errors, error_of_forces) if errors else 0.0
     if error > numerics.REPORTED_ERROR:
         notes.append(
@@ -107,9 +108,6 @@ def notes_on_digits(
 
 def error_of_soft_directions(K: Array, C: Array) -> float:
     """Relative error of what the digits of K say about its softest direction."""
-    error = numerics.error_of_inverting(K, C)
-    if error == error:
-        return error
     # By way of the inverse that is known: that of rounded digits may look harmless.
     s = numerics.equilibration(K)
     sizes = s[:, None] * s
@@ -122,21 +120,17 @@ def error_of_chosen_forces(
     energy: Evaluation,
     reduction: Reduction,
     notes: Iterable[Note],
-    compliance: Array | None,
 ) -> float:
     """Relative error that forces inside a mechanism leave in its compliance near type 2.
 
     Actuators balance a load there by forces that go with the inverse of the least singular
     value, and with them the rounding of their lines; what they add to the stiffness is as unsure.
-    `compliance` is C^B where it is plainly known.
     """
     near = [note for note in notes if note.code == "near-type-2-singularity"]
-    free, inverse = reduction.free, compliance
+    free = reduction.free
     if not near or free is None:
         return 0.0
-    if inverse is None or not posture.coordinates_are_pose:
-        estimate = free.inverse()
-        inverse = None if estimate is None else estimate.matrix
+    inverse = free.inverse()
     ratio = numerics.ratio(np.asarray(near[0].values["singular_values"]))
     if inverse is None or not ratio > 0.0:
         return 0.0
@@ -145,7 +139,7 @@ def error_of_chosen_forces(
     added = free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
     sizes = np.sqrt(np.abs(free.hessian.diagonal()))
     sizes[sizes == 0.0] = 1.0
-    share = inverse.dot(added) * sizes[:, None] / sizes
+    share = inverse.matrix.dot(added) * sizes[:, None] / sizes
     error = numerics.EPSILON / ratio * norm(share)
     if error > numerics.REPORTED_ERROR:  # by what is quickly found, and is no less
         error = numerics.EPSILON / ratio * float(np.linalg.norm(share, 2))
@@ -211,7 +205,7 @@ def hardly_held(
         rates = rates @ free
     if not rates.size or len(rates) < rates.shape[1]:
         return []
-    values, motions = numerics.singular_directions(rates)
+    _, values, motions = np.linalg.svd(rates)
     each = values.tolist()
     if not each[-1] < numerics.NEAR * each[0]:
         return []

@@ -17,25 +17,139 @@ components of the body frame. All decisions about rank are taken on length-scale
 length is measured in the characteristic length l, so that every singular value is a pure number.
 
 (3) never inverts K: it holds at singular postures and near them, where K has lost its digits.
-Motions are combined by `cartstiff.numerics.graded_basis`: stiff and soft springs stay apart.
+Motions are combined by `cartstiff.numerics.stiffness_scaled_basis`: stiff and soft springs stay
+apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.stiffness.closures import decomposed
+from cartstiff.stiffness.closures import decomposed, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
-from cartstiff.stiffness.general_reduction import reduce_any
-from cartstiff.stiffness.reduced import Reduction as Reduction
-from cartstiff.stiffness.regular_reduction import plainly_redundant, reduce_square
-from cartstiff.stiffness.rounding import without_noise
+from cartstiff.stiffness.rounding import force_roundoff, norm, symmetric_part, zero_roundoff
+
+
+@dataclass(frozen=True, repr=False)
+class Reduction(ShownInLines):
+    """What equation (2) of `cartstiff.stiffness.reduction` gave, or why not, and what (3) is of.
+
+    Attributes
+    ----------
+    force : ndarray (6,) or None
+        Output force w; None if the posture is unbalanced.
+    stiffness : ndarray (6, 6) or None
+        K; None if it does not exist, for which `states` has the reason.
+    multipliers : ndarray (m,)
+        Closure forces lam.
+    singular_values : ndarray
+        Singular values of the length-scaled J_N.
+    rank : int
+        Rank of J_N.
+    freedoms : int
+        Number of free motions, the columns of N.
+    free : FreeMotions or None
+        The motions that (3) is made of, idle ones left out; None where the posture is unbalanced or
+        its self-motion has no minimum.
+    reachable, reachable_stiffness : ndarray (6, r), (r, r)
+        U and Y^T S Y: the stiffness on the motions that exist.
+    rates : ndarray (n, 6) or None
+        Coordinate rates per output rate, N J_N^-1, where that is one to one.
+    motions : ndarray (n, f) or None
+        Motions that keep the closures, in scaled coordinates; None if all do.
+    states : list of Note
+        Named states found.
+    closures : ndarray or None
+        Singular values of the length-scaled closures, where there are any.
+    """
+
+    force: Array | None
+    stiffness: Array | None
+    multipliers: Array
+    singular_values: Array
+    rank: int
+    freedoms: int
+    free: FreeMotions | None = None
+    reachable: Array | None = None
+    reachable_stiffness: Array | None = None
+    rates: Array | None = None
+    motions: Array | None = None
+    states: list[Note] = field(default_factory=list)
+    closures: Array | None = None
+
+    def _lines(self) -> list[str]:
+        force = (
+            "none: unbalanced"
+            if self.force is None
+            else ", ".join(f"{x:.6g}" for x in self.force.tolist())
+        )
+        return [
+            f"Reduction of {self.freedoms} free motions to rank {self.rank}",
+            f"  force     {force}",
+            f"  stiffness {'none' if self.stiffness is None else 'array (6, 6)'}",
+            f"  states    {', '.join(state.code for state in self.states) or 'none'}",
+        ]
+
+    @cached_property
+    def compliance_with_error(self) -> numerics.Inverse | None:
+        """C of equation (3) with its relative error; None where a motion costs nothing."""
+        return None if self.free is None else self.free.compliance()
+
+    @property
+    def compliance(self) -> Array | None:
+        """C (6, 6) of equation (3); None where a motion costs nothing."""
+        with_error = self.compliance_with_error
+        return None if with_error is None else with_error.matrix
+
+    def undefined(self) -> UndefinedError:
+        """The error for whoever needs the stiffness where it does not exist."""
+        state = self.states[-1]
+        return UndefinedError(state.message, code=state.code, values=state.values)
+
+
+_COMPLIANCE_ALONE = "the stiffness matrix does not exist, the compliance does"
+_NEITHER = "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
+
+
+def _inverse(matrix: Array, sizes: Array | None) -> Array:
+    """Inverse of a regular matrix, with zeros for entries that may be rounding alone.
+
+    `sizes` (n,) are those of the numbers whose sums and products each column of the matrix is, None
+    where it is no sum.
+    """
+    try:
+        inverse: Array = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # chains that are singular in two ways at once
+        raise UndefinedError(
+            "the motions of the body and those inside the mechanism cannot be told apart here: the "
+            "posture is singular in more than one way",
+            code="ill-conditioned",
+            values={"motions": matrix.tolist()},
+        ) from None
+    if sizes is None:
+        return inverse
+    size = np.abs(inverse)
+    rounding = len(matrix) * numerics.EPSILON * np.outer(size.sum(axis=1), sizes @ size)
+    inverse[size <= rounding] = 0.0
+    return inverse
+
+
+def _without(some: Array, count: int) -> list[int]:
+    """The whole numbers below `count` that are not among some."""
+    known = set(some.tolist())
+    return [i for i in range(count) if i not in known]
 
 
 def reduce_to(
@@ -46,7 +160,7 @@ def reduce_to(
     coordinate_lengths: Array,
     force: Array | None = None,
     what: str = "end-effector",
-    apart: Callable[[], FreeMotions | None] | None = None,
+    by_lengths: Callable[[], FreeMotions | None] | None = None,
 ) -> Reduction:
     """Reduce an energy in coordinates to an output; equations (1) to (3) of this module.
 
@@ -66,26 +180,291 @@ def reduce_to(
         The physical wrench, where the structure carries a part that the coordinates do not feel.
     what : str
         Name of the output in messages.
-    apart : callable, optional
+    by_lengths : callable, optional
         See `FreeMotions`.
     """
-    per_length = 1 / length
-    rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
-    J = output.jacobian
-    m, n = J.shape
-    if closure is None and n == m:
-        result = reduce_square(output, energy, rows, coordinate_lengths, force, apart)
-        if result is not None:
-            return result
-    if closure is None and n > m:
-        plain = plainly_redundant(output, energy, rows, coordinate_lengths, force)
-        if plain is not None:
-            force, K, values, free = plain
-            K = without_noise(K, rows)
-            inner = K / rows / rows[:, None]
-            return Reduction(force, K, np.zeros(0), values, m, n, free, np.diag(1 / rows), inner)
-    with numerics.one_thread(n):
-        return reduce_any(output, energy, closure, rows, coordinate_lengths, force, what)
+    rows = np.repeat([1.0, 1.0 / length], 3)
+    with numerics.one_thread(len(energy.gradient)):
+        return _reduced(output, energy, closure, rows, coordinate_lengths, force, what, by_lengths)
+
+
+def _reduced(
+    output: Map,
+    energy: Evaluation,
+    closure: Map | None,
+    rows: Array,
+    columns: Array,
+    force: Array | None,
+    what: str,
+    by_lengths: Callable[[], FreeMotions | None] | None,
+) -> Reduction:
+    """`reduce_to` in scaled units throughout."""
+    states, short = list[Note](), None
+    J = output.jacobian * rows[:, None] * columns
+    g = energy.gradient * columns
+    H = energy.hessian * columns[:, None] * columns
+    n = len(g)
+    stiff = np.abs(H).max(axis=0, initial=0.0)
+
+    # N: all motions (n, f), led by the coordinates `leading`; orthonormal for singular values.
+    closures, orthonormal = None, np.eye(n)
+    N, leading, lam, closed = orthonormal, np.arange(n), np.zeros(0), np.zeros(0)
+    if closure is not None:
+        closed = np.ones(len(closure.jacobian)) if closure.sizes is None else closure.sizes
+        closures = decomposed(closure, columns)
+        orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
+        if closures.rank < len(lam):
+            lost = closures.lost / closed[:, None]
+            state = irregular(closure, closures.values, closures.rank, lost, orthonormal, columns)
+            if state is not None:
+                return Reduction(
+                    None,
+                    None,
+                    lam,
+                    closures.values,
+                    0,
+                    orthonormal.shape[1],
+                    motions=orthonormal,
+                    states=[state],
+                )
+        N, leading = numerics.stiffness_scaled_basis(orthonormal, stiff, closures.V)
+    motions = None if closure is None else orthonormal
+    freedoms = N.shape[1]
+    J_N = J if closure is None else J @ orthonormal
+    values = numerics.singular_values(J_N)
+    rank = numerics.rank(values, numerics.EPSILON * np.abs(J).sum())
+    U, still = np.eye(len(rows)), list[slice]()
+    Y, Z, along = N, N[:, rank:], orthonormal[:, rank:]
+    if rank < max(J_N.shape):
+        left, _, Vt = np.linalg.svd(J_N)
+        along = orthonormal @ Vt[rank:].T
+        if rank < len(rows):  # else rounding of the basis stands where K is zero
+            U, lost, still = left[:, :rank], left[:, rank:], numerics.still_halves(J_N)
+            for half in still:
+                U[half] = 0.0
+        # Self-motions Z, led by the stiffest; the other leaders, as many as the rank, make the
+        # output.
+        across = (U.T @ J @ N).T
+        Z, chosen = numerics.stiffness_scaled_basis(along[leading], stiff[leading], across)
+        Z, Y = N @ Z, N[:, _without(chosen, freedoms)]
+    # Motions of Y per reachable output.
+    J_Y = J @ Y if rank == len(rows) else U.T @ J @ Y
+    rounded = None if closure is None else (np.abs(J) @ np.abs(Y)).max(axis=0, initial=0.0)
+    to_output = _inverse(J_Y, rounded)
+
+    # Balance: a self-motion must feel no torque, whatever wrench acts on the output.
+    if Z.size and _is_unbalanced(Z, g, stiff):
+        torque = along @ (along.T @ g) / columns
+        states.append(
+            Note(
+                "unbalanced",
+                f"no wrench at the {what} balances this posture: a torque acts along the "
+                "self-motion and the mechanism would move; choose rest positions that balance it, "
+                "or let the self-motion settle",
+                {"unbalanced_torque": torque.tolist(), "largest": float(np.abs(torque).max())},
+            )
+        )
+        return Reduction(None, None, lam, values, rank, freedoms, motions=motions, states=states)
+
+    w = U @ (to_output.T @ (Y.T @ g))
+    if force is not None:
+        asked = force / rows
+        missed = N.T @ (J.T @ asked - g)
+        size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(asked) + np.abs(g))
+        # Rates that should be zero are rounded, too, beside the others.
+        rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(asked).sum() + np.abs(g).max())
+        unfelt = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
+        if np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + unfelt):
+            w = asked
+        else:
+            states.append(
+                Note(
+                    "wrench-ignored",
+                    "the wrench given is not the one that the springs exert on the reachable "
+                    "motions; the wrench of least norm is used",
+                    {"difference": missed.tolist()},
+                )
+            )
+    parts, follow = [H, -output.curvature(w * rows) * columns[:, None] * columns], list[int]()
+    if closure is not None and closures is not None:
+        follow = _without(leading, n)
+        lam = closures.forces(J.T @ w - g, follow) / closed
+        parts.append(closure.curvature(lam) * columns[:, None] * columns)
+    H_L = sum(parts[1:], H)
+
+    @cache
+    def least() -> float:
+        carried = np.abs(w).sum() + np.abs(lam * closed).sum()
+        if force is not None or not g.any():
+            return float(numerics.EPSILON * carried / numerics.IDLE)
+        doubt = force_roundoff(g, stiff)
+        outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
+        inward = lam.size * doubt[follow].max(initial=0.0)
+        return float(numerics.EPSILON * carried + outward.sum() + inward) / numerics.IDLE
+
+    @cache
+    def terms() -> Array:
+        return np.asarray(sum(map(np.abs, parts)) + least())
+
+    @cache
+    def largest() -> float:
+        return sum(map(norm, parts)) + n * least()
+
+    if rank < len(rows):
+        missing = lost * rows[:, None]
+        kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
+        short = len(states)
+        states.append(
+            Note(
+                kind,
+                f"the {what} cannot move in {len(rows) - rank} of {len(rows)} directions here"
+                + ("" if kind == "fewer-than-six-freedoms" else " (serial singularity)")
+                + f": {_COMPLIANCE_ALONE}; the wrench along them is carried by the structure"
+                + (" and is taken as zero in the scaled norm" if force is None else ""),
+                {
+                    "rank": rank,
+                    "singular_values": values.tolist(),
+                    "characteristic_length": float(1 / rows[-1]),
+                    "structural_wrenches": missing.T.tolist(),
+                },
+            )
+        )
+    held = _held_self_motions(H_L, terms, largest, Y, Z, along, columns, states)
+    K = reachable = reachable_K = rates = free = None
+    if held is not None:
+        Z, inner = held
+        S = Y.T @ H_L @ Y
+        if not S.diagonal().min(initial=np.inf) > numerics.IDLE * largest() * np.vdot(Y, Y):
+            size = np.abs(Y)
+            idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms() @ size)).all(axis=1)
+            S[idle], S[:, idle] = 0.0, 0.0  # what costs nothing is no rounding either
+        if Z.shape[1]:
+            S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
+        reachable_K = symmetric_part(to_output.T @ S @ to_output, energy)  # in the basis U
+        reachable = U / rows[:, None]
+        if rank == len(rows):
+            K = zero_roundoff(reachable_K * rows[:, None] * rows, rows)
+            if Z.shape[1] == 0:  # idle self-motions, such as spins of legs, may stay as they are
+                rates = columns[:, None] * (Y @ to_output) * rows
+        B = np.concatenate([Y, Z], axis=1)
+        # Self-motions keep what little they move the output: a lost rank need not be zero. Rates
+        # that are rounding of the basis are none: a rotation that the closures forbid.
+        J_B = J @ B
+        if closure is not None:
+            size = np.outer(np.abs(J).sum(axis=1), np.abs(B).max(axis=0, initial=0.0))
+            J_B[np.abs(J_B) <= n * numerics.EPSILON * size] = 0.0
+        for half in still:
+            J_B[half] = 0.0
+        free = FreeMotions(
+            J_B / rows[:, None],
+            symmetric_part(B.T @ H_L @ B, energy),
+            lambda: np.abs(B.T) @ terms() @ np.abs(B),
+            lambda: largest() * float(np.vdot(B, B)),
+            columns[:, None] * B,
+            energy.energy == energy.energy,
+            by_lengths,
+        )
+    if short is not None and reachable is not None:
+        words = states[short].message
+        if free is not None and free.inverse() is None:
+            words = words.replace(_COMPLIANCE_ALONE, _NEITHER)
+        K_there = None if reachable_K is None else reachable_K.tolist()
+        more = {"reachable_motions": reachable.T.tolist(), "reachable_stiffness": K_there}
+        states[short] = Note(states[short].code, words, {**states[short].values, **more})
+    return Reduction(
+        w * rows,
+        K,
+        lam,
+        values,
+        rank,
+        freedoms,
+        free,
+        reachable,
+        reachable_K,
+        rates,
+        motions,
+        states,
+        None if closures is None else closures.values,
+    )
+
+
+def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
+    """Whether self-motions Z (n, k) feel more of the forces g (n,) than rounding."""
+    size, forces = np.abs(Z), np.abs(g)
+    most = size.T @ (numerics.BALANCE * forces + numerics.ROUNDING * stiff)
+    # What of Z is less than `RANK` may be missing, and with it the forces there.
+    most += size.max(axis=0) * (numerics.RANK * forces.sum())
+    return bool((np.abs(Z.T @ g) > most).any())
+
+
+def _held_self_motions(
+    H: Array,
+    terms: Callable[[], Array],
+    largest: Callable[[], float],
+    Y: Array,
+    Z: Array,
+    along: Array,
+    columns: Array,
+    states: list[Note],
+) -> tuple[Array, Array] | None:
+    """Self-motions (n, k) that stiffness holds, and the inverse (k, k) of it; None if one is not.
+
+    Each is judged against the terms that act along it: measured in a unit of its own, in which
+    these are 1.
+    """
+    if Z.shape[1] == 0:
+        return Z, np.zeros((0, 0))
+    block = Z.T @ H @ Z
+    softest = np.linalg.eigvalsh(0.5 * (block + block.T))[0]
+    if softest > numerics.IDLE * largest() * np.vdot(Z, Z):  # as nearly always
+        return Z, np.linalg.inv(block)
+    every = np.concatenate([Y, Z], axis=1)
+    size = np.abs(every)
+    size = np.sqrt(((terms() @ size) * size).sum(axis=0))
+    every = every / np.where(size > 0.0, size, 1.0)
+    unit = every[:, Y.shape[1] :]
+    block = unit.T @ H @ unit
+    eigenvalues, modes = np.linalg.eigh(0.5 * (block + block.T))
+    idle = np.abs(eigenvalues) <= numerics.IDLE
+    if np.any(eigenvalues[~idle] < 0.0):
+        block = along.T @ H @ along
+        stiffness, modes = np.linalg.eigh(0.5 * (block + block.T))
+        states.append(
+            Note(
+                "buckled",
+                "the self-motion is unstable: the energy has no minimum over it, the mechanism "
+                "would snap away from this posture",
+                {
+                    "self_motion_stiffness": stiffness.tolist(),
+                    "direction": (columns * (along @ modes[:, 0])).tolist(),  # the softest
+                },
+            )
+        )
+        return None
+    if idle.any():
+        Z0 = unit @ modes[:, idle]
+        # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
+        coupled = bool(np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.IDLE))
+        Z0 = Z0 / np.linalg.norm(Z0, axis=0)
+        states.append(
+            Note(
+                "idle-self-motion",
+                f"{int(idle.sum())} self-motion(s) cost no energy"
+                + (
+                    " but couple to the others: no minimum exists"
+                    if coupled
+                    else ": they do not move the end-effector and are left out"
+                ),
+                {
+                    "directions": (columns[:, None] * Z0).T.tolist(),
+                    "coupling": float(np.abs(np.concatenate([Y, Z], axis=1).T @ H @ Z0).max()),
+                },
+            )
+        )
+        if coupled:
+            return None
+        unit = unit @ modes[:, ~idle]
+    return unit, np.linalg.inv(unit.T @ H @ unit)
 
 
 def values_of_closed(posture: MechanismPosture) -> tuple[Array, int, Array]:

@@ -13,7 +13,7 @@ _GEOMETRY = 16.0
 _NOISE = (_GEOMETRY * numerics.EPSILON) ** 2
 
 
-def without_noise(K: Array, rows: Array) -> Array:
+def zero_roundoff(K: Array, rows: Array) -> Array:
     """K with zeros for motions that no spring feels but by the rounding of its own geometry.
 
     A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there, and
@@ -57,12 +57,12 @@ def symmetric_part(matrix: Array, energy: Evaluation) -> Array:
     return 0.5 * (matrix + matrix.T)
 
 
-def doubtful(gradient: Array, stiffness: Array) -> Array:
+def force_roundoff(gradient: Array, stiffness: Array) -> Array:
     """What of each generalised force may be rounding of the coordinates that its spring feels."""
     return np.minimum(np.abs(gradient), numerics.ROUNDING * stiffness)
 
 
-def is_felt(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> bool:
+def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> bool:
     """Whether some spring feels more of a wrench (6,) than the rounding of its coordinate.
 
     `sizes` (n,) are the natural sizes of the coordinates of J (6, n) and H (n, n).

@@ -573,7 +573,7 @@ def _held_at(result: PostureStiffness) -> Modes:
     D, basis = result.change_by_load, np.diag(columns)
     if posture.closure is not None and reduction.motions is not None:
         stiff = np.abs(H * np.outer(columns, columns)).max(axis=0, initial=0.0)
-        basis = columns[:, None] * numerics.graded_basis(reduction.motions, stiff)[0]
+        basis = columns[:, None] * numerics.stiffness_scaled_basis(reduction.motions, stiff)[0]
     terms = terms + _rounded(result) / np.outer(columns, columns)
     K, size = basis.T @ H @ basis, np.abs(basis).T @ terms @ np.abs(basis)
     if not (result.energy != result.energy or not _is_symmetric(D)):

@@ -24,7 +24,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
-def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeMotions | None:
+def leg_length_basis(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeMotions | None:
     """The motions of a body on lines by their lengths; None where these do not determine its pose.
 
     Parameters
@@ -39,19 +39,19 @@ def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeM
         return None
     lines, k, rest = parts
     natural = np.repeat([1.0, posture.length], 3)
-    apart = by_lengths(lines * natural, k, rest * natural * natural[:, None])
-    if apart is None:
+    basis = by_lengths(lines * natural, k, rest * natural * natural[:, None])
+    if basis is None:
         return None
-    motions = natural[:, None] * apart.motions
+    motions = natural[:, None] * basis.motions
     return FreeMotions(
         motions,
-        apart.stiffness,
-        lambda: apart.terms,
-        lambda: float(np.abs(apart.terms).max()),
+        basis.stiffness,
+        lambda: basis.terms,
+        lambda: float(np.abs(basis.terms).max()),
         motions,
         numerics.is_symmetric(rest),
         springs=(lines, k),
-        error=numerics.EPSILON * apart.condition,
+        error=numerics.EPSILON * basis.condition,
     )
 
 
