@@ -18,7 +18,7 @@ _NO_LOSS = (1e-3 * REPORTED_ERROR / EPSILON) ** 2
 def inverted(matrices: Array) -> Array:
     """Inverses of square matrices (..., n, n); NaN for one with a pivot of zero."""
     try:
-        return np.linalg.inv(matrices)
+        return np.asarray(np.linalg.inv(matrices), float)
     except np.linalg.LinAlgError:
         if matrices.ndim == 2:
             return np.full(matrices.shape, np.nan)

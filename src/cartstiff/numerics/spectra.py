@@ -171,7 +171,7 @@ def condition(values: ArrayLike) -> Array:
 
 def singular_values(matrix: Array) -> Array:
     """Singular values of matrices (..., m, n), the largest first."""
-    return np.linalg.svd(matrix, compute_uv=False)
+    return np.asarray(np.linalg.svd(matrix, compute_uv=False), float)
 
 
 def ratios(matrices: Array) -> Array:
