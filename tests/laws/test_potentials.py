@@ -123,8 +123,8 @@ def test_balanced_rest_positions():
     springs = JointSprings([4.0, 0.0, 0.0, 0.0], [np.nan, np.nan, 0.7, np.nan], laws)
     assert not springs.is_complete
     assert springs.is_passive.tolist() == [False, False, False, True]
-    assert springs.is_open().tolist() == [True, True, False, False]
-    assert springs.is_open(every=True).tolist() == [True, True, True, False]
+    assert springs.rest_is_free().tolist() == [True, True, False, False]
+    assert springs.rest_is_free(every=True).tolist() == [True, True, True, False]
     some = springs.balanced(_At(q), torque)
     assert some.is_complete
     assert some.rest[2] == 0.7

@@ -31,8 +31,8 @@ from cartstiff.loading.schema import FlexibleModel
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.contract import SI
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import CompliancePattern, Elements
-from cartstiff.mechanisms.identified import Identified
+from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam

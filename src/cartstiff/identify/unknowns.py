@@ -11,13 +11,8 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import (
-    BEAM,
-    CompliancePattern,
-    Elements,
-    law_of,
-    with_coefficients,
-)
+from cartstiff.mechanisms.elements import Elements, law_of, with_coefficients
+from cartstiff.mechanisms.identified import BEAM, CompliancePattern
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 

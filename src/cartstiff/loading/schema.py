@@ -31,8 +31,8 @@ from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import LARGEST_NUMBER, read_text
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import CompliancePattern, Elements, coefficient, law_of
-from cartstiff.mechanisms.identified import Identified
+from cartstiff.mechanisms.elements import Elements, coefficient, law_of
+from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.mechanisms.superelement import (
     SuperelementMass,
     superelement_mass,

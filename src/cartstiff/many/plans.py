@@ -181,7 +181,7 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
     is_open: tuple[bool, ...] | None = None
     laws: Mapping[int, SpringLaw] = {}
     if isinstance(springs, JointSprings):
-        chosen = springs.is_open(wrench != "none")
+        chosen = springs.rest_is_free(wrench != "none")
         laws = springs.laws
         if any(chosen[j] and not is_recorded(law) for j, law in laws.items()):
             return "the rest position of such a spring is found posture by posture"

@@ -42,8 +42,8 @@ from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
-from cartstiff.stiffness.labelled import AXES, with_labels
 from cartstiff.stiffness.settled_links import settled_coordinates
+from cartstiff.stiffness.tensor import COMPONENTS, with_labels
 
 _HERE = np.eye(4)[None]
 #: State of postures that nobody has looked at one by one.
@@ -142,7 +142,7 @@ class Postures:
             # "wrench" names an axis, so that the array of wrenches needs another name.
             short = {"stiffness": f"K_{letter}", "compliance": f"C_{letter}", "wrench": "W"}
             arrays[short.get(kind, name)] = ("posture", *axes[kind]), array
-        labels = {**AXES, "posture": range(len(self)), "coordinate": self.names}
+        labels = {**COMPONENTS, "posture": range(len(self)), "coordinate": self.names}
         return with_labels(arrays, labels, path=self.path)
 
     def to_pandas(self) -> Any:

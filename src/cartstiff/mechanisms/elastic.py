@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from cartstiff.mechanisms.contract import (
     named_values,
     rest_of_turns,
 )
+from cartstiff.mechanisms.identified import Identified
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
@@ -37,9 +38,6 @@ from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, Load, Scaled
 from cartstiff.potentials.springs import JointSprings
-
-if TYPE_CHECKING:
-    from cartstiff.mechanisms.identified import Identified
 
 
 def with_values(
@@ -115,7 +113,7 @@ def spring_torques(
     closures; what neither carries is refused where a wrench was asked for, of generalised
     forces up to `size`, and left unbalanced otherwise.
     """
-    chosen = springs.is_open(every)
+    chosen = springs.rest_is_free(every)
     if chosen.all():
         return gradient
     settled = ~chosen
@@ -517,7 +515,9 @@ class ElasticMechanism(ShownInLines):
     def at_rest(self, q: Array) -> ElasticMechanism:
         """The same mechanism with all springs of its joints at rest at coordinates q (n,)."""
         springs = self.springs
-        return self._carrying(springs._with_rest(q)) if isinstance(springs, JointSprings) else self
+        return (
+            self._carrying(replace(springs, rest=q)) if isinstance(springs, JointSprings) else self
+        )
 
     def _carrying(self, springs: JointSprings | LineSprings | None) -> ElasticMechanism:
         """The same mechanism with other springs."""
@@ -539,10 +539,10 @@ class ElasticMechanism(ShownInLines):
         if not isinstance(springs, JointSprings):
             return springs.balanced(posture, gradient, every=every), None
         exerted = gradient
-        if not springs.is_wholly_open(every):
+        if not springs.all_rest_free(every):
             size = float(np.abs(carried).max(initial=0.0))
             gradient = spring_torques(springs, self.names, posture, gradient, every, size)
-            exerted = np.where(springs.is_open(every), gradient, np.nan)
+            exerted = np.where(springs.rest_is_free(every), gradient, np.nan)
         return springs.balanced(posture, gradient, every=every), exerted
 
     def _balanced_with_evaluation(

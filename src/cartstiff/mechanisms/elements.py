@@ -6,62 +6,29 @@ virtual joint of a link that gives. With B = dx/dq and Gamma the compliances, bl
     forces  t = Gamma^-1 x,      Phi'' = B^T Gamma^-1 B + (what the forces do by turning)
 
 A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S. Polynomial
-springs, which are no elements, have their coefficients as parameters.
+springs, which are no elements, have their coefficients as parameters. The torque t of one,
+``t = c_1 x + c_2 x^2 + ...``, stays where a load stays. With its tangent stiffness k and that one's
+slope k' over the deflection, its compliance there changes by
+``d(1/k)/dc_m = -(m x^(m-1) - k' x^m / k) / k^2``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identified import LINK, CompliancePattern
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
-
-#: Ends the names of parameters that are shares of a beam's own compliance.
-BEAM = " (beam)"
-#: Ends the names of factors on the stiffness of compliant links.
-LINK = " (link)"
-
-
-@dataclass(frozen=True)
-class CompliancePattern:
-    """Where a compliance parameter acts: a symmetric matrix S on the elements.
-
-    Attributes
-    ----------
-    name : str
-        Name of the parameter.
-    entries : tuple of (str, str, float)
-        Names of two elements and S there; S is symmetric, and each pair occurs once.
-    law : (str, int), optional
-        Of a polynomial spring, instead of entries: the joint, and the power of the deflection. The
-        value of the first power is a compliance, those of others are coefficients of the torque.
-    """
-
-    name: str
-    entries: tuple[tuple[str, str, float], ...]
-    law: tuple[str, int] | None = None
-
-    @property
-    def is_share(self) -> bool:
-        """Whether the parameter is a share of a beam's own compliance: a number without unit."""
-        return self.name.endswith(BEAM)
-
-    @property
-    def is_diagonal(self) -> bool:
-        """Whether only elements by themselves yield, so that the parameter is not negative."""
-        if self.law is not None:
-            return self.law[1] == 1
-        return all(a == b and weight > 0 for a, b, weight in self.entries)
 
 
 class Elements:
@@ -114,6 +81,13 @@ class Elements:
                 lines += m
         self.names = tuple(names)
         self.is_length = np.array(lengths, bool)
+
+    @property
+    def deflect_by_length(self) -> dict[str, bool]:
+        """Whether each spring deflects by a distance; those with polynomials, no elements, too."""
+        coordinates = self.elastic.mechanism.coordinates
+        joints = {c.name: c.is_length for c in coordinates}
+        return joints | dict(zip(self.names, self.is_length.tolist(), strict=True))
 
     def index(self, name: str, where: str | None = None) -> int:
         """Place of an element; UnknownNameError."""
@@ -311,3 +285,54 @@ def _rest(springs: JointSprings) -> Array:
     rest = springs.rest.copy()
     rest[list(springs.rigid)] = np.nan
     return rest
+
+
+def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
+    """The mechanism with polynomial springs that were measured linear about coordinates q (n,).
+
+    What is known of their coefficients becomes what is known of their compliances there, under
+    torques that stay.
+
+    Raises
+    ------
+    UndefinedError
+        Where such a spring does not resist.
+    """
+    known, springs = elastic.identified, elastic.springs
+    laws = {} if known is None else {p.law: i for i, p in enumerate(known.patterns) if p.law}
+    if known is None or not laws or not isinstance(springs, JointSprings):
+        return elastic
+    k, rest, left = springs.stiffness.copy(), springs.rest.copy(), dict(springs.laws)
+    others = [i for i in range(len(known.patterns)) if i not in laws.values()]
+    patterns, rows = (
+        [known.patterns[i] for i in others],
+        [np.eye(len(known.patterns))[i] for i in others],
+    )
+    for name in dict.fromkeys(name for name, _ in laws):
+        j, law = elastic.names.index(name), law_of(elastic, name)
+        x = 0.0 if np.isnan(rest[j]) else float(q[j] - rest[j])
+        _, torque, k[j] = law.at(x)
+        if not k[j] > 0.0:
+            raise UndefinedError(
+                f"the measured spring of {name!r} does not resist here: no interval",
+                code="no-compliance",
+            )
+        rest[j] -= torque / k[j] - x  # the same torque here
+        del left[j]
+        row = np.zeros(len(known.patterns))
+        for (joint, power), i in laws.items():
+            if joint == name:
+                by = law.change_at_torque(power, x)
+                row[i] = -by / k[j] ** 2 * (-(law.coefficients[0] ** 2) if power == 1 else 1.0)
+        patterns.append(CompliancePattern(name, ((name, name, 1.0),)))
+        rows.append(row)
+    T = np.array(rows)
+    values = np.append(
+        known.values[others],
+        [1.0 / k[elastic.names.index(p.name)] for p in patterns[len(others) :]],
+    )
+    tangent = replace(
+        known, patterns=tuple(patterns), values=values, covariance=T @ known.covariance @ T.T
+    )
+    springs = JointSprings(k, rest, left, springs.rigid)
+    return replace(elastic, springs=springs, identified=tangent)

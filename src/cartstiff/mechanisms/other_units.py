@@ -75,7 +75,7 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
         springs=springs,
         damping=damping,
         potentials=tuple(_potential(p, a, sizes, efforts) for p in elastic.potentials),
-        identified=None if known is None else known.scaled(Elements(elastic), a),
+        identified=None if known is None else known.scaled(Elements(elastic).deflect_by_length, a),
     )
 
 

@@ -291,12 +291,9 @@ class LineSprings(PosePotential):
         return self._at_rest(rest, exerted, geometry.lengths)
 
     def _at_rest(self, rest: Array, tensions: Array, lengths: Array) -> LineSprings:
-        """The same lines at rest lengths whoever made them has checked, once per posture."""
-        for array in (rest, tensions):
-            array.flags.writeable = False
-        springs = object.__new__(type(self))
-        vars(springs).update(vars(self), rest_length=rest, balanced_at=(lengths, tensions))
-        return springs
+        """The same lines with rest lengths at which they exert tensions."""
+        tensions.flags.writeable = False
+        return replace(self, rest_length=rest, balanced_at=(lengths, tensions))
 
     def geometry(self, posture: Posture) -> LineGeometry:
         """The lines at a posture, which knows those of a platform's own legs."""

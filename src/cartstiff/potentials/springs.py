@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import pi
 from typing import Any
 
@@ -241,12 +241,6 @@ class JointSprings(Potential):
         object.__setattr__(self, "rest", r)
 
     @cached_property
-    def _diagonal(self) -> Array:
-        diagonal = np.diag(self.stiffness)
-        diagonal.flags.writeable = False
-        return diagonal
-
-    @cached_property
     def is_complete(self) -> bool:
         """Whether every spring has a rest position."""
         return not np.any(np.isnan(self.rest))
@@ -259,17 +253,13 @@ class JointSprings(Potential):
         passive.flags.writeable = False
         return passive
 
-    def is_open(self, every: bool = False) -> Array:
+    def rest_is_free(self, every: bool = False) -> Array:
         """Which rest positions are to be chosen: those not given, or all of them."""
         return ~self.is_passive if every else ~self.is_passive & np.isnan(self.rest)
 
-    def is_wholly_open(self, every: bool = False) -> bool:
+    def all_rest_free(self, every: bool = False) -> bool:
         """Whether all rest positions are to be chosen."""
-        return self._wholly_open[every]
-
-    @cached_property
-    def _wholly_open(self) -> tuple[bool, bool]:
-        return bool(self.is_open().all()), not self.is_passive.any()
+        return bool(self.rest_is_free(every).all())
 
     def torque(self, q: Array) -> Array:
         """Torques of the springs whose rest position is given; zero for the others."""
@@ -284,7 +274,7 @@ class JointSprings(Potential):
         x = posture.q - self.rest
         torque = self.stiffness * x
         if not self.laws:
-            return Evaluation(0.5 * float(torque @ x), torque, self._diagonal)
+            return Evaluation(0.5 * float(torque @ x), torque, np.diag(self.stiffness))
         energies, diagonal = 0.5 * torque * x, self.stiffness.copy()
         for j, law in self.laws.items():
             energies[j], torque[j], diagonal[j] = law.at(float(x[j]))
@@ -292,7 +282,7 @@ class JointSprings(Potential):
 
     def replaced(self, stiffness: Array, rest: Array) -> JointSprings:
         """The same springs with other stiffnesses and rest positions."""
-        return JointSprings(stiffness, rest, self.laws, self.rigid)
+        return replace(self, stiffness=stiffness, rest=rest)
 
     def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> JointSprings:
         """The same springs with rest positions at which they exert torques at a posture.
@@ -312,29 +302,16 @@ class JointSprings(Potential):
         InputError
             If a spring's law never reaches its torque.
         """
-        if self.is_wholly_open(every) and not self.laws:
-            return self._with_rest(posture.q - gradient / self.stiffness)
-        chosen = self.is_open(every)
+        if self.all_rest_free(every) and not self.laws:
+            return replace(self, rest=posture.q - gradient / self.stiffness)
+        chosen = self.rest_is_free(every)
         rest = self.rest.copy()
         for j, law in self.laws.items():
             if chosen[j]:
                 rest[j] = posture.q[j] - law.deflection_for(float(gradient[j]))
                 chosen[j] = False
         rest[chosen] = posture.q[chosen] - gradient[chosen] / self.stiffness[chosen]
-        return self._with_rest(rest)
-
-    def _with_rest(self, rest: Array) -> JointSprings:
-        """The same springs at a fresh array of rest positions, checked by whoever made it.
-
-        This happens once per posture: to validate the stiffnesses anew, and to compute anew what
-        follows from them alone, would cost more than the balance itself.
-        """
-        rest.flags.writeable = False
-        springs = object.__new__(type(self))
-        vars(springs).update(vars(self), rest=rest, _diagonal=self._diagonal)
-        for name in ("is_complete", "_wholly_open"):
-            vars(springs).pop(name, None)
-        return springs
+        return replace(self, rest=rest)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,8 @@ from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.elements import CompliancePattern, Elements, law_of
+from cartstiff.mechanisms.elements import Elements, law_of
+from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.mechanisms.limits import force_notes, limit_notes, limits_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
@@ -56,8 +57,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.leg_length_basis import leg_length_basis
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
-from cartstiff.stiffness.showing import codes_of, numbers_text
-from cartstiff.stiffness.tensor import StiffnessTensor
+from cartstiff.stiffness.tensor import StiffnessTensor, codes_of, numbers_text
 
 
 class Chosen(NamedTuple):
@@ -133,12 +133,14 @@ def chosen_forces(
     springs = original.springs
     open_ = np.zeros(len(elements.names), bool)
     if springs is not None:
-        rest = springs.is_open() if isinstance(springs, JointSprings) else np.isnan(springs.rest)
+        rest = (
+            springs.rest_is_free() if isinstance(springs, JointSprings) else np.isnan(springs.rest)
+        )
         loose = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
         open_ = np.array([name in loose for name in elements.names], bool)
     deflections, own = np.zeros(len(start.q)), balanced.springs
     if isinstance(springs, JointSprings) and isinstance(own, JointSprings):
-        deflections = np.where(springs.is_open(), start.q - own.rest, 0.0)
+        deflections = np.where(springs.rest_is_free(), start.q - own.rest, 0.0)
     return Chosen(np.where(open_, elements.forces(start), 0.0), deflections)
 
 

@@ -43,9 +43,9 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
-from cartstiff.stiffness.showing import SCHEMA as SCHEMA
-from cartstiff.stiffness.showing import codes_of, numbers_text
-from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
+from cartstiff.stiffness.tensor import Compliance, StiffnessTensor, codes_of, numbers_text
+
+SCHEMA = "cartstiff/1"
 
 _EYE_4 = np.eye(4)
 

@@ -2,13 +2,15 @@ r"""The stiffness tensor at a pose: a matrix that knows its connection, frame, l
 
     K(X, Y) = <nabla_Y dPhi; X> = (Y X - nabla_Y X) Phi,   K[i, j] = K(L_i, L_j)   ([ZK]_ eq. 30-33)
 
-Column j is the direction of motion, row i the component of the wrench.
+Column j is the direction of motion, row i the component of the wrench. Its inverse, the compliance;
+names and units on rows and columns, as text, for notebooks, xarray and pandas.
 """
 
 from __future__ import annotations
 
 import io
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,14 +21,171 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, real_array, safe_cell
 from cartstiff.choices import AXES, Axes, Order
-from cartstiff.errors import InputError, UndefinedError, checked_kind
+from cartstiff.errors import InputError, UndefinedError, checked_kind, imported
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
-from cartstiff.stiffness.labelled import Compliance as Compliance
-from cartstiff.stiffness.labelled import LabelledMatrix
-from cartstiff.stiffness.labelled import format_matrix as format_matrix
+from cartstiff.notebook import html_table
+from cartstiff.notes import Note
+
+#: Names along the axes of matrices: components of wrenches, and of motions.
+COMPONENTS = {
+    "wrench": ("mx", "my", "mz", "fx", "fy", "fz"),
+    "motion": ("rx", "ry", "rz", "x", "y", "z"),
+}
+
+
+def with_labels(
+    arrays: Mapping[str, tuple[Sequence[str], Array]],
+    axes: Mapping[str, Sequence[Any]] = COMPONENTS,
+    **about: object,
+) -> Any:
+    """An `xarray.Dataset` of arrays, each with the names of its axes.
+
+    Parameters
+    ----------
+    arrays : mapping of str to (names of axes, ndarray)
+        What it holds.
+    axes : mapping of str to sequence
+        Labels along the axes that have any.
+    **about
+        Attributes of the dataset.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without xarray.
+    """
+    xarray = imported("xarray", "xarray", "a table with labels", "maps")
+    used = {axis for names, _ in arrays.values() for axis in names}
+    return xarray.Dataset(
+        {name: (list(names), np.array(values)) for name, (names, values) in arrays.items()},
+        coords={axis: list(labels) for axis, labels in axes.items() if axis in used},
+        attrs=about,
+    )
+
+
+def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6) -> str:
+    """Matrix as aligned text, one row a line, each row followed by its unit."""
+    # One format for the whole matrix, so that columns can be compared at a glance.
+    width = digits + 8
+    lines = [title] if title else []
+    size = float(np.abs(matrix).max(initial=0.0))
+    for row, unit in zip(matrix, row_units, strict=True):
+        cells = "".join(
+            f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:>{width}.{digits}g}" for x in row
+        )
+        lines.append(f"{cells}   {unit}".rstrip())
+    return "\n".join(lines)
+
+
+BlockUnits = tuple[tuple[str, str], tuple[str, str]]
+
+
+def numbers_text(values: Array) -> str:
+    """A few numbers on one line, to four digits; what is rounding of the largest is 0."""
+    least = numerics.BLANK * np.abs(values).max(initial=0.0)
+    return ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in values.tolist())
+
+
+def codes_of(notes: Iterable[Note]) -> str:
+    """The codes of notes, each once, in a line."""
+    return ", ".join(dict.fromkeys(note.code for note in notes)) or "none"
+
+
+def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) -> str:
+    """A 6x6 matrix as a table, the unit of each 3x3 block beside its rows and over its columns."""
+    parts = ("rotation", "translation")
+    names = parts if order == "angular-linear" else parts[::-1]
+    size = float(np.abs(matrix).max(initial=0.0))
+    rows = [
+        (
+            names[i // 3],
+            *(f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:.6g}" for x in row),
+            " | ".join(block_units[i // 3]),
+        )
+        for i, row in enumerate(matrix.tolist())
+    ]
+    return html_table([("", 1), *((name, 3) for name in names), ("units", 1)], rows, title)
+
+
+class LabelledMatrix:
+    """A 6x6 matrix in one of the two orders; NumPy, xarray and pandas see it."""
+
+    matrix: Array
+    connection: Connection
+    frame: str
+    units: Units
+    order: Order
+    #: Letter of the matrix, and what its rows and columns are.
+    _letter = "K"
+    _axes = ("wrench", "motion")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """NumPy sees the matrix."""
+        return np.array(self.matrix, dtype=dtype)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Entries of the matrix: ``K[3:, 3:]``."""
+        return self.matrix[index]
+
+    @property
+    def T(self) -> Array:  # noqa: N802
+        """The transposed matrix."""
+        return self.matrix.T
+
+    def to_xarray(self) -> Any:
+        """`xarray.DataArray` with the components' names; MissingDependencyError without xarray."""
+        angular = self.order == se3.ANGULAR_LINEAR
+        axes = {n: v if angular else (*v[3:], *v[:3]) for n, v in COMPONENTS.items()}
+        return with_labels({self._letter: (self._axes, self.matrix)}, axes)[self._letter]
+
+    def to_pandas(self) -> Any:
+        """`pandas.DataFrame` with the components' names on rows and columns."""
+        return self.to_xarray().to_pandas()
+
+    @property
+    def block_units(self) -> BlockUnits:
+        """Units of the four 3x3 blocks, in the matrix's order."""
+        names = self.units.blocks if self._letter == "K" else self.units.blocks_of_compliance
+        a, b = "rt" if self.order == se3.ANGULAR_LINEAR else "tr"
+        return (names[a + a], names[a + b]), (names[b + a], names[b + b])
+
+    def __str__(self) -> str:
+        (a, b), (c, d) = self.block_units
+        title = f"{self._title}, order {self.order}"
+        return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return matrix_html(self.matrix, self.block_units, self._title, self.order)
+
+    @property
+    def _title(self) -> str:
+        return f"{self._letter}^{self.connection.name} in {self.frame}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compliance(LabelledMatrix):
+    """A compliance matrix: twist (rows) per wrench (columns); the inverse of a stiffness matrix."""
+
+    _letter = "C"
+    _axes = ("motion", "wrench")
+
+    matrix: Array
+    connection: Connection
+    pose: Array
+    frame: str
+    units: Units
+    order: Order = "angular-linear"
+
+    def to_order(self, order: Order) -> Compliance:
+        """Components in another order."""
+        if order == self.order:
+            return self
+        return replace(self, matrix=self.matrix[se3.SWAP][:, se3.SWAP], order=order)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,7 +16,7 @@ from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.compute import SCHEMA
-from cartstiff.stiffness.labelled import AXES
+from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
 
 
@@ -228,7 +228,7 @@ class OptimisedPath:
         names = self.elastic.names_with_units
         if (W := self.wrenches) is not None:
             columns.append(W)
-            names += [f"{c} [{u}]" for c, u in zip(AXES["wrench"], units.wrench, strict=True)]
+            names += [f"{c} [{u}]" for c, u in zip(COMPONENTS["wrench"], units.wrench, strict=True)]
         if self.angles is not None:
             angle = units.shown_angle
             columns.append(self.angles[:, None] * (180.0 / np.pi if angle == "deg" else 1.0))

@@ -37,7 +37,7 @@ from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix, spectrum_of
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.compute import PostureStiffness, analyse
-from cartstiff.stiffness.showing import codes_of
+from cartstiff.stiffness.tensor import codes_of
 
 # kg over the cube of the summed lengths of the links [m]: arms of robots are between 1 and 200, a
 # solid block of steel is 7850. Beyond these a unit is mistaken (grams, millimetres).

@@ -34,8 +34,8 @@ from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import CompliancePattern, Elements
-from cartstiff.mechanisms.identified import Identified, linearised
+from cartstiff.mechanisms.elements import Elements, linearised
+from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix

@@ -184,7 +184,7 @@ def closed_case(
         else:
             others.append(potential)
     own = np.zeros(n, bool) if springs is None else ~springs.is_passive
-    is_open = np.zeros(n, bool) if springs is None else springs.is_open(wrench != "none")
+    is_open = np.zeros(n, bool) if springs is None else springs.rest_is_free(wrench != "none")
     laws = {} if springs is None else springs.laws
     if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
         return "the rest position of such a spring is found posture by posture"
