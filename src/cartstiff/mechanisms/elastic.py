@@ -510,17 +510,13 @@ class ElasticMechanism(ShownInLines):
         posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
         load = None if wrench is None else checked_input(wrench, (6,), "wrench")
         springs, _ = self._balanced_springs(posture, load, self._evaluate_others(posture))
-        return self._carrying(springs)
+        return replace(self, springs=springs)
 
     def at_rest(self, q: Array) -> ElasticMechanism:
         """The same mechanism with all springs of its joints at rest at coordinates q (n,)."""
         springs = self.springs
-        return (
-            self._carrying(replace(springs, rest=q)) if isinstance(springs, JointSprings) else self
-        )
-
-    def _carrying(self, springs: JointSprings | LineSprings | None) -> ElasticMechanism:
-        """The same mechanism with other springs."""
+        if isinstance(springs, JointSprings):
+            springs = replace(springs, rest=q)
         return replace(self, springs=springs)
 
     def _balanced_springs(
@@ -551,7 +547,7 @@ class ElasticMechanism(ShownInLines):
         """`balanced` and its `evaluate` at a posture; the other potentials are evaluated once."""
         others = self._evaluate_others(posture)
         springs, exerted = self._balanced_springs(posture, wrench, others)
-        elastic = self if springs is self.springs else self._carrying(springs)
+        elastic = self if springs is self.springs else replace(self, springs=springs)
         if exerted is None or springs is None:
             return elastic, elastic._with_springs_added(posture, others)
         # What was chosen is exact; through a stiff spring's rest position it comes back rounded.

@@ -133,7 +133,7 @@ class Identified:
         )
 
     def scaled(self, lengths: Mapping[str, bool], a: float) -> Identified:
-        """The same with all lengths times `a`, of springs by name that deflect by lengths or not."""
+        """The same with all lengths times `a`; `lengths` says which springs deflect by one."""
         size = {name: a if is_length else 1.0 for name, is_length in lengths.items()}
 
         def per(one: str, other: str) -> float:

@@ -236,7 +236,11 @@ class LineSprings(PosePotential):
     @property
     def is_complete(self) -> bool:
         """Whether every line has a rest length."""
-        return not np.any(np.isnan(self.rest_length))
+        return not self.rest_is_free().any()
+
+    def rest_is_free(self, every: bool = False) -> Array:
+        """Which rest lengths are to be chosen: those not given, or all of them."""
+        return np.isnan(self.rest_length) | every
 
     def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> LineSprings:
         """The same lines with rest lengths at which they exert a gradient (6,) at a posture.
@@ -249,7 +253,7 @@ class LineSprings(PosePotential):
             If no tensions of the open lines balance it.
         """
         geometry = self.geometry(posture)
-        free = np.isnan(self.rest_length) | every
+        free = self.rest_is_free(every)
         if free.all() and not any(gradient.tolist()) and len(free) <= 6:
             return self._at_rest(geometry.lengths, np.zeros(len(free)), geometry.lengths)
         fixed = np.where(free, 0.0, self.stiffness * (geometry.lengths - self.rest_length))

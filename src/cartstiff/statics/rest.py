@@ -133,9 +133,7 @@ def chosen_forces(
     springs = original.springs
     open_ = np.zeros(len(elements.names), bool)
     if springs is not None:
-        rest = (
-            springs.rest_is_free() if isinstance(springs, JointSprings) else np.isnan(springs.rest)
-        )
+        rest = springs.rest_is_free()
         loose = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
         open_ = np.array([name in loose for name in elements.names], bool)
     deflections, own = np.zeros(len(start.q)), balanced.springs
