@@ -1,4 +1,4 @@
-"""Equilibria of parallel mechanisms, springs over thirteen decades: found, and the linear ones."""
+"""Equilibria of parallel mechanisms, springs over nine decades: found, and the linear ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_small_loads_move_a_hexapod_linearly(seed):
     rng = np.random.default_rng(seed)
     elastic = cartstiff.load("hexapod")
     given = elastic.springs.stiffness
-    k = np.where(given > 0.0, 10.0 ** rng.uniform(-1, 12, given.size), 0.0)
+    k = np.where(given > 0.0, 10.0 ** rng.uniform(-1, 8, given.size), 0.0)
     names = [name for name, x in zip(elastic.spring_names, k, strict=True) if x > 0.0]
     elastic = elastic.with_springs(dict(zip(names, k[k > 0.0], strict=True)))
     result = cartstiff.analyse(elastic)

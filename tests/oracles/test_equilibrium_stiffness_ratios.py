@@ -1,4 +1,4 @@
-"""Equilibria of springs over fifteen decades, against a solution with forty digits."""
+"""Equilibria of springs over nine decades, against a solution with forty digits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from tests.support import platform_mechanism, robot_file
 
 import cartstiff
-from cartstiff.errors import ConvergenceError
+from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
@@ -64,10 +64,10 @@ def exact(elastic, force):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_springs_over_fifteen_decades_come_to_rest_where_forty_digits_say(seed):
+def test_springs_over_nine_decades_come_to_rest_where_forty_digits_say(seed):
     robot_file("ur_description/urdf/ur5_robot.urdf")
     rng = np.random.default_rng(seed)
-    stiffness = 10 ** rng.uniform(2.5, 15.0, 6)
+    stiffness = 10 ** rng.uniform(2.5, 11.5, 6)
     elastic = cartstiff.load("ur5").with_springs(stiffness)
     force = rng.normal(size=3) * 30.0
     elastic = elastic.balanced(elastic.q)
@@ -80,7 +80,7 @@ def test_springs_over_fifteen_decades_come_to_rest_where_forty_digits_say(seed):
     assert state.residual < 1e-12
 
 
-@pytest.mark.parametrize("rigid", [1e9, 1e15, 1e17, 1e20])
+@pytest.mark.parametrize("rigid", [1e9, 1e11, 4e12])
 def test_a_nearly_rigid_joint_does_not_excuse_the_others(rigid):
     robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load("ur5").with_springs([rigid, 3e4, 2e4, 5e3, 5e3, 4e3])
@@ -103,24 +103,32 @@ def test_the_smallest_eigenvalue_beside_the_stiffest_spring():
     robot_file("ur_description/urdf/ur5_robot.urdf")
     soft = np.array([3e4, 2e4, 5e3, 5e3, 4e3])
     plain = cartstiff.load("ur5").with_springs([1e6, *soft])
-    stiff = cartstiff.load("ur5").with_springs([1e15, *soft])
+    stiff = cartstiff.load("ur5").with_springs([1e12, *soft])
     load = DeadForce([20.0, 30.0, -100.0])
     expected = equilibrium(plain, load).eigenvalues
     # What the base joint gives at 1e6 softens the others by the square of the coupling over 1e6.
     assert equilibrium(stiff, load).eigenvalues[:5] == pytest.approx(expected[:5], rel=1e-6)
 
 
-def test_forces_that_rounding_hides_are_named():
+def test_springs_further_apart_are_refused_with_the_cure():
+    """1e14 N m/rad times the rounding of an angle is 0.02 N m: double precision ends before."""
     robot_file("ur_description/urdf/ur5_robot.urdf")
     load = DeadForce([0.0, 0.0, -100.0])
-    for stiffness, named in ((1e8, False), (1e14, True)):
-        elastic = cartstiff.load("ur5").with_springs([3e4, stiffness, 2e4, 5e3, 5e3, 4e3])
-        notes = {n.code: n for n in equilibrium(elastic, load).notes}
-        assert ("force-unresolved" in notes) == named
-    unsure = notes["force-unresolved"].values["uncertainty"]
-    assert list(unsure) == ["shoulder_lift_joint"]
-    # One unit of rounding of an angle of 1.1 rad, times the stiffness.
-    assert 0.01 < unsure["shoulder_lift_joint"] < 0.05
+    stiff = cartstiff.load("ur5").with_springs([3e4, 1e14, 2e4, 5e3, 5e3, 4e3])
+    words = r"shoulder_lift_joint with 1e\+14 N m/rad and wrist_3_joint with 4e\+03 N m/rad"
+    for ask in (equilibrium, cartstiff.load_curve):
+        with pytest.raises(InputError, match=words) as refused:
+            ask(stiff, load)
+        assert "rigid" in str(refused.value)
+    rigid = cartstiff.load("ur5").with_springs({"shoulder_lift_joint": np.inf})
+    assert equilibrium(rigid, load).stable
+    corners = np.pi / 3 * np.arange(6)
+    ring = np.stack([np.cos(corners), np.sin(corners), 0 * corners], axis=1)
+    k = [1e10, 1e3, 1.0, 1e3, 1e3, 1e3]
+    q = [0.0, 0.0, 0.5, 0.0, 0.0, 0.3]
+    body = platform_mechanism(0.5 * ring, 0.3 * ring[::-1], k, np.full(6, np.nan), q=q)
+    with pytest.raises(InputError, match=r"leg1 with 1e\+10 N/m and leg3 with 1 N/m"):
+        equilibrium(body)
 
 
 @pytest.mark.parametrize("name", ["3-rrr", "delta"])
@@ -139,12 +147,12 @@ def test_closed_chains_with_a_stiff_motor_approach_the_limit(name):
 
     limit = 2.0 * moved(2e6) - moved(1e6)
     size = np.abs(limit).max()
-    for factor in (1e8, 1e10):
+    for factor in (1e8, 1e9):
         assert np.abs(moved(factor) - limit).max() < 1e-6 * size
 
 
 def test_a_posture_that_rounding_hides_is_named():
-    """Legs of 1e12 beside 1e-3 near a singularity: 1e-6 N of a stiff leg is less than its rounding.
+    """Legs of 1e6 beside 1e-3 near a singularity: 1e-12 N of a stiff leg is less than its rounding.
 
     The linear motion under the same load, from springs kept apart, is what is missed.
     """
@@ -154,7 +162,7 @@ def test_a_posture_that_rounding_hides_is_named():
         for r, h in ((0.5, 0.3), (0.3, 0.7))
     )
     q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - 1e-4])
-    legs = [1e12, 1.1e10, 1.4, 330.0, 1e-3, 105.0]
+    legs = [1e6, 1.1e5, 1.4, 330.0, 1e-3, 105.0]
     elastic = platform_mechanism(base, top, legs, np.full(6, np.nan), q=q)
     load = np.array([2e-6, -1e-6, 3e-6, 1e-6, 0.0, 2e-6])
     C = cartstiff.analyse(elastic).compliances["B"]
@@ -166,7 +174,7 @@ def test_a_posture_that_rounding_hides_is_named():
     notes = {n.code: n for n in state.notes}
     told = notes["posture-unresolved"].values["largest"] if "posture-unresolved" in notes else 0.0
     assert missed < max(1e-3 * np.abs(expected).max(), 4.0 * told)
-    assert told > 1e-9
+    assert told > 1e-10
     plain = elastic.with_springs([100.0, 200.0, 300.0, 150.0, 120.0, 90.0])
     assert "posture-unresolved" not in {n.code for n in equilibrium(plain, wrench=load).notes}
 
@@ -177,7 +185,7 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     from cartstiff.statics.problem import System
 
     elastic = cartstiff.load("3-rrr")
-    k = np.array([3e3 * 10.0 ** (5.5 * (i % 3)) for i in range(len(elastic.names))])
+    k = np.array([3e3 * 10.0 ** (3.5 * (i % 3)) for i in range(len(elastic.names))])
     elastic, load = elastic.with_springs(k), DeadForce([3e3, -2e3, 0.0])
     seen, at = [0], System.at
 

@@ -593,25 +593,18 @@ class ElasticMechanism(ShownInLines):
         terms = self.terms(springs=False)
         return reduce(_sum, evaluate_together(terms, posture)) if terms else None
 
-    def line_springs_apart(
-        self, posture: MechanismPosture, more: Array | None = None
-    ) -> tuple[Array, Array, Array] | None:
+    def line_springs_and_rest(self, posture: MechanismPosture) -> tuple[Array, Array, Array] | None:
         """Lines g (m, 6) that hold the body to the ground, their k (m,), the rest of the Hessian.
 
-        None where the coordinates are not the body's pose, or no lines hold it. Tensions are larger
-        by `more` (m,) than the lengths say.
+        None where the coordinates are not the body's pose, or no lines hold it.
         """
         if not posture.coordinates_are_pose:
             return None
-        lines: list[Array] = []
-        k: list[Array] = []
-        rest = np.zeros((6, 6))
+        lines, k, rest = list[Array](), list[Array](), np.zeros((6, 6))
         for term in self.terms():
             held = type(term) is LineSprings and (term.frame_a, term.frame_b)
             if isinstance(term, LineSprings) and held == ("world", "body"):
-                first = sum(len(one) for one in k)
-                added = 0.0 if more is None else more[first : first + len(term.stiffness)]
-                g, stiffness, turning = term.apart(posture, added)
+                g, stiffness, turning = term.lines_and_rest(posture)
                 lines.append(g)
                 k.append(stiffness)
                 rest = rest + turning

@@ -84,16 +84,15 @@ TRUSTED: Final = 1e-11
 SOFTEST: Final = 1e-10
 #: the least negative stiffness of a saddle.
 SADDLE: Final = 1e-8
-#: Ratio of stiffnesses up to which a failure is not laid to rounding,
-RESOLVED: Final = 1e12
+#: Stiffnesses of the springs of one equilibrium, in natural units, differ by no more than this
+#: factor: the softest is then known to seven digits beside the stiffest.
+LARGEST_STIFFNESS_RATIO: Final = 1e9
 #: Inertias of the motions of one mechanism, in natural units, differ by no more than this factor.
 LARGEST_INERTIA_RATIO: Final = 1e6
-#: that from which on stiff springs hold back soft ones, and
+#: Ratio of stiffnesses from which on stiff springs hold back soft ones, and
 STIFF: Final = 1e5
 #: that from which on the springs of legs are kept apart: half of the digits.
 FAR: Final = 1e8
-#: Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
-LEAST_EASE: Final = 1e-7
 #: Below this share of the stiffest a motion is as good as free.
 AS_GOOD_AS_FREE: Final = 1e-30
 #: A step, of searches whose result is looked at or refined, below this share is none.

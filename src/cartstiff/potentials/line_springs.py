@@ -332,14 +332,10 @@ class LineSprings(PosePotential):
             K += second_derivative(geometry, self.points, t)
         return 0.5 * float(t.dot(stretch)), t.dot(geometry.lines), K
 
-    def apart(self, posture: Posture, more: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T.
-
-        The tensions are larger by `more` (m,) than the lengths say: those of stiff lines are known
-        to the rounding of their lengths only.
-        """
+    def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array]:
+        """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T."""
         geometry = self.geometry(posture)
-        rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths) + more)
+        rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths))
         return geometry.lines, self._taut(geometry.lengths), rest
 
     def _taut(self, lengths: Array) -> Array:

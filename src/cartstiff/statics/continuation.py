@@ -45,6 +45,7 @@ from cartstiff.statics.problem import (
     System,
     contact_limits,
     notes_at_start,
+    refuse_springs_far_apart,
     spectrum,
 )
 from cartstiff.statics.small_motions import (
@@ -584,6 +585,7 @@ def load_curve(
     if not (np.isfinite(resolution) and resolution > 0.0):
         raise InputError("resolution cannot be used", expected="a positive number", got=resolution)
     elastic, posture = elastic.placed(q0, "q0")
+    refuse_springs_far_apart(elastic)
     limits = contact_limits(elastic, posture)
     elastic, q = elastic.balanced(posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)

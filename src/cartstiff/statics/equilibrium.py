@@ -26,7 +26,14 @@ from cartstiff.potentials.loads import Load, Scaled, SemitangentialWrench
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
-from cartstiff.statics.problem import Contact, ExhaustedError, System, bounded, contact_limits
+from cartstiff.statics.problem import (
+    Contact,
+    ExhaustedError,
+    System,
+    bounded,
+    contact_limits,
+    refuse_springs_far_apart,
+)
 from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.rest import chosen_forces, state_of_rest
@@ -132,6 +139,7 @@ def equilibrium(
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
     limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
     original, start = checked_elastic(elastic).placed(q0, "q0")
+    refuse_springs_far_apart(original)
     q = start.q
     elastic = original.balanced(start)
     if held is not None:
@@ -236,10 +244,9 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
     stiff ones nearly at rest. None where that fails, or the curve meets a critical load: the
     equilibrium beyond may be another one's.
     """
-    # Beyond what is resolved a curve ends nowhere, either, and takes long.
     try:
         ratio = system.at(q).stiffness_ratio
-        if not (system.loads and numerics.STIFF < ratio <= numerics.RESOLVED):
+        if not (system.loads and ratio > numerics.STIFF):
             return None
         curve = load_curve(system.elastic, *system.loads, held=system.held, q0=q, points=_POINTS)
         if curve.reason != "factor-reached" or curve.critical:

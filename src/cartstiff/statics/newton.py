@@ -30,8 +30,6 @@ from cartstiff.statics.problem import (
 )
 from cartstiff.stiffness.posture_notes import near_type_2
 
-# Ratio of stiffnesses up to which a failure is not laid to rounding.
-_RESOLVED = numerics.RESOLVED
 _ITERATIONS = 200
 _HALVINGS = 30
 # Steps without the residual being halved after which forces without energy are given up.
@@ -185,11 +183,6 @@ class _Iteration:
     def _suspicion(self) -> str:
         """What may be the reason why there is no equilibrium."""
         ratio = self.point.stiffness_ratio
-        if ratio > _RESOLVED:
-            return (
-                f"stiffnesses differ by a factor {ratio:.0e}, which double precision hardly "
-                "resolves; make the stiffest rigid"
-            )
         posture = self.point.posture
         free = None if posture.closure is None else self.balance.free
         for note in near_type_2(posture, free):
@@ -356,8 +349,6 @@ class _Iteration:
                 point = system.at(system.retracted(q, contacts))
                 if not np.isfinite(point.evaluation.gradient).all():
                     return None
-                if self.balance.is_oblique and not self.balance.multipliers.size:
-                    point = system.relax_stiff_legs(point)
                 new = self._violated(point, contacts)
                 if not new:
                     return point, contacts, share

@@ -341,12 +341,40 @@ Lines = tuple[Array, Array, Array]
 ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
-# Newton steps by which stiff legs find their lengths again, each of which squares what is missed.
-_LEG_RELAXATIONS = 6
 # Ratio of stiffnesses from which on those of legs are kept apart.
 _FAR = numerics.FAR
-# Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
-_LEAST_STEP_WEIGHT = numerics.LEAST_EASE
+
+
+def refuse_springs_far_apart(elastic: ElasticMechanism) -> None:
+    """Refuse springs of which double precision does not know the soft beside the stiff.
+
+    Raises
+    ------
+    InputError
+        With the two springs and the cure.
+    """
+    springs = elastic.springs
+    if springs is None or not springs.stiffness.any():
+        return
+    k, slides = springs.stiffness, np.ones(len(springs.stiffness), bool)
+    natural, cure = k, "stiffnesses nearer to each other: lines cannot be rigid"
+    if isinstance(springs, JointSprings):
+        slides = np.array([c.is_length for c in elastic.mechanism.coordinates], bool)
+        natural = k * elastic.mechanism.at(elastic.q).coordinate_lengths ** 2
+        cure = "the stiff one made rigid (stiffness: rigid)"
+    stiff = int(natural.argmax())
+    soft = int(np.where(natural > 0.0, natural, np.inf).argmin())
+    if natural[stiff] <= numerics.LARGEST_STIFFNESS_RATIO * natural[soft]:
+        return
+    shown = [
+        f"{elastic.spring_names[i]} with {k[i]:.3g} {elastic.units.spring(bool(slides[i]))}"
+        for i in (stiff, soft)
+    ]
+    raise InputError(
+        f"two springs differ by more than a factor {numerics.LARGEST_STIFFNESS_RATIO:.0e}, which "
+        f"double precision does not resolve together: {' and '.join(shown)}",
+        expected=cure,
+    )
 
 
 class System:
@@ -388,7 +416,6 @@ class System:
         self.held = held
         self.limits = limits_of(elastic.mechanism, ignore=True) if limits is None else limits
         self.terms = (*elastic.terms(), *self.loads)
-        self.softest = np.inf  # stiffness that a motion has had
 
     def of(self, elastic: ElasticMechanism) -> System:
         """The same loads, held components and limits on another mechanism."""
@@ -474,8 +501,8 @@ class System:
             turning = to_constraints.curvature(lam) * columns[:, None] * columns
             H, sizes = H + turning, sizes + np.abs(turning)
         reach = self._reach(point.posture)
-        lines = self.elastic.line_springs_apart(point.posture)
-        legs = None if constraints is not None else self._by_lengths(point, lines, g, reach)
+        lines = self.elastic.line_springs_and_rest(point.posture)
+        legs = None if constraints is not None else self._by_lengths(point, lines)
         felt: Array | float = 0.0
         if legs is not None:
             N, H, scale = legs.motions, legs.stiffness, legs.terms
@@ -518,86 +545,34 @@ class System:
             felt += np.abs(N.T) @ (springs.stiffness * columns**2)
         return felt
 
-    def _by_lengths(
-        self, point: Point, parts: Lines | None, gradient: Array, reach: float
-    ) -> ByLengths | None:
+    def _by_lengths(self, point: Point, parts: Lines | None) -> ByLengths | None:
         """Motions of a body on lines by their lengths, where stiff lines would hide soft ones.
 
-        The tension of a stiff line is known to the rounding of its length, and so would be what it
-        adds to the stiffness of soft motions; there it is the one that balances.
+        None where no line is much stiffer than another, or they do not lead the body's motions.
         """
-        tightened = None if parts is None else self._more_tension(point, parts, gradient, reach)
-        if parts is None or tightened is None:
+        if parts is None or not 0.0 < float(parts[1].min()) * _FAR < float(parts[1].max()):
             return None
-        more, areas, loads = tightened
-        if (balanced := self.elastic.line_springs_apart(point.posture, more)) is None:
-            return None
-        L = point.posture.length  # lengths in natural units, as all coordinates
-        lines = parts[0] * point.posture.coordinate_lengths / L
-        return by_lengths(lines, parts[1] * L**2, (balanced[2] + loads) * areas)
-
-    def _more_tension(
-        self, point: Point, parts: Lines, gradient: Array, reach: float, is_at_rest: bool = False
-    ) -> tuple[Array, Array, Array] | None:
-        """What the tensions (m,) of stiff lines lack that balance, within their rounding.
-
-        At rest all that is left is rounding. Also the sizes of the Hessian's entries, and the
-        loads' part of it. None where no line is much stiffer than another, or they do not lead the
-        body's motions.
-        """
         lines, k, rest = parts
-        least = float(k.min())
-        if not 0.0 < least * _FAR < float(k.max()):
-            return None
-        loads: Array = sum(
-            (load.evaluate(point.posture).hessian for load in self.loads), start=np.zeros((6, 6))
-        )
-        columns = point.posture.coordinate_lengths
-        areas = columns * columns[:, None]
-        L = point.posture.length
-        legs = by_lengths(lines * columns / L, k * L**2, (rest + loads) * areas)
-        if legs is None:
-            return None
-        missed = legs.motions.T @ gradient
-        more = np.zeros(len(k))
-        blurred = ROUNDINGS * EPSILON * k[legs.leading] * L**2 * reach
-        is_rounding = (np.abs(missed) <= blurred) | is_at_rest
-        more[legs.leading] = np.where(is_rounding, -missed / L, 0.0)
-        return more, areas, loads
-
-    def relax_stiff_legs(self, point: Point) -> Point:
-        """A point beside which stiff legs have the lengths that balance, for the same soft motions.
-
-        Soft motions follow a surface that bends. Off it stiff legs exert what turns the stiffness
-        of soft motions over, and steps along its tangent end where a leg has gained a rounding.
-        """
-        missed = np.inf
-        for _ in range(_LEG_RELAXATIONS):
-            b = self.balance(point)
-            self.softest = min(self.softest, float(b.stiffness_scale.min()))
-            stiff = b.stiffness_scale > numerics.STIFF * self.softest
-            y = np.where(stiff, -b.unbalanced / b.stiffness_scale, 0.0)
-            if not b.is_oblique or not y.any() or not np.abs(y).max() < 0.5 * missed:
-                break
-            missed = float(np.abs(y).max())
-            point = self.at(self.moved(point, b.motion(y)))
-        return point
+        for load in self.loads:
+            rest = rest + load.evaluate(point.posture).hessian
+        columns, L = point.posture.coordinate_lengths, point.posture.length
+        # Lengths in natural units, as all coordinates.
+        return by_lengths(lines * columns / L, k * L**2, rest * columns * columns[:, None])
 
     def at_rest(self, point: Point) -> ElasticMechanism:
-        """The mechanism in an equilibrium, its stiff legs with the tensions that balance.
+        """The mechanism in an equilibrium, its lines with the tensions that balance.
 
-        Through their lengths these would come back rounded, and turn soft motions.
+        Through the lengths of stiff lines these would come back rounded, and turn soft motions.
         """
         elastic, posture = self.elastic, point.posture
-        parts, springs = elastic.line_springs_apart(posture), elastic.springs
-        if parts is None or type(springs) is not LineSprings or self.held is not None:
-            return elastic
-        gradient = point.evaluation.gradient * posture.coordinate_lengths
-        tightened = self._more_tension(point, parts, gradient, self._reach(posture), True)
-        if tightened is None:
+        springs = elastic.springs
+        legs = self._by_lengths(point, elastic.line_springs_and_rest(posture))
+        if legs is None or type(springs) is not LineSprings or self.held is not None:
             return elastic
         lengths = springs.geometry(posture).lengths
-        tensions = springs.tensions(lengths) + tightened[0][: len(lengths)]
+        missed = legs.motions.T @ (point.evaluation.gradient * posture.coordinate_lengths)
+        tensions = springs.tensions(lengths)
+        tensions[legs.leading] -= missed / posture.length
         return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions)))
 
     def _are_apart(self, point: Point) -> bool:
@@ -651,7 +626,7 @@ class System:
         if k is None:
             return 1.0
         softest = float(k[k > 0.0].min())
-        return np.maximum(np.sqrt(softest / np.maximum(k, softest)), _LEAST_STEP_WEIGHT)
+        return np.sqrt(softest / np.maximum(k, softest))
 
     def turning(self, posture: MechanismPosture, step: Array) -> float:
         """Largest angle of a step in natural units."""

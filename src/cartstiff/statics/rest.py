@@ -31,7 +31,7 @@ from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.mechanisms.limits import force_notes, limit_notes, limits_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
-from cartstiff.numerics import EPSILON, IDLE
+from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
@@ -142,8 +142,6 @@ def chosen_forces(
     return Chosen(np.where(open_, elements.forces(start), 0.0), deflections)
 
 
-# A force that is unsure by more than this share of the largest one is named.
-_COUNTS = numerics.NEGLIGIBLE_FORCE
 _NEUTRAL = (
     "a motion costs no energy to second order, or too little to be seen beside the stiffest "
     "spring: definiteness does not decide stability here"
@@ -180,7 +178,6 @@ def state_of_rest(
     notes += system.elastic.remarks(point.posture)
     if system.elastic.gravity is not None:
         notes += gravity_loads(system.elastic).notes
-    notes += _drowned(system.elastic, point)
     # At an unstable one nothing stays; a sign of a determinant says nothing of where it is.
     if stable is not False or not conservative:
         notes += unresolved
@@ -268,34 +265,6 @@ def _without_masses(
     if ratio >= numerics.LARGEST_INERTIA_RATIO:
         return False, squares, [*notes, Note("unstable", words, facts)]
     return None, squares, [*notes, Note(MASSLESS.code, f"{MASSLESS.message}; {words}", facts)]
-
-
-def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
-    """Springs so stiff that the rounding of their joint's coordinate is a force that counts."""
-    springs = elastic.springs
-    if not isinstance(springs, JointSprings):
-        return []
-    lengths = point.posture.coordinate_lengths
-    size = np.maximum(np.abs(point.q), lengths) * lengths
-    unsure = EPSILON * springs.stiffness * size
-    acting = float(point.forces.max(initial=0.0))
-    blurred = {
-        elastic.names[j]: float(unsure[j] / lengths[j])
-        for j in np.flatnonzero(unsure > _COUNTS * acting)
-        if point.forces[j] > 0.0
-    }
-    if not blurred:
-        return []
-    return [
-        Note(
-            "force-unresolved",
-            f"the springs of {', '.join(blurred)} are so stiff that double precision does not "
-            "resolve their deflection: their forces, and the wrench that follows from them, are "
-            "known to the values given here; the posture does not suffer. A rigid joint has "
-            "no such limit (stiffness: rigid)",
-            {"uncertainty": blurred},
-        )
-    ]
 
 
 def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:

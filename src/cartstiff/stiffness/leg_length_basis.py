@@ -34,7 +34,7 @@ def leg_length_basis(elastic: ElasticMechanism, posture: MechanismPosture) -> Fr
     posture : MechanismPosture
         Whose coordinates are the pose.
     """
-    parts = elastic.line_springs_apart(posture)
+    parts = elastic.line_springs_and_rest(posture)
     if parts is None:
         return None
     lines, k, rest = parts

@@ -61,8 +61,8 @@ def notes_on_digits(
     """
     notes = []
     K = reduction.stiffness
-    known = (compliance, None if change is None else loaded)
-    errors = [inverse.error for inverse in known if inverse is not None]
+    both = (compliance, None if change is None else loaded)
+    errors = [inverse.error for inverse in both if inverse is not None]
     error = max(*errors, error_of_forces) if errors else 0.0
     if error > numerics.REPORTED_ERROR:
         notes.append(
@@ -134,7 +134,7 @@ def error_of_chosen_forces(
     ratio = numerics.ratio(np.asarray(near[0].values["singular_values"]))
     if inverse is None or not ratio > 0.0:
         return 0.0
-    parts = elastic.line_springs_apart(posture)
+    parts = elastic.line_springs_and_rest(posture)
     B = np.eye(len(energy.hessian)) if free.basis is None else free.basis
     added = free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
     sizes = np.sqrt(np.abs(free.hessian.diagonal()))
