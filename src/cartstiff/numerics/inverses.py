@@ -101,8 +101,7 @@ def invert_each(matrices: Array, sizes: ArrayLike | None = None) -> tuple[Array,
 
 def _squares(matrices: Array) -> Array:
     """Sums (k,) of the squares of all entries."""
-    flat = matrices.reshape(len(matrices), -1)
-    return np.vecdot(flat, flat)
+    return np.asarray(np.einsum("kij,kij->k", matrices, matrices))
 
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
