@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -21,7 +22,8 @@ PACKAGE = Path(cartstiff.__file__).parent
 LAYERS = [
     {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
     {"parsing", "expressions", "arrays", "child_process", "ros_packages", "figures", "notebook"},
-    {"geometry", "notes"},
+    {"checked_call", "notes"},
+    {"geometry"},
     {"potentials"},
     {"mechanisms"},
     {"stiffness"},
@@ -56,10 +58,15 @@ def _modules() -> Iterator[tuple[str, Path]]:
         yield first.removesuffix(".py"), path
 
 
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def _imports(path: Path) -> Iterator[tuple[int, str]]:
     """Every imported module with its line, wherever in the file it stands."""
     inside = ["cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
@@ -115,7 +122,7 @@ def test_no_file_needs_itself():
     }
     needs = {}
     for name, path in files.items():
-        found = _at_run_time(ast.parse(path.read_text(encoding="utf-8")))
+        found = _at_run_time(_tree(path))
         names = {f"{node.module}.{alias.name}" for node in found for alias in node.names}
         needs[name] = {n if n in files else n.rpartition(".")[0] for n in names} & set(files)
     assert needs["cartstiff.geometry.charts"] >= {"cartstiff.geometry.se3"}

@@ -55,6 +55,12 @@ _NAMES = {
 }
 
 
+def check_function(value: object, what: str) -> None:
+    """Refuse what cannot be called."""
+    if not callable(value):
+        raise InputError(f"{what} is no function", expected="a function", got=value)
+
+
 def read_only(values: ArrayLike) -> Array:
     """Copy of an array that cannot be written to, for results."""
     array = np.array(values, float)
@@ -391,7 +397,7 @@ def checked_flag(value: object, what: str) -> bool:
 def checked_length(value: object, what: str = "length", *, where: str | None = None) -> float:
     """A positive finite number."""
     number = checked_number(value, what, where=where)
-    if not number > 0:
+    if not 0 < number <= LARGEST_INPUT:
         raise InputError(
             f"{what} cannot be used", where=where, expected="a positive length", got=number
         )

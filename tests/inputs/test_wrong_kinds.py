@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import subprocess
 import sys
 
@@ -47,6 +48,51 @@ def test_another_kind_of_object_is_refused(call, wrong):
     with pytest.raises(InputError) as refusal:
         call(wrong)
     assert "\n" not in str(refusal.value)
+
+
+ARM = cartstiff.load("ur5")
+ANALYSIS = cartstiff.analyse(ARM)
+#: Calls that are answered, each as cheap as it can be.
+CALLS = {
+    "analyse": (ARM,),
+    "analyse_many": (ARM, [ARM.q]),
+    "equilibrium": (ARM,),
+    "modes": (ANALYSIS,),
+    "commanded": (ARM, {"elbow_joint": 0.1}),
+    "after_command": (ARM, {"elbow_joint": 0.1}),
+    "at_pose": (PLATFORM, PLATFORM.q),
+    "compensate": (ARM, [ANALYSIS.pose], [np.zeros(6)]),
+    "inverse_kinematics": (ARM, ANALYSIS.pose),
+    "load": ("stewart-gough",),
+    "payload": (1.0, [0.0, 0.0, -9.81]),
+    "taylor_check": (lambda x: float(x @ x), np.zeros(2), 2 * np.eye(2), [1.0, 0.0]),
+    "analyse_posture": (ANALYSIS,),
+    "from_bilinear_map": (lambda x, y: x + y,),
+    "from_symbols": (np.zeros((6, 6, 6)),),
+    "levi_civita": (np.eye(6),),
+    "Grid": (AXES, PLATFORM.names, PLATFORM.q),
+}
+KINDS = (*WRONG, float("nan"), b"x", np.zeros((2, 3)), np.array(["a"]), lambda *_: 1)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_each_argument_of_another_kind_is_refused_or_answered(name):
+    """No error of Python leaves a public function, whatever stands in place of one argument."""
+    function, arguments = getattr(cartstiff, name), CALLS[name]
+    function(*arguments)
+    refused = 0
+    for index, parameter in enumerate(inspect.signature(function).parameters.values()):
+        for wrong in KINDS:
+            positional, named = list(arguments), {}
+            if index < len(arguments):
+                positional[index] = wrong
+            elif parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+                named = {parameter.name: wrong}
+            try:
+                function(*positional, **named)
+            except cartstiff.CartstiffError:
+                refused += 1
+    assert refused >= len(arguments)
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,7 @@ from cartstiff.arrays import (
     plain,
     read_only,
 )
+from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
     InputError,
@@ -576,6 +577,7 @@ def _axes(axes: Sequence[CompliantAxis]) -> list[dict[str, Any]]:
     return [section(_COMPLIANT_AXIS, axis, axis.screw) for axis in axes]
 
 
+@checked
 def analyse_posture(
     result: PostureStiffness,
     *,

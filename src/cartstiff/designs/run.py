@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.arrays import checked_number, csv_rows
+from cartstiff.checked_call import checked
 from cartstiff.designs.evaluation import Design, StudyEvaluator
 from cartstiff.designs.study import Study, read_study
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError, one_line
@@ -242,6 +243,7 @@ SCHEMA = "cartstiff-designs/2"
 LARGEST = 1 << 32
 
 
+@checked
 def design(
     study: str | Path | Mapping[str, Any],
     *,

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_matrix, real_array
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.arrays import check_function, checked_array, checked_matrix, real_array
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, derivative
 from cartstiff.geometry.se3 import Array
@@ -69,11 +69,14 @@ class Connection:
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Array:
         """``nabla_X Y`` for left-invariant X, Y given by their twists."""
-        return np.einsum("jik,i,j->k", self.symbols, real_array(x), real_array(y))
+        x, y = checked_array(x, (6,), "X"), checked_array(y, (6,), "Y")
+        return np.einsum("jik,i,j->k", self.symbols, x, y)
 
     def wrench_term(self, wrench: ArrayLike) -> Array:
         """Matrix ``T[i, j] = sum_k Gamma[i, j, k] W_k``: K = K^A - T. Batched over wrenches."""
         w = real_array(wrench)
+        if w.shape[-1:] != (6,):
+            raise InputError("wrench has another shape", expected="(..., 6)", got=w.shape)
         return (w @ self._symbols_by_wrench).reshape(*w.shape[:-1], 6, 6)
 
     @cached_property
@@ -148,7 +151,12 @@ class Connection:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Connection:
         """Inverse of `as_dict`."""
+        keys = {"name", "symbols", "meaning", "left_invariant", "flat"}
+        if not isinstance(data, Mapping) or not data.keys() >= keys:
+            raise InputError("no data of a connection", expected="what as_dict makes", got=data)
         if data["symbols"] is None:
+            if data["name"] not in NAMED:
+                raise UnknownNameError("connection", data["name"], list(NAMED))
             return NAMED[data["name"]]
         return cls(
             data["name"],
@@ -168,6 +176,7 @@ class Connection:
         ``symbols'[j, i] = Ad^-1 nabla_{Ad L_i} (Ad L_j)``; a bi-invariant connection keeps its
         symbols.
         """
+        T_m_n = checked_array(T_m_n, (4, 4), "pose")
         a = se3.adjoint(T_m_n)
         b = se3.adjoint(se3.inverse(T_m_n))
         symbols = np.einsum("jik,jq,ip,mk->qpm", self.symbols, a, a, b, optimize=True)
@@ -191,8 +200,11 @@ def from_bilinear_map(
     nabla: Callable[[Array, Array], ArrayLike], name: str = "user", *, meaning: str = ""
 ) -> Connection:
     """Connection from a function ``nabla(x, y)`` on twists that is linear in both arguments."""
+    check_function(nabla, "nabla")
     basis = np.eye(6)
-    symbols = np.array([[nabla(basis[i], basis[j]) for i in range(6)] for j in range(6)], float)
+    symbols = np.array(
+        [[checked_array(nabla(x, y), (6,), "nabla(x, y)") for x in basis] for y in basis]
+    )
     return from_symbols(symbols, name, meaning=meaning)
 
 
@@ -248,7 +260,8 @@ def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -
     UndefinedError
         If the Jacobian is singular: the coordinates are no chart there.
     """
-    J, dJ = real_array(jacobian), real_array(jacobian_derivative)
+    J = checked_matrix(jacobian, "Jacobian", 6)
+    dJ = checked_array(jacobian_derivative, (6, 6, 6), "derivative of the Jacobian")
     singular_values = np.linalg.svd(J, compute_uv=False)
     if singular_values[-1] <= numerics.ZERO * singular_values[0]:
         raise UndefinedError(
@@ -308,6 +321,11 @@ class Field:
 
     components: Callable[[Array], ArrayLike]
     derivative: Callable[[Array], ArrayLike] | None = None
+
+    def __post_init__(self) -> None:
+        check_function(self.components, "components")
+        if self.derivative is not None:
+            check_function(self.derivative, "derivative")
 
     @classmethod
     def left_invariant(cls, twist: ArrayLike) -> Field:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, checked_vector
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -37,6 +38,7 @@ _FEW_STEPS = 30
 _NEAR = 0.02
 
 
+@checked
 def at_pose(
     elastic: ElasticMechanism, pose: ArrayLike, tool: ArrayLike | None = None
 ) -> tuple[Array, tuple[Note, ...]]:

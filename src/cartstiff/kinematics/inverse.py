@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_flag, checked_seed, is_pose
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free as Free
@@ -54,6 +55,7 @@ def inverse_kinematics(
 ) -> list[Branches]: ...
 
 
+@checked
 def inverse_kinematics(
     elastic: ElasticMechanism,
     T_F_M: ArrayLike | list[Array],

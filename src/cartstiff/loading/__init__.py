@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.loading.catalogue import (
     bundled,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
 
 
+@checked
 def load(
     source: Any,
     *,
@@ -309,6 +311,7 @@ def from_data(
         raise located(error, path, lines) from None
 
 
+@checked
 def hexapod(
     *,
     base: Mapping[str, Any] | None = None,
@@ -380,6 +383,7 @@ def hexapod(
     return from_data(data, {}, Path("hexapod"), {})
 
 
+@checked
 def parallel(
     legs: Mapping[str, Any] | Sequence[Mapping[str, Any]],
     pose: ArrayLike | None = None,

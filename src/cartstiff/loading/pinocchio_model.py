@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_vector
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.loading.build import closed_chain_of, serial_of, with_overrides
@@ -41,6 +42,7 @@ def is_pinocchio(source: object) -> bool:
     return isinstance(source, (pin.Model, pin.RobotWrapper))
 
 
+@checked
 def from_pinocchio(
     model: Any,
     visual: Any = None,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import (
@@ -174,6 +175,7 @@ class Postures:
         return {code: counts[i] for i, code in enumerate(self.codes) if counts[i]}
 
 
+@checked
 def analyse_many(
     elastic: ElasticMechanism,
     q: ArrayLike,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_seed, is_pose
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -68,6 +69,7 @@ class CartesianGrid(Sampling):
     stores_q = True
     whole = ("branch",)
 
+    @checked
     def __init__(
         self,
         axes: Mapping[str, Axis | Sequence[float]],

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.job import BEYOND, NO_REST, STATES, MapJob, Solved
@@ -35,6 +36,7 @@ class CommandGrid(Sampling):
 
     stores_q = True
 
+    @checked
     def __init__(
         self,
         axes: Mapping[str, Axis | Sequence[float]],

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.damage import CHECKSUM
@@ -92,6 +93,7 @@ class _Postures(_Lazy):
         return q.reshape(*(b - a for a, b in ends[:-1]), -1)[..., slice(*ends[-1])]
 
 
+@checked
 def open_map(path: str | Path) -> xarray.Dataset:
     """A map as labelled arrays, read when they are used.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
@@ -28,6 +29,7 @@ DECADES = 100.0
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 
+@checked
 def draw_map(
     dataset: xarray.Dataset,
     quantity: str,

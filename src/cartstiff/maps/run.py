@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, imported
 from cartstiff.many.work import timed
 from cartstiff.maps.cartesian import CartesianGrid
@@ -46,6 +47,7 @@ class Run(NamedTuple):
     damaged: tuple[str, ...]
 
 
+@checked
 def compute_map(
     elastic: ElasticMechanism,
     sampling: Sampling,

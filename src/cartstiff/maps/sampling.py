@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_array, checked_number, checked_seed, checked_vector, real_array
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
@@ -145,6 +146,7 @@ class Grid(Sampling):
         Values of the others.
     """
 
+    @checked
     def __init__(
         self,
         axes: Mapping[str, Axis | Sequence[float]],

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_input, checked_number, checked_reach, checked_vector, fixed
+from cartstiff.arrays import (
+    checked_input,
+    checked_number,
+    checked_reach,
+    checked_vector,
+    fixed,
+    real_array,
+)
 from cartstiff.errors import InputError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
@@ -288,7 +295,7 @@ class ElasticMechanism(ShownInLines):
         checked_kind(
             self.mechanism, Mechanism, "mechanism", "a Mechanism; cartstiff.load reads one"
         )
-        object.__setattr__(self, "q", fixed(np.asarray(self.q, float)))
+        object.__setattr__(self, "q", fixed(real_array(self.q)))
         rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
         if rigid != self.mechanism.rigid:
             object.__setattr__(self, "mechanism", self.mechanism.with_rigid(rigid))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_array, checked_input
+from cartstiff.checked_call import checked
 from cartstiff.errors import MissingDependencyError
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Playback, Source, cloud_of_workspace
@@ -96,6 +97,7 @@ def _frame(source: str, height: int) -> str:
     return f'<iframe {source} style="{style}" allow="clipboard-write"></iframe>'
 
 
+@checked
 def show(
     elastic: ElasticMechanism,
     q: ArrayLike | dict[str, float] | None = None,

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_matrix, checked_vector
+from cartstiff.arrays import (
+    check_function,
+    checked_array,
+    checked_matrix,
+    checked_vector,
+    real_array,
+)
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, gradient_and_hessian
@@ -133,6 +140,7 @@ class TaylorCheck(NamedTuple):
     ok: bool
 
 
+@checked
 def taylor_check(
     energy: Callable[[Array], float],
     gradient: ArrayLike,
@@ -166,10 +174,11 @@ def taylor_check(
     """
     d = checked_array(direction, ("n",), "direction")
     g, H = checked_vector(gradient, d.size, "gradient"), checked_matrix(hessian, "hessian", d.size)
+    check_function(energy, "energy")
     if not d.any():
         raise InputError("direction is zero", expected="a direction of unit natural size")
     steps = np.logspace(0, -7, 57)
-    base = float(energy(np.zeros(d.size)))
+    base = float(real_array(energy(np.zeros(d.size))))
     if not np.isfinite(base):
         raise InputError("the energy is not a finite number at offset 0", got=base)
     slope, curve = float(g @ d), float(d @ H @ d)

@@ -26,6 +26,7 @@ from cartstiff.arrays import (
     checked_vector,
     fixed,
 )
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -271,6 +272,7 @@ class Scaled(Potential):
         return Evaluation(self.factor * energy, self.factor * gradient, self.factor * hessian)
 
 
+@checked
 def payload(
     mass: float,
     acceleration: ArrayLike,

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_seed, checked_vector
+from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -329,6 +330,7 @@ class AssemblyModes(ShownInLines):
         }
 
 
+@checked
 def assemble(
     elastic: ElasticMechanism,
     lengths: ArrayLike | None = None,

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_flag, checked_input, checked_length
+from cartstiff.checked_call import checked
 from cartstiff.choices import Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
@@ -252,6 +253,7 @@ class Workspace(ShownInLines):
         }
 
 
+@checked
 def workspace(
     elastic: ElasticMechanism,
     q: ArrayLike | None = None,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_number
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -23,6 +24,7 @@ from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
 
+@checked
 def commanded(
     elastic: ElasticMechanism,
     command: Mapping[str, float],
@@ -79,15 +81,16 @@ def commanded(
     return moved.with_notes(note), _driven(mechanism, at, rigid_steps)
 
 
+@checked
 def after_command(
     elastic: ElasticMechanism,
     command: Mapping[str, float],
     q: ArrayLike | Mapping[str, float] | None = None,
     *,
     wrench: ArrayLike | None = None,
-    load_kind: Any = "dead",
+    load_kind: Literal["dead", "follower"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Any = "body",
+    load_axes: Literal["body", "world"] = "body",
     limits: bool = True,
 ) -> Equilibrium:
     """Where the mechanism comes to rest after a command, with the load that it carried before.

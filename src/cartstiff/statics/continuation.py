@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import Result, csv_text
+from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import (
@@ -529,6 +530,7 @@ _SMALLEST = numerics.NEGLIGIBLE_STEP
 _COSINE = 0.9
 
 
+@checked
 def load_curve(
     elastic: ElasticMechanism,
     *loads: Potential,

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_flag
+from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -71,6 +72,7 @@ _STAGES = 8
 _POINTS = 200
 
 
+@checked
 def equilibrium(
     elastic: ElasticMechanism,
     *loads: Potential,

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, csv_text, is_pose
+from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -149,6 +150,7 @@ _UNBALANCED = numerics.REPORTED_ERROR
 _ASIDE = 0.1
 
 
+@checked
 def compensate(
     elastic: ElasticMechanism,
     path: ArrayLike,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_flag, checked_input, fixed
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -29,6 +30,7 @@ from cartstiff.stiffness.reduction import Reduction, reduce_to, scaled_values
 from cartstiff.stiffness.settled_links import settled
 
 
+@checked
 def analyse(
     elastic: ElasticMechanism,
     q: ArrayLike | Mapping[str, float] | None = None,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -145,6 +146,7 @@ MAX_STEP = 0.5
 _LEVELS = 12
 
 
+@checked
 def optimise_path(
     elastic: ElasticMechanism,
     path: ToolPath,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.arrays import checked_array
+from cartstiff.checked_call import checked
 from cartstiff.errors import (
     InputError,
     UndefinedError,
@@ -118,6 +119,7 @@ class Placement:
         )
 
 
+@checked
 def best_placement(
     elastic: ElasticMechanism,
     path: ToolPath,

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
 from cartstiff.arrays import Array, Result, checked_input, fixed
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
@@ -468,6 +469,7 @@ def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[
     return load, tuple(notes)
 
 
+@checked
 def modes(
     subject: ElasticMechanism | PostureStiffness | Equilibrium,
     q: ArrayLike | Mapping[str, float] | None = None,

@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.arrays import Array, Result, checked_array
+from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
@@ -352,6 +353,7 @@ def _matrix(values: Array) -> list[list[float]] | None:
     return values.tolist() if np.isfinite(values).all() else None
 
 
+@checked
 def sensitivities(
     subject: Modes | PostureStiffness | Equilibrium,
     *,

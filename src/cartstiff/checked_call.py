@@ -1,0 +1,151 @@
+"""Arguments of another kind than a public function takes are refused by name.
+
+A function checks the numbers that it reads, not that a list is no mapping. Where such an argument
+ends in an error of Python, the call is compared with its annotations: the argument that does not
+fit them is refused in one line. Calls that succeed cost nothing more.
+"""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import inspect
+import sys
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from numbers import Integral, Real
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.arrays import real_array
+from cartstiff.errors import CartstiffError, InputError
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_RAW = (TypeError, ValueError, AttributeError, LookupError, ArithmeticError, RecursionError)
+_WORDS: dict[Any, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    ArrayLike: "numbers",
+}
+
+
+def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The function, whose errors of Python name the argument of a wrong kind.
+
+    Parameters
+    ----------
+    function : callable
+        With annotated parameters.
+
+    Returns
+    -------
+    callable
+        Raises `InputError` where the function raised an error that is not cartstiff's and an
+        argument does not fit its annotation; otherwise the error as it was.
+    """
+
+    @functools.wraps(function)
+    def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        try:
+            return function(*args, **kwargs)
+        except CartstiffError:
+            raise
+        except _RAW as error:
+            if (refusal := _wrong_kind(function, args, kwargs)) is not None:
+                raise refusal from error
+            raise
+
+    return call
+
+
+def _wrong_kind(
+    function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> InputError | None:
+    signature = inspect.signature(function)
+    try:
+        given = signature.bind(*args, **kwargs).arguments
+    except TypeError:  # an argument too many or too few: Python's own words say which
+        return None
+    for name, value in given.items():
+        hint = _resolved(signature.parameters[name].annotation, function)
+        if not _fits(value, hint):
+            return InputError(f"{name} cannot be used", expected=_words(hint), got=value)
+    return None
+
+
+class _Names(dict[str, Any]):
+    """Public names of the package, for annotations whose imports are for type checkers only."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.known = {**vars(builtins), **function.__globals__}
+        self.face = sys.modules[__name__.partition(".")[0]]
+
+    def __missing__(self, name: str) -> Any:
+        return self.known[name] if name in self.known else getattr(self.face, name, Any)
+
+
+def _resolved(annotation: Any, function: Callable[..., Any]) -> Any:
+    """The annotation as an object; what is not known to this process is Any."""
+    if not isinstance(annotation, str):
+        return annotation
+    try:
+        return eval(annotation, {}, _Names(function))  # the package's own source
+    except TypeError:  # names that stand for Any take no parameters
+        return Any
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of the kind that an annotation names; True where that is not plain."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if hint is Any:
+        return True
+    if hint is None or hint is type(None):
+        return value is None
+    if hint == ArrayLike:
+        try:
+            real_array(value)
+        except (CartstiffError, *_RAW):
+            return False
+        return True
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, part) for part in arguments)
+    if origin is typing.Literal:
+        return isinstance(value, str) and value in arguments
+    if origin is not None:
+        if not isinstance(value, origin):
+            return False
+        if issubclass(origin, Mapping) or origin in (list, tuple, set):
+            return True
+        named = arguments == (str,) and issubclass(origin, Iterable)
+        return not named or all(isinstance(item, str) for item in value)
+    if hint is bool:
+        return isinstance(value, (bool, np.bool_))
+    if hint in (int, float):
+        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+    return not isinstance(hint, type) or isinstance(value, hint)
+
+
+def _words(hint: Any) -> str:
+    """The kind that an annotation names."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if hint == ArrayLike:
+        return _WORDS[ArrayLike]
+    if origin in (typing.Union, types.UnionType):
+        parts = [_words(part) for part in arguments if part is not type(None)]
+        return " or ".join(dict.fromkeys(parts))
+    if origin is typing.Literal:
+        return ", ".join(map(str, arguments))
+    if origin is not None and issubclass(origin, Callable):  # type: ignore[arg-type]
+        return "a function"
+    if origin is not None and issubclass(origin, Mapping):
+        return "names and values"
+    if origin is not None:
+        return "names" if arguments[:1] == (str,) else "a list"
+    name = _WORDS.get(hint) or getattr(hint, "__name__", str(hint))
+    return name if hint in _WORDS else f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
