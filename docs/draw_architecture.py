@@ -57,6 +57,7 @@ WORDS = {
 # Read by everything, and read at most errors.
 SMALL = {
     "arrays",
+    "checked_call",
     "child_process",
     "choices",
     "expressions",

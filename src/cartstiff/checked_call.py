@@ -147,5 +147,7 @@ def _words(hint: Any) -> str:
         return "names and values"
     if origin is not None:
         return "names" if arguments[:1] == (str,) else "a list"
-    name = _WORDS.get(hint) or getattr(hint, "__name__", str(hint))
-    return name if hint in _WORDS else f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+    if hint in _WORDS:
+        return _WORDS[hint]
+    name = str(getattr(hint, "__name__", hint))
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

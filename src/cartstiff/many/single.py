@@ -115,6 +115,7 @@ def _quicker(engine: Ask) -> Ask:
             return engine(elastic, values, wrench=force)
         return QuickPosture(code, elastic, record[0], force, record[1])
 
+    analyse.__module__ = __name__  # where it can be found again when it is pickled
     return cast(Ask, analyse)
 
 

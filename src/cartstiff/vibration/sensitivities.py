@@ -510,6 +510,7 @@ def _or_none(values: Array) -> list[Any]:
     return list(cells.tolist())
 
 
+@checked
 def accuracy(
     subject: Modes | PostureStiffness | Equilibrium,
     tolerances: Tolerances | None = None,
