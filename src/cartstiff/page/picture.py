@@ -142,7 +142,7 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
         if facts is None:
             continue
         words = (
-            _radius(facts["scale"], facts["unit"], length)
+            _radius(facts["scale"], facts["unit"], length, legend["length"]["bar"])
             if facts["shown"]
             else f"not drawn: {facts['reason']}"
         )
@@ -193,17 +193,21 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
     return lines
 
 
-def _radius(scale: Mapping[str, Any], unit: str, length: str) -> str:
-    if scale["kind"] == "linear":
-        return f"radius {_few(scale['value_per_length'])} {unit} per {length}"
-    if scale["kind"] == "root":
-        return f"radius 1 {length} for {_few(scale['value_per_length'])} {unit}, by square roots"
-    return (
-        f"radius 0 at {_few(scale['zero_at'])} {unit}, and "
-        f"{_few(scale['length_per_decade'])} {length} for each factor of 10 (rings)"
-    )
+def _radius(scale: Mapping[str, Any], unit: str, length: str, bar: float) -> str:
+    """What a radius means, by the example of a round one of the picture's size."""
+    if scale["kind"] == "log":
+        return (
+            f"radius 0 at {_few(scale['zero_at'])} {unit}, and "
+            f"{_few(scale['length_per_decade'])} {length} for each factor of 10 (rings)"
+        )
+    is_root = scale["kind"] == "root"
+    value = scale["value_per_length"] * bar ** (2 if is_root else 1)
+    is_short = length == "m" and bar < 1.0
+    shown = f"{_few(100 * bar)} cm" if is_short else f"{_few(bar)} {length}"
+    fine = f"{_few(value / 1000)} N/mm" if unit == "N/m" else f"{_few(value)} {unit}"
+    return f"{shown} = {fine}{', by square roots' if is_root else ''}"
 
 
 def _few(x: float | None) -> str:
-    text = "–" if x is None else f"{x:.3g}"
+    text = "–" if x is None else f"{float(f'{x:.3g}'):.6g}"
     return text.replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")

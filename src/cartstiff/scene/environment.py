@@ -100,6 +100,7 @@ class Environment:
             "scale": self.scale,
             "middle": self._middle.tolist(),
             "label": HEIGHT / self.scale,
+            "bar": self.legend()["bar"],
         }
 
     def dress(self, look: theme.Theme) -> None:
@@ -155,10 +156,11 @@ class Environment:
         return self.node["M"]
 
     def legend(self) -> dict[str, Any]:
-        """Lengths: the unit of the picture, and the distance of the lines on the ground."""
+        """Lengths: the unit, the distance of the lines on the ground, a round one for examples."""
         return {
             "unit": self._unit,
             "scene_units_per_unit": self.scale,
             "grid": self.spacing,
             "size": self.size,
+            "bar": round_number(0.12 * self.size),
         }

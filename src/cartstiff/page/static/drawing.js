@@ -16,12 +16,18 @@ function round(x) {
 /** Scales from what a legend says of them: a function from a value to a length, with its legend. */
 const MADE = {
   linear: (facts) => ({ facts, per: facts.value_per_length, length: (x) => Math.abs(x) / facts.value_per_length,
-    words: (unit, length) => `radius ${few(facts.value_per_length)} ${unit} per ${length}` }),
+    words: (unit, length, bar) => example(facts.value_per_length * bar, unit, bar, length) }),
   root: (facts) => ({ facts, length: (x) => Math.sqrt(Math.abs(x) / facts.value_per_length),
-    words: (unit, length) => `radius 1 ${length} for ${few(facts.value_per_length)} ${unit}, by square roots` }),
+    words: (unit, length, bar) => `${example(facts.value_per_length * bar * bar, unit, bar, length)}, by square roots` }),
   log: (facts) => ({ facts, step: facts.length_per_decade, length: (x) => Math.log10(Math.max(Math.abs(x), facts.zero_at) / facts.zero_at) * facts.length_per_decade,
     words: (unit, length) => `radius 0 at ${few(facts.zero_at)} ${unit}, and ${few(facts.length_per_decade)} ${length} for each factor of 10 (rings)` }),
 };
+
+/** What a round length of the picture's size means. */
+function example(value, unit, bar, length) {
+  const shown = length === "m" && bar < 1 ? `${few(100 * bar)} cm` : `${few(bar)} ${length}`;
+  return `${shown} = ${unit === "N/m" ? `${few(value / 1000)} N/mm` : `${few(value)} ${unit}`}`;
+}
 
 /** See `cartstiff.scene.scales`. */
 const SCALES = {
@@ -59,7 +65,7 @@ const SCALES = {
 export const growing = (value, perDecade, zero) => perDecade * Math.log1p(Math.abs(value) / zero) / Math.LN10;
 
 const largestOf = (list) => Math.max(0, ...list.map(Math.abs));
-const few = (x) => general(x, 3).replace(/e([+-])0?(\d)/, (_, sign, digit) => `e${sign === "-" ? "-" : ""}${digit}`);
+const few = (x) => general(Number(x.toPrecision(3)), 6).replace(/e([+-])0?(\d)/, (_, sign, digit) => `e${sign === "-" ? "-" : ""}${digit}`);
 
 /** Three digits and a unit. */
 function number(value, unit) {
@@ -231,7 +237,7 @@ export class Drawing {
       this.show(`${at}/ring ${k}`, shown);
       if (shown) this.put(`${at}/ring ${k}`, [...[1, 2, 0].map((i) => along(axes[i], radius)), centre]);
     }
-    const words = solid ? scale.words(unit, this.scene.units.length)
+    const words = solid ? scale.words(unit, this.scene.units.length, assets.bar)
       : `not drawn: ${kind}: the smallest principal value is ${number(values[0], "")}, and no ellipsoid belongs to it`;
     return { mark: freedom, text: `${called}: ${words}` };
   }

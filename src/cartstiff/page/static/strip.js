@@ -41,7 +41,7 @@ export function strip(store) {
     read: (event, words) => tell(event, words),
   });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
-  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time", title: "+ and \u2212 zoom the curves here" });
+  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: "any", value: 0, "aria-label": "Time", title: "+ and \u2212 zoom the curves here" });
   const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => showPlot({ seen: null }) }, "whole");
   const label = el("span", { class: "num small time-label" });
   const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
@@ -55,7 +55,7 @@ export function strip(store) {
     el("div", { class: "plots" }, plot, map.plot), reading,
     el("div", { class: "row time-row" }, play, time, label, save));
 
-  time.addEventListener("input", () => go(time.valueAsNumber));
+  time.addEventListener("input", () => go(closest(time.valueAsNumber)));
   time.addEventListener("keydown", ({ key: pressed }) => {
     if (!series || !"+=-".includes(pressed)) return;
     const times = pressed === "-" ? 1 / CLOSER : CLOSER;
@@ -169,12 +169,9 @@ export function strip(store) {
     return first + clamp(share, 0, 1) * (last - first);
   }
 
-  function nearest(event) {
-    const wanted = under(event);
-    let best = 0;
-    series.at.forEach((x, i) => { if (Math.abs(x - wanted) < Math.abs(series.at[best] - wanted)) best = i; });
-    return best;
-  }
+  /** The place of the series that is next to a value. */
+  const closest = (x) => series.at.reduce((best, value, i) => (Math.abs(value - x) < Math.abs(series.at[best] - x) ? i : best), 0);
+  const nearest = (event) => closest(under(event));
 
   const follow = (event) => go(nearest(event));
 
@@ -236,7 +233,7 @@ export function strip(store) {
         if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) showPlot({ seen: null });
         slow = (seconds += answer.seconds) > QUICK;
         again.hidden = true;
-        time.max = series.at.length - 1;
+        [time.min, time.max] = [series.at[0], series.at.at(-1)];
         draw();
       }
       if (kind === "sweep") for (const row of store.rows) {
@@ -276,13 +273,8 @@ export function strip(store) {
 
   function showCursor() {
     if (!series) return;
-    if (series.kind === "sweep" && !isPlaying()) {
-      const x = store.state.q[series.coordinate];
-      let best = 0;
-      series.at.forEach((value, i) => { if (Math.abs(value - x) < Math.abs(series.at[best] - x)) best = i; });
-      position = best;
-    }
-    time.value = position;
+    if (series.kind === "sweep" && !isPlaying()) position = closest(store.state.q[series.coordinate]);
+    time.value = series.at[position];
     time.setAttribute("aria-valuetext", atText(series.at[position]));
     const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
     label.textContent = atText(exact);
@@ -362,7 +354,7 @@ export function strip(store) {
       plot.append(lettered(x, end[1] - 4, title, "end", "unit name"));
     }
     plot.setAttribute("aria-label", `${heading} [${unit}] along ${along()}`);
-    plot.append(cursor);
+    plot.append(plot.querySelector(".unit"), cursor); // over the curves
     showCursor();
   }
 
