@@ -112,9 +112,9 @@ screenshot: $(DEV)
 	@tools/provide_browser.sh $(PY)
 	@$(PY) tools/screenshot.py
 
-# Wheel and sdist, installed into empty environments and used there.
+# Wheel and sdist, installed into empty environments and used there; the suite with the lowest releases.
 release-check: $(DEV)
-	@$(PY) tools/check_release.py -o dist
+	@$(PY) tools/check_release.py --lowest -o dist
 
 # Re-resolve after a change of pyproject.toml; LOCK_ARGS=--upgrade takes newer releases.
 lock:

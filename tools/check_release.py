@@ -1,10 +1,10 @@
 """Build the release, install it with its dependencies into empty environments, and use it there.
 
-    python tools/check_release.py [--python PYTHON ...] [--extra EXTRA ...] [-o FOLDER]
+    python tools/check_release.py [--python PYTHON ...] [--extra EXTRA ...] [--lowest] [-o FOLDER]
 
 The wheel and the sdist each go into an environment of their own, made with each PYTHON (default:
-the one that runs this). This downloads the dependencies; the tests check the same without a
-network.
+the one that runs this). With --lowest, the whole suite also runs with the lowest release of every
+direct dependency. This downloads the dependencies; the tests check the same without a network.
 """
 
 from __future__ import annotations
@@ -143,11 +143,46 @@ def use(python: str, distribution: Path, extras: list[str]) -> str:
     return f"{name}: {distribution.name} ({version}), {packages} packages"
 
 
+def suite_with_lowest(python: str) -> str:
+    """Run the whole suite with the lowest release of every direct dependency; its last line."""
+    with tempfile.TemporaryDirectory() as folder:
+        run(python, "-m", "venv", folder)
+        scripts = Path(folder) / "bin"
+        run(scripts / "python", "-m", "pip", "-q", "install", *bounds())
+        run(
+            scripts / "python",
+            "-m",
+            "pip",
+            "-q",
+            "install",
+            "--no-deps",
+            "--no-build-isolation",
+            "-e",
+            ROOT,
+        )
+        run(scripts / "python", "-m", "pip", "check")
+        done = subprocess.run(
+            [str(scripts / "python"), "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider"],
+            cwd=ROOT,
+            env={**os.environ, "PATH": f"{scripts}:{os.environ['PATH']}", "OMP_NUM_THREADS": "1"},
+            text=True,
+            capture_output=True,
+            check=False,
+        )
+    last = done.stdout.strip().splitlines()[-1:]
+    if done.returncode:
+        sys.exit(f"failed with the lowest releases:\n{done.stdout}{done.stderr}")
+    return f"lowest releases of {len(bounds())} packages: {' '.join(last)}"
+
+
 def main() -> None:
     """Parse, build, use."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--python", action="append", default=[], help="interpreter; repeatable")
     parser.add_argument("--extra", action="append", default=[], help="extra to install; repeatable")
+    parser.add_argument(
+        "--lowest", action="store_true", help="run the suite with the lowest releases too"
+    )
     parser.add_argument("-o", "--output", type=Path, help="keep the distributions in this folder")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -159,6 +194,8 @@ def main() -> None:
         for python in options.python or [sys.executable]:
             for distribution in distributions:
                 print(use(python, distribution, options.extra), flush=True)
+            if options.lowest:
+                print(suite_with_lowest(python), flush=True)
 
 
 if __name__ == "__main__":
