@@ -102,7 +102,7 @@ def test_the_displacement_at_rest_is_as_uncertain_as_by_hand(known):
     assert state.displacement_deviation[3:] == pytest.approx(by_hand, rel=0.05)
     rng = np.random.default_rng(0)
     found = elastic.identified
-    draws = rng.multivariate_normal(found.values, found.covariance, 2000, method="cholesky")
+    draws = rng.multivariate_normal(found.values, found.covariance, 800, method="cholesky")
     drawn = np.std([_moved(elastic, theta) for theta in draws], axis=0)
     assert state.displacement_deviation[3:] == pytest.approx(drawn, rel=0.1)
     # Exactly: equilibria of mechanisms with other coefficients.

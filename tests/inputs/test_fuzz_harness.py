@@ -30,4 +30,4 @@ def test_what_is_wrong_is_seen(kind, words):
 
 
 def test_inputs_of_every_kind_are_answered_or_refused():
-    assert run(60, seed=20, seconds=PATIENCE) == []
+    assert run(30, seed=20, seconds=PATIENCE) == []
