@@ -14,8 +14,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.toolpaths.optimise import optimise_path
-from cartstiff.toolpaths.optimised import OptimisedPath
+from cartstiff.toolpaths.optimise import OptimisedPath, optimise_path
 from cartstiff.toolpaths.placement import Placement, best_placement
 from cartstiff.toolpaths.tool_path import ToolPath
 

@@ -24,8 +24,7 @@ import numpy as np
 import cartstiff
 from cartstiff.errors import CartstiffError
 from cartstiff.loading.catalogue import bundled_folder, example_robot
-from cartstiff.maps.prepare import prepare_map
-from cartstiff.maps.run import run_map
+from cartstiff.maps.run import prepare_map, run_map
 from cartstiff.maps.sampling import Axis, Grid
 
 BUNDLED = [

@@ -24,14 +24,14 @@ from .many.postures import Postures as Postures
 from .many.postures import analyse_many as analyse_many
 from .many.single import analyse as analyse
 from .maps.cartesian import CartesianGrid as CartesianGrid
-from .maps.commanded import CommandGrid as CommandGrid
-from .maps.opening import open_map as open_map
+from .maps.job import CommandGrid as CommandGrid
 from .maps.pictures import draw_map as draw_map
 from .maps.run import compute_map as compute_map
 from .maps.sampling import Axis as Axis
 from .maps.sampling import Grid as Grid
 from .maps.sampling import RandomPostures as RandomPostures
 from .maps.sampling import Trajectory as Trajectory
+from .maps.store import open_map as open_map
 from .mechanisms.contract import Mechanism as Mechanism
 from .mechanisms.elastic import ElasticMechanism as ElasticMechanism
 from .page.api import show as show

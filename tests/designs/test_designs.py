@@ -20,8 +20,7 @@ from scipy.optimize import minimize_scalar
 
 import cartstiff
 from cartstiff.cli.main import command
-from cartstiff.designs.evaluation import Design, StudyEvaluator
-from cartstiff.designs.run import Designs, evaluator
+from cartstiff.designs.run import Design, Designs, StudyEvaluator, evaluator
 from cartstiff.designs.study import Study, read_study
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.many import postures

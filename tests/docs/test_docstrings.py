@@ -30,7 +30,7 @@ SECTIONS = [
     "References",
     "Examples",
 ]
-ERRORS = {"DamageError"} | {  # that of cartstiff.maps.damage
+ERRORS = {"DamageError"} | {  # that of cartstiff.maps.store
     name
     for module in (builtins, cartstiff.errors)
     for name, value in vars(module).items()

@@ -8,7 +8,7 @@ import pytest
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError
-from cartstiff.maps.prepare import prepare_map
+from cartstiff.maps.run import prepare_map
 from cartstiff.maps.sampling import Grid
 from cartstiff.statics.command import commanded
 from cartstiff.vibration.chatter import Milling

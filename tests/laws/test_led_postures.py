@@ -9,7 +9,7 @@ import pytest
 
 import cartstiff
 from cartstiff.errors import ConvergenceError
-from cartstiff.many.chains.following import Assembler
+from cartstiff.many.following import Assembler
 from cartstiff.maps.sampling import Grid
 from cartstiff.mechanisms.chain import Chain
 

@@ -12,10 +12,9 @@ from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.chains.spring_laws import deflection_for
-from cartstiff.many.leg_forces import tensions_of_many
-from cartstiff.many.portable import PortableKernel
-from cartstiff.many.postures import OUTPUTS, analyse_many
+from cartstiff.many.chains import deflection_for
+from cartstiff.many.execution import PortableKernel
+from cartstiff.many.postures import OUTPUTS, analyse_many, tensions_of_many
 from cartstiff.many.tape import Tape
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate

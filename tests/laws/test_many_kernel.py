@@ -20,9 +20,8 @@ from cartstiff.many.algebra import (
     solution,
 )
 from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.compiled import CompiledKernel
+from cartstiff.many.execution import CompiledKernel, PortableKernel
 from cartstiff.many.plans import plan, program_for
-from cartstiff.many.portable import PortableKernel
 from cartstiff.many.postures import analyse_many
 from cartstiff.many.tape import Number, Tape, cosine, sine
 

@@ -11,7 +11,7 @@ import cartstiff
 from cartstiff.many import single
 from cartstiff.many.plans import plan
 from cartstiff.many.postures import analyse_many
-from cartstiff.many.quick_posture import QuickPosture
+from cartstiff.many.single import QuickPosture
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness import compute
 

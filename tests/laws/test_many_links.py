@@ -15,10 +15,9 @@ from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.beam_arithmetic import segments_of_many
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.reading.read_many import Reader
-from cartstiff.many.reading.readings import Readings
+from cartstiff.many.postures import Reader, analyse_many
+from cartstiff.many.readings import Readings
+from cartstiff.many.untraced import segments_of_many
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import Settings
 from cartstiff.maps.sampling import RandomPostures

@@ -14,8 +14,7 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_RECORDING
 from cartstiff.many.postures import OUTPUTS, analyse_many
-from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
-from cartstiff.maps.quantity import needed_outputs
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate, needed_outputs
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 WRENCH = np.array([1.0, 2.0, -3.0, 40.0, 50.0, -6.0])

@@ -10,7 +10,7 @@ import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
-from cartstiff.many.strut_arithmetic import struck
+from cartstiff.many.untraced import struck
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.mounted_struts import MountedStruts

@@ -11,7 +11,7 @@ import pytest
 import cartstiff
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.many import single
-from cartstiff.many.quick_posture import QuickPosture
+from cartstiff.many.single import QuickPosture
 from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")

@@ -7,7 +7,7 @@ import pytest
 
 import cartstiff
 from cartstiff import numerics
-from cartstiff.many.arithmetic import PLAIN, holds_soft_directions
+from cartstiff.many.algebra import PLAIN, holds_soft_directions
 from cartstiff.many.postures import analyse_many
 from cartstiff.stiffness.posture_notes import error_of_soft_directions
 

@@ -15,7 +15,7 @@ from tests.maps.machines import arm, marks, start, start_held_map, start_map
 
 from cartstiff.errors import InputError
 from cartstiff.maps import RandomPostures, compute_map, open_map
-from cartstiff.maps.cluster import _require_folder
+from cartstiff.maps.run import _require_folder
 from cartstiff.potentials.functions import JointFunction
 
 

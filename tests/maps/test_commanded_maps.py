@@ -11,7 +11,7 @@ import pytest
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps.commanded import CommandGrid
+from cartstiff.maps.job import CommandGrid
 from cartstiff.maps.sampling import Grid
 
 

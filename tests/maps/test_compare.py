@@ -11,8 +11,7 @@ from tests.maps.test_pictures import _made_up
 
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps.across.compare import compare_maps, compared
-from cartstiff.maps.across.configurations import single_branch
+from cartstiff.maps.across import compare_maps, compared, single_branch
 from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import share_within, state_names
 

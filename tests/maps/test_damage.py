@@ -301,8 +301,7 @@ def test_links_and_devices(whole, tmp_path):
 
 
 def test_resuming_says_what_was_damaged(elastic, whole, tmp_path):
-    from cartstiff.maps.prepare import prepare_map
-    from cartstiff.maps.run import run_map
+    from cartstiff.maps.run import prepare_map, run_map
 
     sampling, original, _ = whole
     file = tmp_path / "m.zarr"

@@ -16,8 +16,7 @@ import cartstiff
 from cartstiff import version
 from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_folder
-from cartstiff.maps.cluster import _elastic_from
-from cartstiff.maps.prepare import prepare_map
+from cartstiff.maps.run import _elastic_from, prepare_map
 from cartstiff.mechanisms.identity import _PARTS, identity_of
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"

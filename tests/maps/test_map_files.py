@@ -25,11 +25,10 @@ from cartstiff.maps import (
     summary,
     worst,
 )
-from cartstiff.maps.chunks import chunk_shape, usual_chunk
-from cartstiff.maps.prepare import prepare_map
-from cartstiff.maps.run import run_map
+from cartstiff.maps.reading import summary_of_file
+from cartstiff.maps.run import prepare_map, run_map
+from cartstiff.maps.sampling import chunk_shape, usual_chunk
 from cartstiff.maps.store import MapFile
-from cartstiff.maps.totals import summary_of_file
 
 # Another order of the same operations, matrices of condition up to 1e6.
 SAME = 1e-8

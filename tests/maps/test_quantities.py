@@ -21,7 +21,7 @@ from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.posture import analyse_posture, summarise
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.many.postures import analyse_many
-from cartstiff.maps import row_by_row
+from cartstiff.maps import quantities as row_by_row
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.stiffness import closures, reduction

@@ -16,18 +16,18 @@ import cartstiff
 from cartstiff import numerics
 from cartstiff.analysis.matrices import loss_of_elimination
 from cartstiff.many.algebra import eliminated
-from cartstiff.many.portable import PortableKernel
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.reading.eigenvalues import (
+from cartstiff.many.execution import PortableKernel
+from cartstiff.many.postures import Reader, analyse_many, readable
+from cartstiff.many.readings import (
+    FREQUENCIES,
+    READINGS,
+    Readings,
     ascending,
     eigenvalues,
+    frequency_name,
     largest_eigenvalue,
     principal_values,
 )
-from cartstiff.many.reading.read_many import Reader, readable
-from cartstiff.many.reading.reading_arithmetic import READINGS
-from cartstiff.many.reading.readings import FREQUENCIES, Readings
-from cartstiff.many.reading.vibration_arithmetic import frequency_name
 from cartstiff.many.tape import Tape
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate

@@ -21,7 +21,7 @@ from cartstiff import (
 )
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.toolpaths.cost import criteria
+from cartstiff.toolpaths.optimise import criteria
 from cartstiff.vibration.chatter import Milling, limiting_depth, limiting_depths
 from cartstiff.vibration.many_modes import ManyModes, moves_as_body
 from cartstiff.vibration.response import Damping, poles

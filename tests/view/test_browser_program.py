@@ -16,7 +16,7 @@ import cartstiff
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.following import Follower
-from cartstiff.many.portable import HELPERS, PortableKernel, javascript
+from cartstiff.many.execution import HELPERS, PortableKernel, javascript
 from cartstiff.many.tape import (
     Tape,
     absolute,

@@ -50,9 +50,9 @@ def command(
     FIRST and SECOND are maps of `cartstiff map`, over the same axes. At a place with several
     branches each map's best one counts.
     """
-    from cartstiff.maps.across.compare import compare_maps, compared
-    from cartstiff.maps.opening import open_map
+    from cartstiff.maps.across import compare_maps, compared
     from cartstiff.maps.reading import places_of, quantities_of, slice_map
+    from cartstiff.maps.store import open_map
 
     a, b = (open_map(path) for path in (first, second))
     if quantity is None:

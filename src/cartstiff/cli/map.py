@@ -181,7 +181,7 @@ def sampling_from_options(
     q is the base posture or None.
     """
     from cartstiff.maps.cartesian import CartesianGrid
-    from cartstiff.maps.commanded import CommandGrid
+    from cartstiff.maps.job import CommandGrid
     from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
 
     steps = {name: values[0] for name, values in told.items() if len(values) == 1}
@@ -558,11 +558,9 @@ def command(
     level = level_of(below or above, "--below" if below else "--above", quantities[0], elastic)
 
     from cartstiff.many.work import describe, explained, watched
-    from cartstiff.maps.opening import open_map
-    from cartstiff.maps.prepare import prepare_map
-    from cartstiff.maps.reading import places_of, slice_map
-    from cartstiff.maps.run import run_map
-    from cartstiff.maps.totals import summary, summary_of_file
+    from cartstiff.maps.reading import places_of, slice_map, summary, summary_of_file
+    from cartstiff.maps.run import prepare_map, run_map
+    from cartstiff.maps.store import open_map
 
     job, file = prepare_map(
         elastic,
@@ -609,7 +607,7 @@ def command(
         whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
     dataset = whole
     if single_branch:
-        from cartstiff.maps.across.configurations import single_branch as one_branch
+        from cartstiff.maps.across import single_branch as one_branch
 
         dataset = one_branch(whole, quantities[0], level, above is None)
     summed = summary(dataset) if cuts or single_branch else summary_of_file(file, facts)
@@ -628,7 +626,7 @@ def command(
 
         counts: dict[str, Any] = share_within(dataset, quantities[0], level, below is not None)
         if "branch" in whole.dims and not single_branch:
-            from cartstiff.maps.across.configurations import single_branch as one_branch
+            from cartstiff.maps.across import single_branch as one_branch
 
             alone = one_branch(whole, quantities[0], level, below is not None)
             single_found = share_within(alone, quantities[0], level, below is not None)

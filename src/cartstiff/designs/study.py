@@ -169,7 +169,7 @@ class Case(StudyModel):
         return f"{self.load_kind}, ({W}) along the axes of the {self.load_axes} at ({at})"
 
     def keywords(self) -> dict[str, Any]:
-        """Arguments of `cartstiff.maps.prepare.map_job`."""
+        """Arguments of `cartstiff.maps.run.map_job`."""
         return self.model_dump()
 
 

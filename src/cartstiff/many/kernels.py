@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many import portable
+from cartstiff.many.algebra import ENGINE, PLAIN
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
-from cartstiff.many.arithmetic import ENGINE, PLAIN
-from cartstiff.many.chains.chain_numbers import ChainCase
-from cartstiff.many.chains.closed_chain import ClosedCase
-from cartstiff.many.chains.closing import close
-from cartstiff.many.chains.settling import settle
+from cartstiff.many.chains import ChainCase
+from cartstiff.many.closed_chains import ClosedCase, close, settle
+from cartstiff.many.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
 from cartstiff.many.plans import CLOSING, SETTLING, BoundCase, Case, known_plan, plan, program_for
-from cartstiff.many.reading.readings import Readings
+from cartstiff.many.readings import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.numerics.threads import process_lock
@@ -51,8 +49,8 @@ EVALUATED_CHUNK = 1024
 
 
 @lru_cache(maxsize=32)
-def _portable_kernel(case: Case, names: tuple[str, ...]) -> portable.PortableKernel:
-    return portable.PortableKernel(program_for(case, names))
+def _portable_kernel(case: Case, names: tuple[str, ...]) -> PortableKernel:
+    return PortableKernel(program_for(case, names))
 
 
 _compiled: dict[tuple[Case, tuple[str, ...], Readings | None], Any] = {}
@@ -61,8 +59,6 @@ _lock = process_lock()
 
 def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | None = None) -> Any:
     """Machine code for a case; the last 64 are kept."""
-    from cartstiff.many.compiled import CompiledKernel
-
     key = (case, names, readings)
     with _lock:
         with timed(MAKING):
@@ -91,7 +87,7 @@ def reading_kernel(
     if "readings" not in program.outputs:
         return None
     if path == "portable":
-        return portable.PortableKernel(program)
+        return PortableKernel(program)
     if not has_package("llvmlite") or program.size > LARGEST_PROGRAM:
         return None
     return _compiled_kernel(case, names, readings)
@@ -336,7 +332,7 @@ def run(
 
 def _way(taken: BoundCase, kernel: Any) -> str:
     """What a kernel is, in words."""
-    is_portable = isinstance(kernel, portable.PortableKernel)
+    is_portable = isinstance(kernel, PortableKernel)
     way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
     way += ", quantities read at once" * ("readings" in kernel.program.outputs)
     way += ", chains closed by it too" * taken.is_closed
@@ -358,17 +354,15 @@ def _run(
     for name, array in arrays.items():
         if name not in exists:
             array[...] = np.nan
-    length, options = size or portable.CHUNK, {}
-    if not isinstance(kernel, portable.PortableKernel):
-        from cartstiff.many.compiled import STREAMED
-
+    length, options = size or CHUNK, {}
+    if not isinstance(kernel, PortableKernel):
         length = size or COMPILED_CHUNK
         options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
         with timed(MAKING):
             kernel.entry(options["stream"])
     if taken.has_derivatives:
         length = min(length, EVALUATED_CHUNK)
-    is_compiled = not isinstance(kernel, portable.PortableKernel)
+    is_compiled = not isinstance(kernel, PortableKernel)
     if taken.is_closed:
         length = min(length, CLOSED_CHUNK)
     length = min(length, count)

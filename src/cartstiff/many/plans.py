@@ -11,23 +11,21 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import in_pairs
-from cartstiff.many.arithmetic import shared_inputs
-from cartstiff.many.chains.chain_arithmetic import chain_arrays
-from cartstiff.many.chains.chain_numbers import ChainCase
-from cartstiff.many.chains.chain_twists import ChainConstants, ForceField, numbers, read_chain
-from cartstiff.many.chains.closed_case import closed_case
-from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
-from cartstiff.many.chains.closing import closing_arrays
-from cartstiff.many.chains.lines import Line
-from cartstiff.many.chains.settling import settles, settling_arrays
-from cartstiff.many.chains.spring_laws import is_recorded
-from cartstiff.many.evaluated import Evaluated
-from cartstiff.many.leg_masses import LegMasses
-from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
-from cartstiff.many.reading.reading_arithmetic import read
-from cartstiff.many.reading.readings import Readings
+from cartstiff.many.algebra import in_pairs, shared_inputs
+from cartstiff.many.chains import ChainCase, Line, chain_arrays, is_recorded
+from cartstiff.many.closed_chains import (
+    ClosedCase,
+    closed_arrays,
+    closed_case,
+    closing_arrays,
+    settles,
+    settling_arrays,
+)
+from cartstiff.many.platforms import LegMasses, PlatformCase, platform_arrays
+from cartstiff.many.readings import Readings, read
 from cartstiff.many.tape import Program, Tape, larger
+from cartstiff.many.twists import ChainConstants, ForceField, numbers, read_chain
+from cartstiff.many.untraced import Evaluated
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import Mechanism

@@ -4,27 +4,48 @@ Chains, open and closed, with lines between their bodies, and platforms on line 
 by arithmetic written once (`chains`, `platform_arithmetic`), as machine code made for the mechanism
 (`compiled`) or over NumPy arrays (`portable`). Every other mechanism, and every posture that is not
 well inside the regular ones, is computed by `cartstiff.analyse` itself, which also names its state.
+
+One posture after the other by the engine: for every mechanism, and for doubtful postures.
+
+Postures of arms that have lost rank, in stacks: ``C = J H^-1 J^T`` needs no inverse of J.
+
+What the engine calls them is decided here only where there is no doubt about it: the rank by
+singular values far from the limit, a stiffness that is positive along every motion, so that no
+self-motion is idle or buckles, and a self-motion that either feels nothing, because the springs
+carry a load that is known, or plainly a torque. All else stays with the engine.
+
+Tensions of a platform's legs at many postures, by the arithmetic that finds its stiffness.
+
+Numbers of many postures, read by the machine code that makes their matrices.
 """
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+)
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import ENGINE, PLAIN, UNBALANCED
 from cartstiff.many.arguments import (
     OUTPUTS as OUTPUTS,
 )
 from cartstiff.many.arguments import (
+    aligned_empty,
     arrays_for,
     checked_count,
     checked_names,
@@ -34,17 +55,187 @@ from cartstiff.many.arguments import (
     recorded,
     with_room,
 )
-from cartstiff.many.arithmetic import ENGINE, UNBALANCED
-from cartstiff.many.kernels import ASKED, BACKENDS, WORTH_RECORDING, Backend, bent, chosen, run
-from cartstiff.many.one_by_one import REGULAR, fill
-from cartstiff.many.portable import PortableKernel
-from cartstiff.many.singular import lost_ranks
+from cartstiff.many.chains import ChainCase
+from cartstiff.many.execution import PortableKernel
+from cartstiff.many.kernels import (
+    ASKED,
+    BACKENDS,
+    WORTH_RECORDING,
+    Backend,
+    bent,
+    chosen,
+    has_package,
+    kernel_for,
+    reading_kernel,
+    run,
+)
+from cartstiff.many.plans import BoundCase, given_as, plan
+from cartstiff.many.platforms import PlatformCase
+from cartstiff.many.readings import (
+    FREQUENCIES,
+    READINGS,
+    Readings,
+    frequencies_of,
+    frequency_name,
+    with_masses,
+)
 from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.limits import tensions_of
+from cartstiff.numerics import BALANCE, RANK, ROUNDING
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
+from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.settled_links import settled_coordinates
 from cartstiff.stiffness.tensor import COMPONENTS, with_labels
+
+REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
+
+
+def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
+    """The code that stands for a posture's state.
+
+    The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
+    else, if matrices are among the outputs, a stiffness matrix (the tangent under the load, where
+    its inverse is asked for) that has no inverse, or what a note of `analyse` says of lost digits:
+    of the compliance, or, where none is asked for, of the stiffness, too.
+    """
+    if result.reduction.states:
+        return result.reduction.states[-1].code
+    kinds = {name.partition("_")[0] for name in outputs}
+    notes = result.notes_on_posture
+    if "compliance" in kinds:
+        notes = result.notes
+    elif "stiffness" in kinds:  # other inverses need not be found
+        notes = *notes, *result.notes_on_digits
+    codes = {note.code for note in notes}
+    for code in ("type-2-singularity", "singular-stiffness"):
+        if code in codes:
+            return code
+    if "compliance_load" in outputs and result.tangent_compliance is None:
+        return "singular-stiffness"
+    for note in notes:
+        if (
+            note.code == "ill-conditioned"
+            and np.asarray(note.values["relative_error"]) > numerics.LOST_ERROR
+            # Beside a compliance a stiffness need not hold its softer directions.
+            and (note.values["matrix"] == "compliance" or "compliance" not in kinds)
+        ):
+            return note.code
+    return REGULAR
+
+
+def fill(
+    elastic: ElasticMechanism,
+    q: Array,
+    wrench: Array | None,
+    rows: Mapping[str, Array],
+    load: LoadKind,
+    axes: Literal["body", "world"],
+) -> tuple[str, Array]:
+    """Write one posture's arrays into `rows`; its state, and its coordinates.
+
+    Those of a chain that can be closed are the closed ones, whatever its state.
+    """
+    for row in rows.values():
+        row[...] = np.nan
+    try:
+        result = analyse(
+            elastic, q, wrench=wrench, load_kind=load.kind, load_at=load.at, load_axes=axes
+        )
+    except ConvergenceError:
+        return NOT_ASSEMBLED, q
+    except UndefinedError as error:
+        return error.code, _closed(elastic, q)
+    except InputError:
+        # Everything given has been checked: the springs cannot carry this load here.
+        at = elastic.mechanism.closed(elastic.mechanism.checked(q))
+        if "pose" in rows:
+            rows["pose"][...] = at.pose
+        return "unbalanced", np.asarray(at.q)
+    for name, row in rows.items():
+        value = _output(result, name)
+        if value is not None:
+            row[...] = value
+    return state_of(result, rows), result.q
+
+
+def _closed(elastic: ElasticMechanism, q: Array) -> Array:
+    return np.asarray(elastic.mechanism.closed(elastic.mechanism.checked(q)).q)
+
+
+def _output(result: PostureStiffness, name: str) -> Array | float | None:
+    kind, _, connection = name.partition("_")
+    if connection == "load":
+        return result.tangent if kind == "stiffness" else result.tangent_compliance
+    if kind == "stiffness":
+        return result.matrices[connection]
+    if kind == "compliance":
+        return result.compliances[connection]
+    value: Array | float | None = getattr(result, name)
+    return value
+
+
+#: How far from a limit there is no doubt.
+_MARGIN = 10.0
+
+
+def lost_ranks(
+    taken: BoundCase,
+    q: Array,
+    loads: Array | None,
+    arrays: Mapping[str, Array],
+    which: NDArray[np.intp],
+    compiled: bool,
+    threads: int,
+    size: int | None,
+) -> tuple[str, NDArray[np.intp], NDArray[np.intp]]:
+    """Fill those of some postures that have plainly lost rank.
+
+    Returns
+    -------
+    state : str
+        Of those that are filled.
+    filled, unbalanced : ndarray of int
+        Some of `which`; of the latter nothing but pose, Jacobian and energy is filled.
+    """
+    case = taken.case
+    if type(case) is not ChainCase or case.settled:
+        return "", which[:0], which[:0]
+    n = case.freedoms
+    state = "fewer-than-six-freedoms" if n < 6 else "serial-singularity"
+    other = replace(taken, case=replace(case, singular=True))
+    names = tuple(name for name in arrays if not name.startswith("stiffness"))
+    kernel = kernel_for(other.case, (*names, "looked_at"), len(which), compiled)
+    rows = {name: aligned_empty(len(which), *arrays[name].shape[1:]) for name in names}
+    looked_at = aligned_empty(len(which), len(kernel.program.outputs["looked_at"]))
+    verdicts = np.zeros(len(which), np.uint8)
+    own = loads[which] if loads is not None and loads.ndim == 2 else loads
+    run(other, kernel, q[which], own, {**rows, "looked_at": looked_at}, verdicts, threads, size)
+
+    J = looked_at[:, : 6 * n].reshape(-1, 6, n)
+    is_known = (verdicts == PLAIN) & np.isfinite(looked_at).all(axis=1)
+    J = np.where(is_known[:, None, None], J, 0.0)
+    values = np.linalg.svd(J, compute_uv=False)
+    least = RANK * values[:, :1]
+    is_known &= ~((values > least / _MARGIN) & (values < least * _MARGIN)).any(axis=1)
+    ranks = (values > least).sum(axis=1)
+    is_lost = is_known & (ranks < min(6, n))
+    unbalanced = np.zeros(len(which), bool)
+    if loads is None and not (case.open and all(case.open[a] for a in case.moving)):
+        # Springs exert what they do: whether the self-motions feel it.
+        g, stiffest = looked_at[:, 6 * n : 7 * n], looked_at[:, 7 * n]
+        free, motions = np.arange(n) >= ranks[:, None], np.linalg.svd(J)[2]
+        felt = np.linalg.norm((motions @ g[:, :, None])[:, :, 0] * free, axis=1)
+        most = BALANCE * np.abs(g).max(axis=1) + ROUNDING * stiffest
+        unbalanced = is_lost & (felt > most * (_MARGIN * n))
+        is_lost[:] = False
+    for these in (is_lost, unbalanced):
+        for name, array in arrays.items():
+            array[which[these]] = rows[name][these] if name in rows else np.nan
+    return state, which[is_lost], which[unbalanced]
+
 
 _HERE = np.eye(4)[None]
 #: State of postures that nobody has looked at one by one.
@@ -429,3 +620,164 @@ def _index(codes: list[str], code: str) -> int:
     if code not in codes:
         codes.append(code)
     return codes.index(code)
+
+
+def tensions_of_many(
+    elastic: ElasticMechanism,
+    q: Array,
+    wrench: Array | None,
+    kind: LoadKind,
+    axes: Literal["body", "world"],
+) -> Array:
+    """Tensions (N, m) at postures q (N, 6), as `cartstiff.analyse` has them under a wrench (6,).
+
+    NaN where no tensions balance the load, and of mechanisms without legs.
+    """
+    taken, count = plan(elastic, given_as(wrench, axes)), len(q)
+    legs = getattr(elastic.mechanism, "anchors", np.zeros((0, 3)))
+    tensions = np.full((count, len(legs)), np.nan)
+    served = type(elastic.springs) is LineSprings and count > 0
+    known = np.zeros(count, bool)
+    if isinstance(taken, BoundCase) and isinstance(taken.case, PlatformCase) and served:
+        loads = wrench
+        if loads is not None:
+            loads = loads_in_body(elastic, q, loads, kind, axes, "auto", 1)
+        is_compiled = has_package("llvmlite") and len(legs) % 2 == 0  # records are written by pairs
+        kernel = kernel_for(taken.case, ("tensions",), count, is_compiled)
+        verdicts = np.zeros(count, np.uint8)
+        run(taken, kernel, q, loads, {"tensions": tensions}, verdicts, 1, None)
+        known = (verdicts == PLAIN) & np.isfinite(tensions).all(axis=1)
+    for i in np.flatnonzero(~known):
+        tensions[i] = np.nan
+        try:
+            result = analyse(
+                elastic,
+                q[i],
+                wrench=wrench,
+                load_kind=kind.kind,
+                load_at=kind.at,
+                load_axes=axes,
+            )
+        except CartstiffError:
+            continue
+        if (found := tensions_of(result.elastic, result.posture)) is not None:
+            tensions[i] = found
+    return tensions
+
+
+class Values(NamedTuple):
+    """What was read.
+
+    Attributes
+    ----------
+    values : dict of str to ndarray (N,)
+        Numbers by name.
+    poses : ndarray (N, 4, 4)
+        ``T_F_M``.
+    q : ndarray (N, n)
+        Coordinates, those of links that give as the load bends them.
+    is_known : ndarray of bool (N,)
+        Postures of which the numbers stand; all others are for `analyse_many` and what reads its
+        arrays.
+    """
+
+    values: dict[str, Array]
+    poses: Array
+    q: Array
+    is_known: NDArray[np.bool_]
+
+
+Axes = Literal["body", "world"]
+
+
+def readable(
+    elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None, axes: Axes
+) -> tuple[str, ...]:
+    """Which quantities machine code can read of a mechanism under a load, if it reads at all."""
+    taken, frequencies = plan(elastic, given_as(wrench, axes)), 0
+    if isinstance(taken, BoundCase) and with_masses(elastic, taken.case) is not None:
+        frequencies = frequencies_of(taken.case)
+    left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
+    return tuple(name for name in names if name in READINGS and name not in left)
+
+
+class Reader:
+    """Reads many postures of a mechanism under one load.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    readings : Readings
+        What to read.
+    outputs : tuple of str
+        Outputs of `analyse_many` whose verdicts count.
+    wrench : ndarray (6,), optional
+        Load on the body.
+    axes : {"body", "world"}
+        Axes of its components; of what kind it is, and where, the readings say.
+    path : {"auto", "portable"}
+        Machine code, where it can be made; or NumPy, which is slower than reading from arrays and
+        serves to compare.
+
+    Attributes
+    ----------
+    state : str
+        State of the postures that are read.
+    """
+
+    def __init__(
+        self,
+        elastic: ElasticMechanism,
+        readings: Readings,
+        outputs: tuple[str, ...],
+        wrench: Array | None = None,
+        axes: Axes = "body",
+        path: Backend = "auto",
+    ) -> None:
+        self.elastic, self.readings = elastic, readings
+        self._wrench, self._axes = wrench, axes
+        self._plan = plan(elastic, given_as(wrench, axes))
+        wanted = recorded(outputs)
+        self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
+        self._kernel: Any = None
+        self.state = ""
+        if isinstance(self._plan, BoundCase):
+            self.state, case = self._plan.regular, self._plan.case
+            if not FREQUENCIES.isdisjoint(readings.names):
+                case = with_masses(elastic, case) or case
+            self._kernel = reading_kernel(case, self._outputs, readings, path)
+
+    @property
+    def serves(self) -> bool:
+        """Whether there is machine code for these readings of this mechanism."""
+        return self._kernel is not None
+
+    def read(self, q: Array) -> Values:
+        """Read postures q (N, n)."""
+        if not isinstance(self._plan, BoundCase):
+            raise TypeError(self._plan)
+        count = len(q)
+        q = q.copy() if self._plan.is_closed or self._plan.settles else q
+        loads = self._wrench
+        if loads is not None:
+            loads = loads_in_body(
+                self.elastic, q, loads, self.readings.load, self._axes, "compiled", 1
+            )
+        arrays = {
+            "readings": aligned_empty(count, len(self._kernel.program.outputs["readings"])),
+            "pose": aligned_empty(count, 4, 4),
+        }
+        verdicts = np.zeros(count, np.uint8)
+        run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
+        values = _finished(arrays["readings"], self.readings)
+        return Values(values, arrays["pose"], q, verdicts == 0)
+
+
+def _finished(values: Array, asked: Readings) -> dict[str, Array]:
+    """Numbers (N,) by name from what was read (N, k), and perhaps once more."""
+    readings = {}
+    for name, column in zip(asked.names, values.T, strict=False):
+        root = READINGS[name].root
+        readings[name] = column if root == 1 else column ** (1.0 / root)
+    return readings

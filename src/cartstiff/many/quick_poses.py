@@ -10,14 +10,21 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import LONGEST_STEP, Free, JointPoses
-from cartstiff.many.algebra import below, norm_squared, positive_factor, rotation_vector, zeros
+from cartstiff.many.algebra import (
+    PLAIN,
+    below,
+    norm_squared,
+    positive_factor,
+    rotation_vector,
+    zeros,
+)
 from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.arithmetic import PLAIN
-from cartstiff.many.chains.chain_arithmetic import chain_motion
-from cartstiff.many.chains.chain_twists import ChainConstants
+from cartstiff.many.chains import chain_motion
+from cartstiff.many.execution import CompiledKernel
 from cartstiff.many.kernels import has_package
 from cartstiff.many.plans import chain_constants
 from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick
+from cartstiff.many.twists import ChainConstants
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -78,8 +85,6 @@ class QuickPoses(JointPoses):
 
     def _kernel(self, key: str, program: Callable[[], Program]) -> Any:
         if key not in self._known:
-            from cartstiff.many.compiled import CompiledKernel
-
             self._known[key] = CompiledKernel(program()).workspace(self.rows_at_once)
         return self._known[key]
 

@@ -3,30 +3,353 @@
 A mechanism is compiled by its call number `COMPILED_AT`, in the calling thread, so that which calls
 are answered by which arithmetic is the same in every run. The code answers where it finds a posture
 plainly regular, the engine everything else: the answers agree to rounding.
+
+A posture whose numbers machine code has found, and that code.
+
+Every answer is the engine's, to rounding; what the code does not compute is asked of the engine
+when it is read.
 """
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Mapping
-from functools import wraps
-from itertools import count
+from copy import copy
+from functools import partial, wraps
+from itertools import count, zip_longest
+from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.arrays import checked_input
-from cartstiff.many.quick_posture import RECORDED, PostureCode, QuickPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.contract import Potential
+from cartstiff import numerics
+from cartstiff.arrays import NamedArrays, checked_input
+from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
+from cartstiff.many.algebra import PLAIN, UNDER_LOAD
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.limits import force_notes, limit_notes
+from cartstiff.notes import Note
+from cartstiff.potentials.beams import Beam, evaluate_together
+from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import PostureStiffness
+from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
+from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
+    from cartstiff.many.execution import OnePosture
     from cartstiff.many.plans import BoundCase
+
+#: What the code writes down of a posture.
+RECORDED = (
+    "pose",
+    "jacobian",
+    "wrench",
+    "energy",
+    *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
+    *UNDER_LOAD,
+    "actuation",
+    "verdict",
+    "noteworthy",
+)
+
+
+class QuickPosture(PostureStiffness):
+    """A posture whose numbers machine code has found; the engine is asked for everything else."""
+
+    def __init__(
+        self,
+        code: PostureCode,
+        asked: ElasticMechanism,
+        q: Array,
+        wrench: Array | None,
+        record: Array,
+    ) -> None:
+        record.flags.writeable = False
+        vars(self).update(
+            q=q,
+            load=DEAD_AT_ORIGIN,
+            _load_is_given=wrench is not None and any(wrench.tolist()),
+            _code=code,
+            _asked=asked,
+            _given=wrench,
+            _record=record,
+        )
+
+    _code: PostureCode
+    _asked: ElasticMechanism
+    _given: Array | None
+    _record: Array
+
+    def __reduce__(self) -> Any:
+        """Between processes it is the engine's answer that goes."""
+        return copy, (self._engine,)
+
+    @cached_property
+    def _engine(self) -> PostureStiffness:
+        return compute.analyse(self._asked, self.q, wrench=self._given)
+
+    @cached_property
+    def _balanced(self) -> tuple[ElasticMechanism, Evaluation]:
+        """`elastic` and `evaluation`; links of closed chains that give are bent by the engine."""
+        if self._code.is_closed:
+            return self._engine.elastic, self._engine.evaluation
+        if self.posture.coordinates_are_pose:
+            own = Evaluation(self.energy, self.wrench, cast(Array, self.matrices["B"]))
+            return self._asked.balanced(self.posture, self._given), own
+        return self._asked._balanced_with_evaluation(self.posture, self._given)
+
+    @property
+    def elastic(self) -> ElasticMechanism:
+        """The mechanism with the rest positions that were used."""
+        return self._balanced[0]
+
+    @cached_property
+    def posture(self) -> MechanismPosture:
+        """Kinematics at q."""
+        return self._asked.mechanism.at(self.q)
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """Energy, gradient, Hessian in the coordinates."""
+        return self._balanced[1]
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """The reduction to the end-effector."""
+        return self._engine.reduction
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return self._record[self._code.pose].reshape(4, 4)
+
+    @property
+    def wrench(self) -> Array:
+        """W = dPhi in the body frame."""
+        return self._record[self._code.wrench]
+
+    @property
+    def energy(self) -> float:
+        """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
+        return float(self._record[self._code.energy])
+
+    @property
+    def stored_energy(self) -> float:
+        """Energy of springs and other potentials, without that of gravity and of loads."""
+        return self.energy if self._code.is_inner else self._engine.stored_energy
+
+    @property
+    def jacobian(self) -> Array | None:
+        """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
+        place = self._code.jacobian
+        return None if place is None else self._record[place].reshape(6, -1)
+
+    @property
+    def matrices(self) -> Mapping[str, Array | None]:
+        """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
+        return self._named(self._stiffness, "tangent")
+
+    @property
+    def compliances(self) -> Mapping[str, Array | None]:
+        """Inverses of `matrices`, found without them."""
+        return self._named(self._compliance, "tangent_compliance")
+
+    @cached_property
+    def _stiffness(self) -> dict[str, Array | None]:
+        return dict(zip_longest("ABKF", self._record[self._code.matrices].reshape(-1, 6, 6)))
+
+    @cached_property
+    def _compliance(self) -> dict[str, Array | None]:
+        return dict(zip_longest("ABKF", self._record[self._code.compliances].reshape(-1, 6, 6)))
+
+    # Not kept: they know this object, and in a circle it would stay until circles are looked for.
+    def _named(self, arrays: dict[str, Array | None], under_load: str) -> NamedArrays:
+        return NamedArrays.of_fixed(arrays, {"load": partial(getattr, self, under_load)})
+
+    @cached_property
+    def tangent(self) -> Array | None:
+        """K^load (6, 6), as in `PostureStiffness`."""
+        if self._holds_under_load:
+            return self._matrix(self._code.under_load["dead_stiffness"])
+        K, change = self.matrices["B"], self._changes[2]
+        return K if K is None or not any(change.ravel().tolist()) else K + change
+
+    @cached_property
+    def tangent_compliance(self) -> Array | None:
+        """Inverse of `tangent`."""
+        if self._holds_under_load:
+            return self._matrix(self._code.under_load["dead_compliance"])
+        C, change = self.compliances["B"], self._changes[2]
+        if C is None or not any(change.ravel().tolist()):
+            return C
+        (inverse,), (is_plain,) = numerics.inverses_of_sums(C[None], change[None])
+        return np.asarray(inverse) if is_plain else self._engine.tangent_compliance
+
+    @cached_property
+    def inverse_of_symmetric_tangent(self) -> Array | None:
+        """Inverse of the symmetric part of `tangent`."""
+        if self._holds_under_load:
+            return self._matrix(self._code.under_load["dead_symmetric"])
+        return super().inverse_of_symmetric_tangent
+
+    @property
+    def _holds_under_load(self) -> bool:
+        """Whether the code has found what the load changes."""
+        place = self._code.under_load
+        return bool(place) and self._record[place["dead_verdict"].start] == PLAIN
+
+    def _matrix(self, place: slice) -> Array:
+        return self._record[place].reshape(6, 6)
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What was assumed, and why something does not exist."""
+        if not self._record[self._code.digits] < 1.0:
+            return self._engine.notes
+        return (*self.notes_on_posture, *self._code.notes_on_chart)
+
+    @cached_property
+    def notes_on_posture(self) -> tuple[Note, ...]:
+        """The `notes` without those on matrices."""
+        mechanism = self._asked.mechanism
+        near: list[Note] = []
+        if not self._record[self._code.near] < 1.0:
+            if self._code.is_closed:
+                return self._engine.notes_on_posture
+            near = self._code.near_notes(self)
+        return (
+            *self._asked.notes,
+            *near,
+            *self._remarks,
+            *limit_notes(mechanism, self),
+            *self._forces,
+            *self._code.notes_on_weight,
+        )
+
+    @property
+    def _remarks(self) -> list[Note]:
+        """What links that are bent have to say, and lines that are cables or more than six."""
+        springs = self._asked.springs
+        if isinstance(springs, LineSprings) and (springs.unilateral or len(springs.stiffness) > 6):
+            return self.elastic.remarks(self.posture)
+        if not self._code.bends:
+            return []
+        beams = [term for term in self._asked.terms() if isinstance(term, Beam)]
+        evaluate_together(beams, self.posture)  # which they remember
+        return self._asked.remarks(self.posture)
+
+    @property
+    def _forces(self) -> list[Note]:
+        """Notes of forces of legs; only where they have limits is the engine asked for them."""
+        legs = getattr(self._asked.mechanism, "leg_limits", None)
+        return [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
+
+
+class PostureCode:
+    """Machine code for a mechanism under a wrench, or under none."""
+
+    def __init__(self, elastic: ElasticMechanism, taken: BoundCase) -> None:
+        from cartstiff.many.execution import OnePosture
+        from cartstiff.many.plans import CLOSING, SETTLING, program_for
+
+        case = taken.case
+        shared = {name: np.ascontiguousarray(rows) for name, rows in taken.shared.items()}
+        self._answer = OnePosture(program_for(case, RECORDED), shared)
+        self._closing = OnePosture(program_for(case, CLOSING), {}) if taken.is_closed else None
+        self._settling = None
+        if taken.settles:
+            self._settling = OnePosture(program_for(case, SETTLING), shared)
+        self._beside, self.bends = taken.beside, bool(taken.beside) or taken.settles
+        at = self._answer.at
+        self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
+        self.matrices, self.compliances = (
+            slice(at[f"{kind}_A"].start, at[f"{kind}_{'F' if f'{kind}_F' in at else 'K'}"].stop)
+            for kind in ("stiffness", "compliance")
+        )
+        self.energy, self._verdict = at["energy"].start, at["verdict"].start
+        self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
+        self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
+        self._sizes = here.coordinate_lengths, here.length
+        self.under_load = {name: at[name] for name in UNDER_LOAD if name in at}
+        self.is_closed, self._home = taken.is_closed, taken.home
+        self.is_inner = not elastic.parted_terms()[1]
+        chart = here.chart()
+        self.notes_on_chart = (Note("kf-undefined", chart),) if isinstance(chart, str) else ()
+        self.notes_on_weight = tuple(gravity_loads(elastic).notes)
+
+    def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
+        """Coordinates and all numbers of a posture; None where it is not plainly regular."""
+        at: Array | None = q
+        given = {} if wrench is None else {"wrench": wrench}
+        if self._closing is not None:
+            at = self._assembled(self._closing, q)
+        if self._settling is not None and at is not None:
+            at = self._bent(self._settling, at, given)
+        if at is None:
+            return None
+        record = self._answer.record(q=at, **given, **self._derivatives(at))
+        return (at, record) if record[self._verdict] == 0.0 else None
+
+    def _derivatives(self, q: Array) -> dict[str, Array]:
+        """Inputs of the programs that are evaluated beside them."""
+        return self._beside.derivatives(q[None], compiled=True)[0] if self._beside else {}
+
+    def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
+        """Coordinates at which links carry the load; None where the engine would go on."""
+        from cartstiff.many.closed_chains import settle
+
+        evaluate, at = partial(self._beside.derivatives, compiled=True), q[None].copy()
+        load = {"wrench": given["wrench"][None]}
+        found, _ = settle(settling, evaluate, load, at, np.arange(1))
+        return at[0] if len(found) else None
+
+    def near_notes(self, quick: QuickPosture) -> list[Note]:
+        """Notes on near singularities; the sizes of a platform are the same everywhere."""
+        if self._actuation is not None:
+            lines = quick._record[self._actuation].reshape(-1, 6)
+            return hardly_held(lines, *self._sizes)
+        values = scaled_values(quick.posture)
+        return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
+
+    def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
+        """Coordinates that the engine closes; None where it would go on."""
+        if self._home is None or not (steps := self._home.steps_where_asked(q[None])).any():
+            return self._closed(closing, q)
+
+        def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+            at = self._closed(closing, start[0])
+            shut = np.array([at is not None])
+            return start if at is None else at[None], shut, ~shut
+
+        at, is_closed, _ = self._home.continue_from(near, q[None], steps)
+        return at[0] if is_closed[0] else None
+
+    @staticmethod
+    def _closed(closing: OnePosture, q: Array) -> Array | None:
+        """The steps of `closing.close` for one posture; None where the engine would go on."""
+        from cartstiff.many.closed_chains import STEPS, is_shut
+        from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
+
+        left, size, best, futile = closing.at["left"], inf, inf, 0
+        for _ in range(STEPS):
+            record, before = closing.record(q=q), size
+            size, step, length, doubt = record[left].tolist()
+            if is_shut(size, step, length, before):
+                return q
+            futile = 0 if size < 0.9 * best else futile + 1
+            best = min(best, size)
+            if doubt != PLAIN or not step < inf or (futile >= FUTILE and step < LONGEST_STEP):
+                return None
+            q = record[: len(q)]
+        return None
+
 
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.compiled import _binding, lanes
+from cartstiff.many.execution import _binding, lanes
 from cartstiff.many.tape import Program
 from cartstiff.numerics.threads import process_lock
 

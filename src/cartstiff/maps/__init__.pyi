@@ -1,16 +1,16 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
 from .cartesian import CartesianGrid as CartesianGrid
-from .commanded import CommandGrid as CommandGrid
-from .opening import open_map as open_map
+from .job import CommandGrid as CommandGrid
 from .pictures import draw_map as draw_map
 from .reading import best as best
 from .reading import share_within as share_within
 from .reading import slice_map as slice_map
+from .reading import summary as summary
 from .reading import worst as worst
 from .run import compute_map as compute_map
 from .sampling import Axis as Axis
 from .sampling import Grid as Grid
 from .sampling import RandomPostures as RandomPostures
 from .sampling import Trajectory as Trajectory
-from .totals import summary as summary
+from .store import open_map as open_map

@@ -16,8 +16,14 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.reading import best_branch, each_block, quantity_of, state_names, unit_label
-from cartstiff.maps.totals import finite_range
+from cartstiff.maps.reading import (
+    best_branch,
+    each_block,
+    finite_range,
+    quantity_of,
+    state_names,
+    unit_label,
+)
 
 if TYPE_CHECKING:
     import xarray

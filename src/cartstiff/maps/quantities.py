@@ -7,15 +7,26 @@ read by its symmetric part, as there. What does not exist at a posture is NaN.
 Any other number of the analysis can be named by its path in the analysis of one posture, such as
 ``indices.condition_exponent`` or ``centres.stiffness.2``; it is then found posture by posture, some
 hundred times slower.
+
+Stacks (N, 6, 6) of stiffness or compliance matrices, read all at once.
+
+Each function equals, row by row, the function of `cartstiff.analysis` that it names. Rows with a
+NaN give NaN.
+
+What a quantity of many postures is, what it may depend on, and what it is computed from.
+
+Any number of the analysis of one posture as a quantity of many, by its path.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import (
@@ -26,17 +37,485 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_along,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS, stiffness_of_motion
+from cartstiff.analysis.matrices import (
+    ROTATION,
+    TRANSLATION,
+    UNITS,
+    eliminate_each,
+    stiffness_of_motion,
+)
+from cartstiff.analysis.posture import summarise
+from cartstiff.analysis.sections import unit_of
+from cartstiff.arrays import plain
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps import row_by_row
-from cartstiff.maps.quantity import Quantity as Quantity
-from cartstiff.maps.quantity import Settings as Settings
-from cartstiff.maps.quantity import Stacks
 from cartstiff.matrix_names import OF_MANY
+from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.many_modes import ManyModes
+from cartstiff.vibration.response import Damping
+
+
+def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, ...] = ()) -> Array:
+    """Apply a function of stacks to the rows in which all are finite; NaN (N, *shape) elsewhere."""
+    finite = np.ones(len(stacks[0]), bool)
+    for stack in stacks:
+        finite &= np.isfinite(stack).all(axis=tuple(range(1, stack.ndim)))
+    if finite.all():
+        return function(*stacks)
+    result = np.full((len(finite), *shape), np.nan)
+    if finite.any():
+        result[finite] = function(*(stack[finite] for stack in stacks))
+    return result
+
+
+def symmetric_part(stack: Array) -> Array:
+    """Half the sum of each matrix and its transpose."""
+    half: Array = 0.5 * (stack + stack.swapaxes(-1, -2))
+    return half
+
+
+def scale_lengths(stack: Array, length: float | Array) -> Array:
+    """As `cartstiff.analysis.matrices.scale_lengths`; one length, or one a row."""
+    scale = np.ones((*np.shape(length), 6))
+    scale[..., :3] = 1.0 / np.asarray(length, float)[..., None]
+    scaled: Array = stack * scale[..., :, None] * scale[..., None, :]
+    return scaled
+
+
+def block_norms(stack: Array) -> tuple[Array, Array]:
+    """Frobenius norms of the rotation and translation blocks."""
+    rr = np.sqrt(np.einsum("nij,nij->n", stack[:, :3, :3], stack[:, :3, :3]))
+    tt = np.sqrt(np.einsum("nij,nij->n", stack[:, 3:, 3:], stack[:, 3:, 3:]))
+    return rr, tt
+
+
+def principal(blocks: Array) -> Array:
+    """Eigenvalues (N, 3) of the symmetric parts of 3x3 blocks, smallest first, with their signs."""
+    return numerics.eigenvalues(blocks)
+
+
+def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
+    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
+    scaled = scale_lengths(K, length)
+    values = numerics.eigenvalues(scaled)
+    plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
+    rows = np.logical_not(plain) & np.isfinite(C).all(axis=(1, 2))
+    if rows.any():
+        inverse = scale_lengths(C, 1.0 / np.asarray(length))
+        values[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
+    values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
+    return values
+
+
+def block_values(
+    stack: Array,
+    inverse: Array,
+    keep: slice,
+    is_held: bool,
+    one: Callable[[Array, Array], Array],
+) -> Array:
+    """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
+
+    Held they are those of the matrix's block, free the inverses of those of the inverse's block;
+    where that block has lost digits, what one posture says; where there is no inverse, those of
+    the matrix alone.
+
+    Parameters
+    ----------
+    stack, inverse : ndarray, shape (N, 6, 6)
+        Stiffness and compliance, or the other way round; NaN where there is none.
+    keep : slice
+        `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
+    is_held : bool
+        Whether the block is that of `stack`.
+    one : callable
+        Values (3,) of one matrix, and its inverse.
+    """
+    values = principal((stack if is_held else inverse)[:, keep, keep])
+    plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
+    if not is_held:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = np.sort(1.0 / values, axis=1)
+    exists = np.isfinite(stack).all(axis=(1, 2))
+    values[~exists] = np.nan
+    known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
+    for i in np.flatnonzero(exists & known & np.logical_not(plain)):
+        try:
+            values[i] = one(stack[i], inverse[i])
+        except UndefinedError:
+            values[i] = np.nan
+    if (alone := exists & ~known).any():
+        own = stack[alone]
+        blocks = own[:, keep, keep]
+        size = np.abs(blocks).max(axis=(1, 2))[:, None]
+        values[alone] = principal(blocks if is_held else eliminate_each(own, keep))
+        values[alone] = np.where(np.abs(values[alone]) <= numerics.ZERO * size, 0.0, values[alone])
+    return values
+
+
+def determinant(eigenvalues: Array, length: float) -> Array:
+    """Determinants (N,) from the eigenvalues with lengths scaled."""
+    product: Array = np.prod(eigenvalues, axis=-1) * length**6
+    return product
+
+
+def signs(eigenvalues: Array) -> tuple[Array, Array, Array]:
+    """How many eigenvalues count as negative, zero and positive, by the rule of `definiteness`."""
+    below, above = (eigenvalues < 0.0).sum(axis=-1), (eigenvalues > 0.0).sum(axis=-1)
+    return below, eigenvalues.shape[-1] - below - above, above
+
+
+def condition(eigenvalues: Array) -> Array:
+    """Largest over smallest absolute eigenvalue; infinite for a singular matrix."""
+    size = np.abs(eigenvalues)
+    high, low = size.max(axis=-1), size.min(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(low > 0.0, high / low, np.inf)
+    return np.where(np.isfinite(high), ratio, np.nan)
+
+
+def isotropy(eigenvalues: Array) -> Array:
+    """As `cartstiff.analysis.indices.isotropy`, from the eigenvalues."""
+    below, null, above = signs(eigenvalues)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.exp(np.log(eigenvalues).mean(axis=-1)) / eigenvalues.mean(axis=-1)
+    ratio = np.where((below == 0) & (null > 0) & (above > 0), 0.0, ratio)
+    return np.where((below > 0) | (above == 0), np.nan, ratio)
+
+
+#: Connections whose matrix may be asymmetric.
+ASYMMETRIC = ("A", "load")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the quantities of a map refer to.
+
+    Attributes
+    ----------
+    connection : {"A", "B", "K", "F", "load"}
+        The matrix that is read; "load" is the tangent under the load.
+    length : float
+        Characteristic length, one for all postures, in the mechanism's unit.
+    direction : tuple of float, optional
+        For stiffness along and about a direction.
+    deflect : tuple of float, optional
+        Wrench (moment, force) added to the load, whose linear deflection is asked for; default the
+        load itself.
+    world : bool
+        Whether `direction` and `deflect` are in the axes of F instead of the body's.
+    load : LoadKind
+        What the load does while the body moves.
+    deflect_at : tuple of float
+        Point of the body, in M, at which the wrench `deflect` acts.
+    is_loaded : bool
+        Whether a load is given, whose own deflection can be asked for.
+    damping : Damping
+        What damps the vibrations, beside the mechanism's own dampers.
+    milling : Milling, optional
+        The cutter whose limiting depth is asked for.
+    """
+
+    connection: str = "B"
+    length: float = 1.0
+    direction: tuple[float, ...] | None = None
+    deflect: tuple[float, ...] | None = None
+    world: bool = False
+    load: LoadKind = field(default_factory=LoadKind)
+    deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
+    is_loaded: bool = False
+    damping: Damping = field(default_factory=Damping)
+    milling: Milling | None = None
+
+    @property
+    def matrix(self) -> str:
+        """The matrix whose symmetric part is read: for A that is B itself."""
+        return "B" if self.connection == "A" else self.connection
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Outputs that `Stacks.pair` needs with the other freedoms free."""
+        if self.connection in ASYMMETRIC:
+            name = self.connection
+            return f"stiffness_{name}", f"compliance_{name}"
+        return f"stiffness_{self.matrix}", *self.inverted
+
+    @property
+    def inverted(self) -> tuple[str, ...]:
+        """Outputs from which the inverse of that symmetric part follows."""
+        if self.matrix == "load":
+            return "compliance_B", "wrench"
+        return (f"compliance_{self.matrix}",)
+
+
+class Stacks:
+    """Arrays of many postures by output name, and what several quantities derive from them."""
+
+    def __init__(
+        self,
+        arrays: Mapping[str, Array],
+        settings: Settings,
+        lengths: Array | None = None,
+        swing: ManyModes | None = None,
+    ) -> None:
+        self.arrays = arrays
+        self.settings = settings
+        #: Which coordinates are distances (n,).
+        self.lengths = lengths
+        #: Small vibrations at the postures, computed when they are asked for.
+        self.swing = swing
+        self._found: dict[str, Any] = {}
+
+    def once(self, key: str, make: Callable[[], Any]) -> Any:
+        """What `make` returned when the key was first asked for."""
+        if key not in self._found:
+            self._found[key] = make()
+        return self._found[key]
+
+    @property
+    def K(self) -> Array:  # noqa: N802
+        """Stiffness (N, 6, 6) that is read: the symmetric part."""
+        K = self.arrays[f"stiffness_{self.settings.matrix}"]
+        return K if self.settings.matrix != "load" else self.once("K", lambda: symmetric_part(K))
+
+    @property
+    def C(self) -> Array:  # noqa: N802
+        """Inverse (N, 6, 6) of `K`, as `StiffnessInFrame.inverse_of_symmetric_part`."""
+        if self.settings.matrix != "load":
+            return self.arrays[f"compliance_{self.settings.matrix}"]
+
+        def make() -> Array:
+            D = symmetric_part(self.settings.load.change(self.arrays["wrench"]))
+            C = self.arrays["compliance_B"]
+            return numerics.inverses_of_sums(C, D)[0] if D.any() else C
+
+        return self.once("C", make)
+
+    def pair(self, others: str) -> tuple[Array, Array]:
+        """Stiffness and compliance (N, 6, 6), as `StiffnessInFrame.pair`."""
+        if others == "held" or self.settings.connection not in ASYMMETRIC:
+            return self.K, self.C
+
+        def make() -> tuple[Array, Array]:
+            K, C = self.arrays[f"stiffness_{name}"], self.arrays[f"compliance_{name}"]
+            with np.errstate(invalid="ignore"):
+                even = numerics.is_about_symmetric(K) & numerics.is_about_symmetric(C)
+            stiff, flexible = symmetric_part(K), symmetric_part(C)
+            rows = np.flatnonzero(~even & np.isfinite(K + C).all(axis=(1, 2)))
+            if rows.size:
+                stiff[rows] = numerics.invert_each(flexible[rows])[0]
+            return stiff, flexible
+
+        name = self.settings.connection
+        return self.once("free", make)
+
+    @property
+    def vibrations(self) -> ManyModes:
+        """Small vibrations at the postures."""
+        if self.swing is None:
+            raise InputError("vibrations need the postures, which are not at hand here")
+        return self.swing
+
+    def frequencies(self) -> Array:
+        """The six lowest frequencies (N, 6) in Hz."""
+        return self.once("frequencies", self.vibrations.frequencies)
+
+    def damping_ratios(self) -> Array:
+        """Damping ratios (N, 6) of the six slowest modes."""
+        return self.once("damping", lambda: self.vibrations.damping_ratios(self.settings.damping))
+
+    def limiting_depths(self) -> Array:
+        """Depth of cut (N,) that is stable at every speed."""
+        if self.settings.milling is None:
+            raise InputError("a limiting depth needs a cutter")
+        return self.vibrations.limiting_depths(self.settings.milling, self.settings.damping)
+
+    def eigenvalues(self) -> Array:
+        """Of the stiffness with lengths scaled (N, 6)."""
+        return self.once(
+            "eigenvalues",
+            lambda: eigenvalues(self.K, self.C, self.settings.length),
+        )
+
+    def singular_values(self) -> Array:
+        """Of the Jacobian of length-scaled twists per length-scaled coordinates."""
+        J = self.arrays["jacobian"]
+        scale = np.repeat([self.settings.length, 1.0], 3)[:, None]
+        columns = np.where(self._is_length(J.shape[2]), self.settings.length, 1.0)
+        return on_finite(
+            lambda m: np.linalg.svd(m * scale * columns, compute_uv=False),
+            J,
+            shape=(min(J.shape[1:]),),
+        )
+
+    def _is_length(self, n: int) -> Array:
+        return np.zeros(n, bool) if self.lengths is None else self.lengths
+
+    def direction(self) -> Array:
+        """Unit vectors (N, 3) of the direction, in body axes."""
+        if self.settings.direction is None:
+            raise InputError("this quantity needs a direction")
+        # Turned as the force of a wrench is.
+        u = self._in_body([0.0, 0.0, 0.0, *self.settings.direction], (0.0, 0.0, 0.0))[:, 3:]
+        unit: Array = u / np.linalg.norm(u, axis=1, keepdims=True)
+        return unit
+
+    def added_wrench(self) -> Array:
+        """The wrench (N, 6) whose deflection is asked for, about M's origin in body axes."""
+        if self.settings.deflect is None:
+            return self.arrays["wrench"]
+        return self._in_body(self.settings.deflect, self.settings.deflect_at)
+
+    def _in_body(self, wrench: Sequence[float], at: Sequence[float]) -> Array:
+        poses = self.arrays["pose"]
+        wrenches = np.broadcast_to(np.asarray(wrench, float), (len(poses), 6))
+        return wrench_in_body(wrenches, poses, at, "world" if self.settings.world else "body")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number that exists for every posture, or is NaN.
+
+    Attributes
+    ----------
+    name, description : str
+        For people and for files.
+    unit : str
+        With {length}, {force} for the mechanism's units.
+    function : callable
+        From `Stacks` to an array (N,).
+    needs : tuple of str
+        Outputs of `cartstiff.many.postures.analyse_many`; {connection} stands for the connection,
+        {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
+        of that needs, "free" for what is read with other freedoms free.
+    asks : {"direction", "deflect", "length", "damping", "milling"}, optional
+        The setting that it depends on.
+    better : {"larger", "smaller"}, optional
+        Which end is the best posture.
+    """
+
+    name: str
+    description: str
+    unit: str
+    function: Callable[[Stacks], Array] = field(repr=False)
+    needs: tuple[str, ...]
+    asks: Literal["direction", "deflect", "length", "damping", "milling"] | None = None
+    better: Literal["larger", "smaller"] | None = "larger"
+
+    def unit_in(self, units: Units) -> str:
+        """The unit with the mechanism's names."""
+        return self.unit.format(length=units.length, force=units.force)
+
+    def outputs(self, settings: Settings) -> tuple[str, ...]:
+        """Outputs of `analyse_many` that are needed."""
+        names = {"matrix": settings.matrix, "connection": settings.connection}
+        several = {"inverse": settings.inverted, "free": settings.free}
+        needed = [several.get(n) or (n.format(**names),) for n in self.needs]
+        return tuple(dict.fromkeys(name for some in needed for name in some))
+
+
+def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
+    """Outputs of `analyse_many` that some quantities are read from, and the pose."""
+    needed = {"pose"}
+    for quantity in quantities:
+        needed.update(quantity.outputs(settings))
+    return tuple(sorted(needed))
+
+
+class MapRows(NamedTuple):
+    """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
+
+    q: Array
+    state: NDArray[np.uint8]
+    poses: Array
+    values: dict[str, Array]
+
+
+def path_quantity(path: str) -> Quantity:
+    """The quantity of a dotted path: keys and, in lists, positions counted from 0.
+
+    Raises
+    ------
+    InputError
+        If the analysis of a stiffness has no number at this path.
+    """
+    _check(path)
+
+    def function(s: Stacks) -> Array:
+        rows = s.once("analyses", lambda: _analyses(s))
+        return np.array([_number(row, path) for row in rows])
+
+    return Quantity(
+        path,
+        f"{path} of the analysis",
+        unit_of(path),
+        function,
+        (*(f"stiffness_{c}" for c in OF_MANY), "inverse", "compliance_{connection}", "wrench"),
+        "length",
+        None,
+    )
+
+
+def _check(path: str) -> None:
+    """Refuse a path that leads to no number where everything exists."""
+    model = summarise({"B": np.diag([3.0, 2.0, 4.0, 50.0, 60.0, 70.0])}, np.zeros(6), 0.2)
+    node: Any = model
+    for key in path.split("."):
+        if isinstance(node, dict) and key not in node:
+            raise UnknownNameError("part of the analysis", key, [str(k) for k in node])
+        node = _step(node, key)
+    if isinstance(node, bool) or not isinstance(node, (int, float)):
+        shown = "a group" if isinstance(node, dict) else "a list" if isinstance(node, list) else ""
+        raise InputError(
+            f"{path} is not a number of the analysis",
+            expected="a path to one number",
+            got=shown or repr(node),
+        )
+
+
+def _step(node: Any, key: str) -> Any:
+    if isinstance(node, dict):
+        return node.get(key)
+    if isinstance(node, list) and key.isdigit() and int(key) < len(node):
+        return node[int(key)]
+    return None
+
+
+def _number(tree: Any, path: str) -> float:
+    for key in path.split("."):
+        tree = _step(tree, key)
+    return float(tree) if isinstance(tree, (int, float)) else np.nan
+
+
+def _analyses(s: Stacks) -> list[dict[str, Any]]:
+    settings, rows = s.settings, []
+    wrenches = np.nan_to_num(s.arrays["wrench"])
+    for i, W in enumerate(wrenches):
+        matrices = {c: _or_none(s.arrays[f"stiffness_{c}"][i]) for c in OF_MANY}
+        compliance = _or_none(s.arrays[f"compliance_{settings.connection}"][i])
+        rows.append(
+            plain(
+                summarise(
+                    matrices,
+                    W,
+                    settings.length,
+                    connection=settings.connection,
+                    compliance=compliance,
+                    inverse=_or_none(s.C[i]),
+                    springs=False,
+                )
+            )
+        )
+    return rows
+
+
+def _or_none(matrix: Array) -> Array | None:
+    return matrix if np.isfinite(matrix).all() else None
+
 
 _K, _C, _FREE = ("stiffness_{matrix}",), ("inverse",), ("free",)
 _DEFLECT = ("compliance_{connection}", "pose", "wrench")
@@ -63,9 +542,7 @@ def _principal(
         taken = others if pair is None else pair
         K, C = s.pair(taken)
         stack, inverse = (K, C) if stiff else (C, K)
-        return row_by_row.block_values(
-            stack, inverse, _BLOCKS[freedom], stiff == (others == "held"), one
-        )
+        return block_values(stack, inverse, _BLOCKS[freedom], stiff == (others == "held"), one)
 
     return s.once(f"{kind} {freedom} {others} {pair}", make)
 
@@ -145,11 +622,11 @@ def _deflection(s: Stacks, part: slice) -> Array:
 
 
 def _unstable(s: Stacks) -> Array:
-    rr, tt = row_by_row.block_norms(s.K)
+    rr, tt = block_norms(s.K)
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
-    values = row_by_row.eigenvalues(s.K, s.C, length)
-    return np.where(np.isnan(values).any(axis=1), np.nan, row_by_row.signs(values)[0])
+    values = eigenvalues(s.K, s.C, length)
+    return np.where(np.isnan(values).any(axis=1), np.nan, signs(values)[0])
 
 
 def _natural_length(s: Stacks) -> Array:
@@ -158,14 +635,14 @@ def _natural_length(s: Stacks) -> Array:
         rotation = _principal(s, "stiffness", "rotation", "free", pair="held")
         positive = np.ones(len(translation), bool)
         for values in (translation, rotation):
-            positive &= row_by_row.signs(values)[2] == 3
+            positive &= signs(values)[2] == 3
         length = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
     return np.where(positive, length, np.nan)
 
 
 def _asymmetry(s: Stacks) -> Array:
     def size(K: Array) -> Array:
-        rr, tt = row_by_row.block_norms(K)
+        rr, tt = block_norms(K)
         coupling = np.sqrt(rr * tt)
         edge = np.sqrt(np.einsum("nij,nij->n", K[:, :3, 3:], K[:, :3, 3:]))
         coupling = np.where(coupling == 0.0, edge, coupling)
@@ -174,16 +651,16 @@ def _asymmetry(s: Stacks) -> Array:
         scales[scales == 0.0] = 1.0
         return (np.abs(K - K.swapaxes(1, 2)) / scales).max(axis=(1, 2))
 
-    return row_by_row.on_finite(size, s.arrays["stiffness_A"])
+    return on_finite(size, s.arrays["stiffness_A"])
 
 
 def _connection_change(s: Stacks) -> Array:
     """Largest change that `cartstiff.analysis.asymmetry.compare_connections` finds."""
     reference = s.arrays[f"stiffness_{s.settings.connection}"]
-    base = row_by_row.scale_lengths(reference, s.settings.length)
-    half = row_by_row.symmetric_part(base)
-    values = row_by_row.on_finite(np.linalg.eigvalsh, half, shape=(6,))
-    positive = row_by_row.signs(values)[2] == 6
+    base = scale_lengths(reference, s.settings.length)
+    half = symmetric_part(base)
+    values = on_finite(np.linalg.eigvalsh, half, shape=(6,))
+    positive = signs(values)[2] == 6
     worst = np.full(len(base), np.nan)
     for name in OF_MANY:
         other = s.arrays[f"stiffness_{name}"]
@@ -191,7 +668,7 @@ def _connection_change(s: Stacks) -> Array:
             continue
         both = np.isfinite(other).all(axis=(1, 2)) & np.isfinite(base).all(axis=(1, 2))
         change = np.full(len(base), np.nan)
-        d = row_by_row.scale_lengths(other - reference, s.settings.length)
+        d = scale_lengths(other - reference, s.settings.length)
         if (rows := both & positive).any():
             root = np.linalg.cholesky(half[rows])
             left = np.linalg.solve(root, d[rows])
@@ -212,7 +689,7 @@ def _ratio(s: Stacks) -> Array:
 
 
 def _manipulability(s: Stacks) -> Array:
-    return row_by_row.on_finite(
+    return on_finite(
         lambda m: np.prod(np.linalg.svd(m, compute_uv=False), axis=1), s.arrays["jacobian"]
     )
 
@@ -316,7 +793,7 @@ QUANTITIES: dict[str, Quantity] = {
             "condition",
             "condition number of K at the characteristic length",
             "1",
-            lambda s: row_by_row.condition(s.eigenvalues()),
+            lambda s: condition(s.eigenvalues()),
             (*_K, *_C),
             "length",
             "smaller",
@@ -325,7 +802,7 @@ QUANTITIES: dict[str, Quantity] = {
             "isotropy",
             "geometric over arithmetic mean of the eigenvalues of K",
             "1",
-            lambda s: row_by_row.isotropy(s.eigenvalues()),
+            lambda s: isotropy(s.eigenvalues()),
             (*_K, *_C),
             "length",
         ),
@@ -341,7 +818,7 @@ QUANTITIES: dict[str, Quantity] = {
             "translation_condition",
             "condition number of the translational block of K",
             "1",
-            lambda s: row_by_row.condition(_principal(s, "stiffness", "translation", "held")),
+            lambda s: condition(_principal(s, "stiffness", "translation", "held")),
             (*_K, *_C),
             better="smaller",
         ),
@@ -349,7 +826,7 @@ QUANTITIES: dict[str, Quantity] = {
             "rotation_condition",
             "condition number of the rotational block of K",
             "1",
-            lambda s: row_by_row.condition(_principal(s, "stiffness", "rotation", "held")),
+            lambda s: condition(_principal(s, "stiffness", "rotation", "held")),
             (*_K, *_C),
             better="smaller",
         ),
@@ -357,7 +834,7 @@ QUANTITIES: dict[str, Quantity] = {
             "determinant",
             "determinant of K",
             UNITS.determinant,
-            lambda s: row_by_row.determinant(s.eigenvalues(), s.settings.length),
+            lambda s: determinant(s.eigenvalues(), s.settings.length),
             (*_K, *_C),
         ),
         Quantity(
@@ -459,8 +936,6 @@ def choose_quantities(
         if names.count(name) > 1:
             raise InputError("quantity given twice", got=repr(name))
         if "." in name:
-            from cartstiff.maps.analysis_paths import path_quantity
-
             chosen.append(path_quantity(name))
             continue
         if name not in QUANTITIES:

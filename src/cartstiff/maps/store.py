@@ -4,13 +4,24 @@ A map is cut into chunks. A chunk's arrays are written one file each, whole or n
 a mark that it is done. Every file carries a checksum; the mark repeats those of its chunk, and says
 which chunk of which map it belongs to. Whoever computes the map later begins where marks are
 missing or files are not the ones that were written.
+
+What tells a whole map from a damaged one: a checksum of every file, and no links.
+
+Zarr's codec appends the CRC-32C of each chunk to its file; which one belongs there stands in the
+chunk's mark, and for axes in the folder's attributes. What describes the arrays (the ``zarr.json``
+of the folder and of each array) has one checksum in the folder's attributes.
+
+A map as labelled arrays; nothing is read that does not agree with its checksum.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
+import stat
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,24 +29,164 @@ from functools import cached_property
 from itertools import product
 from math import ceil, prod
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, checked_kind, imported, one_line
+from cartstiff.checked_call import checked
+from cartstiff.errors import InputError, MissingDependencyError, checked_kind, imported, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.chunks import chunk_shape
-from cartstiff.maps.damage import (
-    CHECKSUM,
-    DamageError,
-    checked_file,
-    checksum_of,
-    crc32c,
-    described,
-    description_checksum,
-    require_plain_files,
-)
-from cartstiff.maps.sampling import Axis, Sampling
+from cartstiff.maps.sampling import Axis, Sampling, chunk_shape, from_dict
+
+if TYPE_CHECKING:
+    import xarray
+
+#: Attribute of the folder that holds the checksum of its descriptions.
+CHECKSUM = "description_checksum"
+# Larger than the description of any map; what is larger is not read.
+_LARGEST_DESCRIPTION = 1 << 26
+_ANEW = "the map as it was written; without the folder, the same command computes it anew"
+
+
+def _entries(folder: Path) -> Iterator[tuple[Path, int]]:
+    for path in sorted(folder.iterdir()):
+        mode = path.lstat().st_mode
+        yield path, mode
+        if stat.S_ISDIR(mode):
+            yield from _entries(path)
+
+
+def require_plain_files(folder: Path) -> None:
+    """Refuse a map with a link, a device or a pipe in it: what it leads to has no end, or an owner.
+
+    Raises
+    ------
+    InputError
+        With the first of them.
+    """
+    for path, mode in _entries(folder):
+        if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
+            raise InputError(
+                "is a link" if stat.S_ISLNK(mode) else "is no file",
+                where=one_line(str(path)),
+                expected="files and folders only in a map",
+            )
+
+
+def description_checksum(folder: Path) -> str:
+    """SHA-256 of what describes the folder (less this checksum itself) and its arrays."""
+    digest = hashlib.sha256()
+    root = json.loads(_text(folder / "zarr.json"))
+    root["attributes"].pop(CHECKSUM, None)
+    digest.update(json.dumps(root, sort_keys=True).encode())
+    for path in sorted(folder.glob("*/zarr.json")):
+        digest.update(path.parent.name.encode() + b"\0" + _text(path).encode() + b"\0")
+    return digest.hexdigest()
+
+
+def described(folder: Path, schema: str) -> dict[str, Any]:
+    """The attributes of a map's folder, once everything that describes it agrees with its checksum.
+
+    Raises
+    ------
+    InputError
+        If it is no map, one of another version, or a damaged one.
+    """
+    where = one_line(str(folder))
+    try:
+        attributes = json.loads(_text(folder / "zarr.json"))["attributes"]
+        there = attributes["schema"]
+    except OSError as error:
+        raise InputError("map cannot be read", where=where, got=error.strerror) from None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(
+            "is not a map, or its zarr.json is damaged", where=where, expected=_ANEW
+        ) from None
+    if there != schema:
+        raise InputError(
+            "is a map of another version",
+            where=where,
+            expected=f"schema {schema}, or another file name",
+            got=there,
+        )
+    try:
+        whole = attributes[CHECKSUM] == description_checksum(folder)
+    except (OSError, ValueError, KeyError, TypeError):
+        whole = False
+    if not whole:
+        raise InputError(
+            "map is damaged: a zarr.json in it does not agree with its checksum",
+            where=where,
+            expected=_ANEW,
+        )
+    return dict(attributes)
+
+
+def _text(path: Path) -> str:
+    if path.stat().st_size > _LARGEST_DESCRIPTION:
+        raise ValueError("too large")
+    return path.read_text(encoding="utf-8")
+
+
+class DamageError(Exception):
+    """A file of a map that is not the one that was written; says which, and what is wrong."""
+
+
+def crc32c(data: bytes) -> int:
+    """CRC-32C (Castagnoli) of some bytes.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without google-crc32c.
+    """
+    value = imported(
+        "google_crc32c", package="google-crc32c", purpose="verifying a map", extra="maps"
+    ).value
+    return int(value(data))
+
+
+def checksum_of(path: Path) -> int:
+    """The checksum at the end of a file that has just been written."""
+    with path.open("rb") as file:
+        file.seek(-4, os.SEEK_END)
+        return int.from_bytes(file.read(), "little")
+
+
+def checked_file(path: Path, folder: Path, largest: int, checksum: int | None = None) -> bytes:
+    """The bytes of a file in a map's folder, less the checksum at its end.
+
+    Parameters
+    ----------
+    path, folder : Path
+        The file, and what its name is told from.
+    largest : int
+        Bytes of its content.
+    checksum : int, optional
+        The one that it was written with; without it, only its own counts.
+
+    Raises
+    ------
+    DamageError
+        If it is not what was written.
+    """
+    name = path.relative_to(folder).as_posix()
+    try:
+        # A compressor adds a little to what it cannot compress.
+        if path.stat().st_size > largest + largest // 8 + 1024:
+            raise DamageError(f"{name} is too large")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise DamageError(f"{name} is missing") from None
+    except OSError as error:
+        raise DamageError(f"{name} cannot be read ({error.strerror})") from None
+    own = int.from_bytes(data[-4:], "little")
+    if len(data) < 4 or own != crc32c(data[:-4]):
+        raise DamageError(f"{name} does not agree with its checksum")
+    if checksum is not None and own != checksum:
+        raise DamageError(f"{name} is not the one that was written there")
+    return data[:-4]
+
 
 SCHEMA = "cartstiff-map/3"
 
@@ -404,3 +555,151 @@ def _whole(sampling: Sampling) -> dict[str, tuple[Array, str]]:
     if (time := getattr(sampling, "time", None)) is not None:
         coordinates["time"] = (time, "posture")
     return coordinates
+
+
+class _Lazy(ABC):
+    """An array of which boxes are made when they are asked for."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    @abstractmethod
+    def box(self, ends: list[tuple[int, int]]) -> Array:
+        """The part between two indices of each dimension."""
+
+    def __getitem__(self, key: tuple[slice | int, ...]) -> Array:
+        ends: list[tuple[int, int]] = []
+        inner: list[slice | int] = []
+        for k, n in zip(key, self.shape, strict=True):
+            if isinstance(k, slice):
+                indices = range(*k.indices(n))
+                low = min(indices[0], indices[-1]) if indices else 0
+                ends.append((low, max(indices[0], indices[-1]) + 1 if indices else 0))
+                inner.append(slice(None, None, k.step))
+            else:
+                ends.append((int(k), int(k) + 1))
+                inner.append(0)
+        return self.box(ends)[tuple(inner)]
+
+
+class StoredArray(_Lazy):
+    """An array of a map's file. Parts that are not done read as the fill value."""
+
+    def __init__(self, file: MapFile, name: str) -> None:
+        self.file, self.name = file, name
+        array = file.arrays[name]
+        self.shape, self.dtype, self.chunks = array.shape, array.dtype, array.chunks
+
+    def box(self, ends: list[tuple[int, int]]) -> Array:
+        """Read from the chunks that the box touches, each verified."""
+        file, array = self.file, self.file.arrays[self.name]
+        part = np.full([b - a for a, b in ends], array.fill_value, self.dtype)
+        for place in product(
+            *(range(a // c, ceil(b / c)) for (a, b), c in zip(ends, self.chunks, strict=True))
+        ):
+            chunk = file.chunk_at(place)
+            if not file.is_done(chunk):
+                continue
+            if (what := file.damage(chunk, self.name)) is not None:
+                raise file.refused(chunk, what)
+            there = [
+                (max(i * c, a), min((i + 1) * c, b))
+                for i, c, (a, b) in zip(place, self.chunks, ends, strict=True)
+            ]
+            here = tuple(slice(a - s, b - s) for (a, b), (s, _) in zip(there, ends, strict=True))
+            part[here] = array[tuple(slice(*pair) for pair in there)]
+        return part
+
+
+class _Postures(_Lazy):
+    """The coordinates of a sampling, computed."""
+
+    def __init__(self, sampling: Sampling, n: int) -> None:
+        self.sampling, self.shape = sampling, (*sampling.shape, n)
+        self.dtype = np.dtype(float)
+
+    def box(self, ends: list[tuple[int, int]]) -> Array:
+        """Compute the postures of a box."""
+        q = self.sampling.postures(tuple(slice(*pair) for pair in ends[:-1]), None)
+        return q.reshape(*(b - a for a, b in ends[:-1]), -1)[..., slice(*ends[-1])]
+
+
+@checked
+def open_map(path: str | Path) -> xarray.Dataset:
+    """A map as labelled arrays, read when they are used.
+
+    Parameters
+    ----------
+    path : path
+        Written by `compute_map`, complete or not.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables: every quantity over the map's dimensions; ``state`` (0 is regular; the attribute
+        ``flag_meanings`` names the others, 255 is not computed); ``position`` (..., xyz) of the
+        body frame's origin in F; ``q`` (..., joint). Attributes: mechanism, frame, units, versions,
+        the command; ``chunks_done`` of ``chunks``. Arrays are split as the file is, so that
+        reductions of a large map need little memory.
+
+    Raises
+    ------
+    InputError
+        If there is no map, or its description is damaged; a damaged part is refused when read.
+    MissingDependencyError
+        Without xarray, zarr or dask.
+    """
+    file = MapFile.at(path)
+    try:
+        import dask.array
+        import xarray
+    except ImportError as error:
+        raise MissingDependencyError(
+            package=error.name or "xarray", purpose="reading a map", extra="maps"
+        ) from None
+    attributes = dict(file.attributes)
+    parts, axes, _ = (attributes.pop(name) for name in ("parts", "axes", CHECKSUM))
+    description = json.loads(attributes["description"])
+    joints = description["joints"]
+    sampling = from_dict(description["sampling"])
+
+    def lazy(array: Any, chunks: tuple[int, ...]) -> Any:
+        options = {"asarray": False, "fancy": False, "meta": np.empty(0, array.dtype)}
+        return dask.array.from_array(array, chunks=chunks, **options)  # type: ignore[no-untyped-call]
+
+    variables = {}
+    own = ("state", "position", "q", "branches")
+    for name in (*(part for part in parts if part not in own), *own):
+        if name in parts:
+            stored = StoredArray(file, name)
+            about = file.arrays[name].metadata
+            variables[name] = (
+                about.dimension_names,
+                lazy(stored, stored.chunks),
+                dict(about.attributes),
+            )
+    if "q" not in parts:
+        if sampling is None:
+            raise InputError("the map does not say where it looked", where=one_line(str(path)))
+        variables["q"] = (
+            (*sampling.dims, "joint"),
+            lazy(_Postures(sampling, len(joints)), (*file.chunk, len(joints))),
+            {"long_name": "coordinates of the posture"},
+        )
+    coordinates: dict[str, Any] = {"joint": joints, "xyz": ["x", "y", "z"]}
+    for name in axes:
+        if (what := file.axis_damage(name)) is not None:
+            raise InputError(
+                f"an axis is damaged: {what}",
+                where=one_line(str(path)),
+                expected="to be computed anew by the same command",
+            )
+        array = file.arrays[name]
+        coordinates[name] = (array.metadata.dimension_names, array[:], dict(array.attrs))
+    dataset = xarray.Dataset(variables, coordinates, attributes)
+    dataset.attrs["chunks_done"], dataset.attrs["chunks"] = len(file.done()), len(file.boxes)
+    return dataset

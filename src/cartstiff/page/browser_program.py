@@ -16,8 +16,8 @@ import numpy as np
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import plain
 from cartstiff.choices import LOAD_KINDS
+from cartstiff.many.execution import HELPERS, javascript
 from cartstiff.many.plans import plan, program_for
-from cartstiff.many.portable import HELPERS, javascript
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import Limits

@@ -16,7 +16,7 @@ from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.quick_posture import QuickPosture
+from cartstiff.many.single import QuickPosture
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate

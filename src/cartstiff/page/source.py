@@ -188,7 +188,7 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     """
     if path.suffix.lower() == ".csv":
         return _read_boundary(path, elastic)
-    from cartstiff.maps.opening import open_map
+    from cartstiff.maps.store import open_map
 
     data = open_map(path)
     where = one_line(str(path))

@@ -42,7 +42,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of
-from cartstiff.many.leg_forces import tensions_of_many
+from cartstiff.many.postures import tensions_of_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits

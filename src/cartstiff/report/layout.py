@@ -106,6 +106,6 @@ def body_frame(frames: Mechanism | Mapping[str, Any], unit: str = "") -> str:
         Of lengths, beside a mapping.
     """
     if not isinstance(frames, Mapping):
-        frames, unit = frames.frames_as_dict(), frames.units.length
+        return body_frame(frames.frames_as_dict(), frames.units.length)
     where = placed(np.array(frames["frame_offset"]), unit)
     return f"body frame {f'M {where} in ' if where else ''}{frames['frame']!r}"

@@ -10,10 +10,9 @@ from typing import Any
 
 from cartstiff.errors import InputError, joined, one_line
 from cartstiff.figures import figure_content
-from cartstiff.maps.opening import open_map
 from cartstiff.maps.pictures import draw_map
-from cartstiff.maps.reading import quantities_of, quantity_of
-from cartstiff.maps.totals import summary
+from cartstiff.maps.reading import quantities_of, quantity_of, summary
+from cartstiff.maps.store import open_map
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.analysis import BALANCING
 from cartstiff.report.layout import body_frame, number, table

@@ -21,7 +21,7 @@ from cartstiff.report.layout import body_frame, number, row, table, wide_row
 from cartstiff.statics.continuation import LoadCurve
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.toolpath import CompensatedPath
-from cartstiff.toolpaths.optimised import OptimisedPath
+from cartstiff.toolpaths.optimise import OptimisedPath
 from cartstiff.toolpaths.placement import Placement
 
 _STABLE = {

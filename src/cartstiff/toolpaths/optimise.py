@@ -6,46 +6,473 @@ candidates; those near singularities are dropped, steps larger than a joint may 
 point are forbidden, and the best way through is found exactly among them by dynamic programming.
 Then each point moves along its self-motion by ever smaller steps, again with the best way through
 all of them.
+
+What a posture costs on a path: a named quantity of its stiffness, as something to keep small.
+
+A path with the postures found for it, as a value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.arrays import csv_text
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.other_units import shown_factors
+from cartstiff.mechanisms.other_units import shown, shown_factors
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 from cartstiff.numerics import NEAR
-from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.potentials.line_springs import line_geometry
+from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
+from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.candidates import (
     NEARBY,
     Choices,
     Counter,
     Layer,
+    Objective,
     PathSolver,
+    Steps,
+    best_way,
     choices_of,
     layers,
     path_solver,
 )
-from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
-from cartstiff.toolpaths.dynamic_programming import Objective, Steps, best_way
-from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
 from cartstiff.toolpaths.tool_path import ToolPath
 from cartstiff.vibration.chatter import Milling
+from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.response import Damping
+
+
+class Judged(NamedTuple):
+    """N postures judged.
+
+    Attributes
+    ----------
+    value : ndarray (N,)
+        The quantity, NaN where it does not exist.
+    cost : ndarray (N,)
+        The value, or one over it where larger is better; infinite where there is none.
+    ratio : ndarray (N,)
+        Smallest over largest singular value of the length-scaled Jacobian (of a platform's lines),
+        of as many as the mechanism has at most postures.
+    side : ndarray (N,)
+        Sign of the Jacobian's determinant, which changes only through a singularity; 0 where the
+        Jacobian is not square (or not on the motions that the mechanism has).
+    """
+
+    value: Array
+    cost: Array
+    ratio: Array
+    side: Array
+
+
+def criteria() -> dict[str, Quantity]:
+    """The quantities that can be a criterion, by name: those of which one end is the better."""
+    return {name: q for name, q in QUANTITIES.items() if q.better is not None}
+
+
+def ready(elastic: ElasticMechanism) -> ElasticMechanism:
+    """The same mechanism with all rest positions open: a controller commands them at each point.
+
+    Raises
+    ------
+    InputError
+        If there are no springs whose rest positions could be commanded.
+    """
+    if elastic.springs is None:
+        raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
+    springs = elastic.springs
+    if isinstance(elastic.mechanism, Platform) and len(springs.stiffness) != 6:
+        return elastic  # preload is a property of the file there, and not the load's alone
+    return replace(elastic, springs=springs.replaced(springs.stiffness, springs.rest * np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class PathCost:
+    """The criterion of a path.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        From `ready`.
+    path : ToolPath
+        With wrenches or directions, as the quantity asks.
+    quantity : Quantity
+        One of `criteria`.
+    connection : {"A", "B", "K", "F", "load"}
+        The stiffness that is read.
+    loaded : bool
+        Whether that stiffness is the one under the path's wrenches, balanced by the springs.
+    load : LoadKind
+        What these do while the body moves, and the point of the body at which they act.
+    length : float
+        Characteristic length.
+    rank : int
+        Rank of the Jacobian at most postures.
+    movable : ndarray of bool
+        Columns of the Jacobian that are joints to be moved, and not a link that gives.
+    damping : Damping
+        What damps the vibrations.
+    milling : Milling, optional
+        The cutter of a limiting depth.
+    """
+
+    elastic: ElasticMechanism
+    path: ToolPath
+    quantity: Quantity
+    connection: str
+    loaded: bool
+    load: LoadKind
+    length: float
+    rank: int
+    movable: Array
+    damping: Damping = field(default_factory=Damping)
+    milling: Milling | None = None
+
+    def __post_init__(self) -> None:
+        if self.quantity.better is None:
+            raise InputError(
+                f"{self.quantity.name} is not a criterion: neither end is better",
+                expected=", ".join(criteria()),
+            )
+        if self.loaded and self.path.wrenches is None:
+            raise InputError("a stiffness under load needs the path's wrenches")
+        choose_quantities([self.quantity.name], self._settings(0), self.elastic)
+
+    def _settings(self, point: int) -> Settings:
+        direction, wrench = self.path.direction(point), self.path.wrench(point)
+        return Settings(
+            connection=self.connection,
+            length=self.length,
+            direction=None if direction is None else tuple(direction.tolist()),
+            deflect=None if wrench is None else tuple(wrench.tolist()),
+            world=not self.path.turns_with_body,
+            load=self.load,
+            deflect_at=self.load.at,
+            damping=self.damping,
+            milling=self.milling,
+        )
+
+    def __call__(self, q: Array, points: Array, poses: Array) -> Judged:
+        """Judge postures (N, n) at points (N,) of the path, their poses (N, 4, 4) known."""
+        count = len(q)
+        value, ratio = np.full(count, np.nan), np.full(count, np.nan)
+        if not count:
+            return Judged(value, value, ratio, ratio)
+        outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
+        load = self._loads(points, poses) if self.loaded else None
+        answers = analyse_many(
+            self.elastic,
+            q,
+            wrench=load,
+            load_kind=self.load.kind,
+            load_at=self.load.at,
+            outputs=outputs,
+        )
+        lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
+        for point in np.unique(points):
+            rows = points == point
+            arrays = {name: answers[name][rows] for name in outputs}
+            settings = self._settings(int(point))
+            acting = {"load_kind": self.load.kind, "load_at": self.load.at}
+            swing = ManyModes(self.elastic, q[rows], None if load is None else load[rows], acting)
+            value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
+                self.quantity.name
+            ]
+        jacobian = answers["jacobian"]
+        platform = self.elastic.mechanism
+        if isinstance(platform, Platform) and len(platform.points) != 6:  # no square one
+            lines = [line_geometry(T, platform.anchors, platform.points).lines for T in poses]
+            jacobian = np.linalg.pinv(np.array(lines))
+        ratio, side = self._regularity(jacobian, lengths)
+        smaller = self.quantity.better == "smaller"
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
+        cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
+        return Judged(value, cost, ratio, side)
+
+    def _loads(self, points: Array, poses: Array) -> Array:
+        """Wrenches (N, 6) in body components, about the point at which they act."""
+        wrenches = np.array([self.path.wrench(i) for i in range(len(self.path))])[points]
+        axes: Literal["body", "world"] = "body" if self.path.turns_with_body else "world"
+        return wrench_in_body(wrenches, poses, (0.0, 0.0, 0.0), axes)
+
+    def _regularity(self, jacobian: Array, lengths: Array) -> tuple[Array, Array]:
+        scaled = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]
+        if isinstance(self.elastic.mechanism, Platform):
+            lengths = np.ones(jacobian.shape[2], bool)  # its columns are the legs'
+        scaled = (scaled * np.where(lengths, self.length, 1.0))[:, :, self.movable]
+        finite = np.isfinite(scaled).all(axis=(1, 2))
+        scaled = np.where(finite[:, None, None], scaled, 0.0)
+        values = np.linalg.svd(scaled, compute_uv=False)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(finite, values[:, self.rank - 1] / values[:, 0], 0.0)
+        side, basis = np.zeros(len(ratio)), None
+        if scaled.shape[2] == self.rank:
+            basis = self._motions(scaled)
+        if basis is not None:
+            side = np.sign(np.linalg.det(basis.T @ scaled))
+        return ratio, side
+
+    def _motions(self, scaled: Array) -> Array | None:
+        """Basis (6, rank) of the body's motions, if they are the same at all postures.
+
+        Its signs are those of the first axes that it has, so that it is the same every time.
+        """
+        if self.rank == 6:
+            return np.eye(6)
+        values, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
+        if not values[-self.rank - 1] < numerics.ROUNDING * values[-1]:
+            return None
+        onto = vectors[:, -self.rank :] @ vectors[:, -self.rank :].T
+        basis: list[Array] = []
+        for column in onto.T:
+            rest = column - sum((b * (b @ column) for b in basis), np.zeros(6))
+            if np.linalg.norm(rest) > numerics.NEARBY and len(basis) < self.rank:
+                basis.append(rest / np.linalg.norm(rest))
+        return np.array(basis).T
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantChoice:
+    """The best that one value of the free choices can do, held along the whole path.
+
+    Attributes
+    ----------
+    choice : dict of str to float
+        "angle": turn about the tool's axis from the path's own poses (rad); "position": of the
+        redundant joint (rad or length).
+    q : ndarray (m, n)
+        Coordinates.
+    values : ndarray (m,)
+        The criterion along the path.
+    """
+
+    choice: dict[str, float]
+    q: Array
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class OptimisedPath:
+    """Postures along a path, and the stiffness they have there.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    path : ToolPath
+        What was asked for.
+    q : ndarray (m, n)
+        Coordinates; joints that can turn further than once go on through whole turns.
+    poses : ndarray (m, 4, 4)
+        ``T_F_M`` that the body has.
+    angles : ndarray (m,), or None
+        Turn about the tool's axis from the path's own poses (rad), where it is free.
+    values : ndarray (m,)
+        The criterion along the path.
+    ratios : ndarray (m,)
+        Smallest over largest singular value of the length-scaled Jacobian.
+    criterion : Quantity
+        What `values` are.
+    connection, loaded
+        The stiffness that is read, and whether under the path's load.
+    load : LoadKind
+        What that load does while the body moves, and where it acts.
+    free : str
+        Rotation that was left free.
+    joint : str or None
+        Redundant joint that was sampled.
+    constant : ConstantChoice or None
+        None where there is nothing to choose, or no constant choice can follow the path.
+    candidates : int
+        Postures that were compared before the refinement.
+    notes : tuple of Note
+        From loading.
+    collisions : dict or str
+        What was tested (`cartstiff.loading.collisions.Collisions`), or that nothing was.
+    off_singular : bool or None
+        Whether steps through singularities were forbidden; None where there are more joints than
+        motions, and configurations are connected without any.
+    nearby : float or None
+        How near (rad) all joints that turn stay to the posture that was asked for.
+    """
+
+    elastic: ElasticMechanism
+    path: ToolPath
+    q: Array
+    poses: Array
+    angles: Array | None
+    values: Array
+    ratios: Array
+    criterion: Quantity
+    connection: str
+    loaded: bool
+    load: LoadKind
+    free: str
+    joint: str | None
+    constant: ConstantChoice | None
+    candidates: int
+    notes: tuple[Note, ...] = field(default=())
+    collisions: dict[str, Any] | str = NOT_CHECKED
+    off_singular: bool | None = True
+    nearby: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """Unit of the criterion."""
+        return self.criterion.unit_in(self.elastic.units)
+
+    @property
+    def worst(self) -> float:
+        """The worst value along the path."""
+        return self._worst(self.values)
+
+    def _worst(self, values: Array) -> float:
+        return float(values.max() if self.criterion.better == "smaller" else values.min())
+
+    @property
+    def steps(self) -> Array:
+        """Change of the coordinates from each point to the next (m - 1, n)."""
+        return np.diff(self.q, axis=0)
+
+    def summary(self) -> dict[str, Any]:
+        """Worst and mean of the criterion, with and without the free choice, and what limits."""
+        largest = np.abs(self.steps).max(axis=0, initial=0.0)
+        values: dict[str, Any] = {
+            "worst": self.worst,
+            "worst_point": int(np.flatnonzero(self.values == self.worst)[0]) + 1,
+            "mean": float(self.values.mean()),
+            "smallest_ratio": float(self.ratios.min()),
+            "largest_step": dict(zip(self.elastic.names, largest.tolist(), strict=True)),
+            "constant": None,
+        }
+        if self.constant is not None:
+            values["constant"] = {
+                **self.constant.choice,
+                "worst": self._worst(self.constant.values),
+                "mean": float(self.constant.values.mean()),
+            }
+        return values
+
+    @property
+    def configuration(self) -> str:
+        """What is known of flips from one configuration to another, in words."""
+        largest = np.abs(self.steps).max(axis=0, initial=0.0)
+        j = int(np.argmax(largest))
+        step, units = shown(self.elastic, largest)[j], self.elastic.units
+        unit = (
+            units.length if self.elastic.mechanism.coordinates[j].is_length else units.shown_angle
+        )
+        words = f"largest step from point to point {step:.3g} {unit} ({self.elastic.names[j]})"
+        if self.off_singular:
+            words += "; the configuration is kept: no step passes through a singularity"
+        elif self.off_singular is None:
+            words += "; with joints left over, configurations go over into each other"
+        else:
+            words += "; steps through singularities, where configurations meet, were allowed"
+        if self.nearby is not None:
+            words += f"; all joints within {np.degrees(self.nearby):.3g} deg of the given posture"
+        return words
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "schema": SCHEMA,
+            "mechanism": self.elastic.name,
+            "joints": list(self.elastic.names),
+            **self.elastic.mechanism.frames_as_dict(),
+            "units": self.elastic.units.as_dict(),
+            "criterion": {
+                "name": self.criterion.name,
+                "description": self.criterion.description,
+                "unit": self.unit,
+                "better": self.criterion.better,
+                "connection": self.connection,
+                "loaded": self.loaded,
+                "load": {
+                    "kind": self.load.kind,
+                    "at": list(self.load.at),
+                    "meaning": self.load.words,
+                },
+            },
+            "free": self.free,
+            "redundant_joint": self.joint,
+            "q": self.q.tolist(),
+            "poses": self.poses.tolist(),
+            "angles": None if self.angles is None else self.angles.tolist(),
+            "values": self.values.tolist(),
+            "ratios": self.ratios.tolist(),
+            "constant": None
+            if self.constant is None
+            else {
+                **self.constant.choice,
+                "q": self.constant.q.tolist(),
+                "values": self.constant.values.tolist(),
+            },
+            "summary": self.summary(),
+            "configuration": {
+                "kept": self.off_singular,
+                "largest_step": float(np.abs(self.steps).max(initial=0.0)),
+                "near": self.nearby,
+                "message": self.configuration,
+            },
+            "collisions": {"checked": False, "message": self.collisions}
+            if isinstance(self.collisions, str)
+            else self.collisions,
+            "notes": [note.as_dict() for note in self.notes],
+        }
+
+    @property
+    def wrenches(self) -> Array | None:
+        """The path's wrenches (m, 6) about M's origin, along M's axes at each posture."""
+        if self.path.wrenches is None:
+            return None
+        forces = np.array([self.path.wrench(i) for i in range(len(self.path))])
+        axes: Any = "body" if self.path.turns_with_body else "world"
+        return wrench_in_body(forces, self.poses, self.load.at, axes)
+
+    def as_csv(self) -> str:
+        """One line a point: coordinates, wrench, free angle, criterion, distance from singularity.
+
+        `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
+        """
+        units, columns = self.elastic.units, [shown(self.elastic, self.q)]
+        names = self.elastic.names_with_units
+        if (W := self.wrenches) is not None:
+            columns.append(W)
+            names += [f"{c} [{u}]" for c, u in zip(COMPONENTS["wrench"], units.wrench, strict=True)]
+        if self.angles is not None:
+            angle = units.shown_angle
+            columns.append(self.angles[:, None] * (180.0 / np.pi if angle == "deg" else 1.0))
+            names.append(f"free_angle [{angle}]")
+        columns.append(np.column_stack([self.values, self.ratios]))
+        unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
+        names += [f"{self.criterion.name}{unit}", "singular_ratio"]
+        if self.constant is not None:
+            columns.append(self.constant.values[:, None])
+            names.append(f"{self.criterion.name}_constant{unit}")
+        return csv_text(np.hstack(columns), names)
+
 
 #: Characteristic lengths beyond which no robot reaches: the unit is another.
 _FAR = 50.0
@@ -189,7 +616,7 @@ def optimise_path(
         The joint whose position is sampled where joints are left over; default the one without
         which the others move the body best.
     criterion : str
-        A quantity of `cartstiff.toolpaths.cost.criteria`: "deflection" under the path's wrench,
+        A quantity of `cartstiff.toolpaths.optimise.criteria`: "deflection" under the path's wrench,
         "along_free" for the stiffness along the path's directions, "translation_free_min", ...
     connection : {"load", "A", "B", "K", "F"}, optional
         The stiffness that is read; default "load", the tangent under the path's wrench, with

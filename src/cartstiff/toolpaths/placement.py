@@ -23,8 +23,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.compute import SCHEMA
-from cartstiff.toolpaths.optimise import optimise_path
-from cartstiff.toolpaths.optimised import OptimisedPath
+from cartstiff.toolpaths.optimise import OptimisedPath, optimise_path
 from cartstiff.toolpaths.tool_path import ToolPath
 
 #: Names of a workpiece's coordinates: translation, and rotation about F's z axis (rad).

@@ -1,4 +1,11 @@
-r"""Struts between flexures as recorded numbers: the steps of `potentials.flexure_struts`.
+r"""Energies that are no recorded arithmetic: over arrays where they can be, else one by one.
+
+Segments of beams as recorded numbers: the formulas of `cartstiff.potentials.beams`.
+
+The axial force is found by a fixed number of Newton steps from zero. Segments that turn further, or
+carry more, than the series of the recorded formulas reach are evaluated as the engine does.
+
+Struts between flexures as recorded numbers: the steps of `potentials.flexure_struts`.
 
 A row is one strut. With H = diag k - S_W, C = J H^-1 J^T, what is missing of the springs' balance
 r and of the wanted end x, a Newton step is
@@ -12,9 +19,10 @@ gradient. Struts that are bent far, and steps that do not end, are left to the e
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +31,10 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
+    ENGINE,
+    JACOBIAN_CONDITION,
+    PLAIN,
+    UNBALANCED,
     above,
     below,
     congruence,
@@ -30,22 +42,107 @@ from cartstiff.many.algebra import (
     in_pairs,
     inverse,
     largest,
+    limited,
     norm_squared,
     positive_factor,
     rotation_vector,
     solution,
     zeros,
 )
-from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited
-from cartstiff.many.chains.chain_numbers import curvature_of
-from cartstiff.many.chains.closing import cotangent_series
-from cartstiff.many.machine_code.stacked_program import (
+from cartstiff.many.chains import curvature_of
+from cartstiff.many.closed_chains import cotangent_series
+from cartstiff.many.execution import (
     StackedProgram,
     from_triangles,
     lower_triangle,
 )
-from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
+from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.mechanisms.contract import Mechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.beams import SERIES, Beam, Section, alike
+from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, Struck, turned
+from cartstiff.potentials.springs import SpringLaw
+from cartstiff.stiffness.applied_load import wrench_in_body
+
+#: Turns (rad) up to which all series of the shapes are exact to rounding.
+_TURN = 0.42
+_NEWTON_STEPS = 5
+#: What the last of them may have changed, as a share: its square is left.
+_CHANGED = numerics.LAST_DIGITS**0.5
+
+
+def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
+    """Energy, gradient, lower triangle of the Hessian, and the verdict."""
+    x = tape.vector("x", 6)
+    shapes = beam.shapes(x[None])
+    _, stretch, turns = shapes
+    squares, softness = turns.value * turns.value, beam.length / beam.section.axial
+    verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _TURN, PLAIN, ENGINE)
+    N = np.zeros(1, object)
+    step: Scalar = 0.0
+    for _ in range(_NEWTON_STEPS):
+        _, s1, s2 = beam.rotational(N)
+        missing = stretch.value - N * softness + (s1 * squares).sum(axis=-1)
+        step = (missing / (softness - (s2 * squares).sum(axis=-1)))[0]
+        N = N + step
+    known = absolute(N[0]) + absolute(stretch.value[0]) * (1.0 / softness)
+    verdict = larger(verdict, pick(known * _CHANGED, absolute(step), ENGINE, PLAIN))
+    low, high = beam.bounds
+    verdict = larger(verdict, pick(N[0], 0.5 * low, ENGINE, PLAIN))
+    if np.isfinite(high):
+        verdict = larger(verdict, pick(0.5 * high, N[0], ENGINE, PLAIN))
+    for EI in beam.section.bending:
+        bent = absolute(N[0]) * (beam.length**2 / EI)
+        verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, ENGINE))
+    energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
+    return {
+        "energy": in_pairs(energy),
+        "gradient": gradient[0],
+        "hessian": in_pairs(lower_triangle(hessian[0])),
+        "verdict": in_pairs(np.array([verdict], object)),
+    }
+
+
+@lru_cache(maxsize=16)
+def _segment_program(length: float, section: Section, compiled: bool) -> StackedProgram:
+    tape, beam = Tape(), Beam(np.arange(6), length, section)
+    return StackedProgram(tape.program(_segment(tape, beam), []), compiled)
+
+
+def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[Array, Array, Array]:
+    """Segments of beams at many coordinates q (N, n), in the order of the beams' own.
+
+    Returns
+    -------
+    energies : ndarray (N,)
+        Of all segments together.
+    gradients : ndarray (N, s, 6)
+    hessians : ndarray (N, s, 6, 6)
+    """
+    starts = np.cumsum([0, *(len(beam.indices) for beam in beams)])
+    energies = np.zeros(len(q))
+    gradients, hessians = np.empty((len(q), starts[-1], 6)), np.empty((len(q), starts[-1], 6, 6))
+    for group in alike(beams):
+        own = np.concatenate([np.arange(len(b.indices)) + starts[beams.index(b)] for b in group])
+        x = q[:, np.concatenate([beam.indices for beam in group])]
+        energy, gradient, hessian = _evaluated(group[0], x.reshape(-1, 6), compiled)
+        energies += energy.reshape(len(q), -1).sum(axis=1)
+        gradients[:, own] = gradient.reshape(x.shape)
+        hessians[:, own] = hessian.reshape(*x.shape, 6)
+    return energies, gradients, hessians
+
+
+def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Array]:
+    """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments that are alike."""
+    outputs = _segment_program(beam.length, beam.section, compiled)({"x": x})
+    energies, gradients = outputs["energy"][:, 0].copy(), outputs["gradient"]
+    hessians = from_triangles(outputs["hessian"])
+    doubtful = np.flatnonzero(~(outputs["verdict"][:, 0] == PLAIN))
+    if doubtful.size:
+        energies[doubtful], gradients[doubtful], hessians[doubtful] = beam.segments(x[doubtful])
+    return energies, gradients, hessians
+
 
 #: Steps after which the engine's own search begins again.
 _STEPS = 40
@@ -243,7 +340,7 @@ def _coupling(alike: _Alike) -> Program:
 
 
 @lru_cache(maxsize=24)
-def _program(written: Callable[[_Alike], Program], alike: _Alike) -> StackedProgram:
+def _strut_program(written: Callable[[_Alike], Program], alike: _Alike) -> StackedProgram:
     return StackedProgram(written(alike), compiled=True)
 
 
@@ -259,7 +356,7 @@ class _Search:
 
     def __init__(self, struts: FlexureStruts, poses: Array, rest: Array) -> None:
         self.struts, self.alike = struts, _Alike.of(struts)
-        self._program = partial(_program, alike=self.alike)
+        self._program = partial(_strut_program, alike=self.alike)
         (N, m), n = rest.shape, len(self.alike.free)
         self.m, self.which, self.is_known = m, np.arange(N), np.zeros(N, bool)
         wanted, numbers = struts.wanted(poses), np.empty((N, m, _NUMBERS))
@@ -355,3 +452,159 @@ def struck(
             break
         search.step(gradients if free.any() else None)
     return search.condensed(), search.is_known
+
+
+#: Postures whose struts are condensed at once, by a program and by stacks of matrices: what they
+#: take fits into the caches.
+_TOGETHER, _STACKED = 256, 64
+#: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
+_UNSYMMETRIC = numerics.ROUNDING
+
+
+class _Sums(NamedTuple):
+    """What energies of (N,) postures add up to: (N, 1), (N, n), (N, n, n), and verdicts (N,)."""
+
+    energies: Array
+    gradients: Array
+    hessians: Array
+    verdicts: Array
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What is evaluated beside a program, which takes its derivatives as inputs.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        Whose coordinates they are in.
+    loose : tuple of Potential
+        Potentials that are evaluated posture by posture.
+    laws : dict of int to SpringLaw
+        Nonlinear joint springs.
+    rest : ndarray (n,), optional
+        Their rest positions.
+    beams : tuple of Beam
+        Of which the program takes the derivatives of each segment.
+    struts : FlexureStruts, optional
+        A platform's, condensed in stacks.
+    forces, points : tuple of ndarray (3,)
+        Dead forces on the platform, and where they act in M, for open rest lengths to carry.
+    is_loaded : bool
+        Whether rest lengths of struts are chosen so that they carry a wrench.
+    """
+
+    mechanism: Mechanism
+    loose: tuple[Potential, ...] = ()
+    laws: Mapping[int, SpringLaw] = field(default_factory=dict)
+    rest: Array | None = None
+    beams: tuple[Beam, ...] = ()
+    struts: FlexureStruts | None = None
+    forces: tuple[Array, ...] = ()
+    points: tuple[Array, ...] = ()
+    is_loaded: bool = False
+
+    @property
+    def is_dense(self) -> bool:
+        """Whether the program takes a whole gradient and Hessian."""
+        return bool(self.loose or self.laws or self.struts)
+
+    def __bool__(self) -> bool:
+        return self.is_dense or bool(self.beams)
+
+    @property
+    def segments(self) -> tuple[tuple[int, ...], ...]:
+        """Coordinates of each segment of the beams."""
+        return tuple(tuple(map(int, own)) for beam in self.beams for own in beam.indices)
+
+    def derivatives(
+        self, q: Array, compiled: bool, wrench: Array | None = None
+    ) -> tuple[dict[str, Array], Array]:
+        """Inputs of a program at postures q (N, n), and verdicts on the postures (N,).
+
+        Segments of beams, and struts, by machine code with `compiled`, else over arrays. The
+        wrench (1 or N, 6) is for struts to carry.
+        """
+        count, n = q.shape
+        sums = _Sums(
+            np.zeros((count, 1)), np.zeros((0, n)), np.zeros((0, n, n)), np.full(count, PLAIN)
+        )
+        inputs = {"energies": sums.energies}
+        if self.is_dense:
+            sums = sums._replace(gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n)))
+            for j, law in self.laws.items():
+                x = q[:, j] - (0.0 if self.rest is None else self.rest[j])
+                energy, torque, stiffness = law.many(x)
+                sums.energies[:, 0] += energy
+                sums.gradients[:, j] += torque
+                sums.hessians[:, j, j] += stiffness
+            self._add_loose(q, sums)
+            if self.struts is not None:
+                self._add_struts(self.struts, q, wrench, compiled, sums)
+            inputs |= {"gradients": sums.gradients, "hessians": sums.hessians.reshape(count, n * n)}
+        if self.beams:
+            energy, gradient, hessian = segments_of_many(self.beams, q, compiled)
+            sums.energies[:, 0] += energy
+            inputs["segment_gradients"] = np.ascontiguousarray(gradient.reshape(count, -1))
+            inputs["segment_hessians"] = np.ascontiguousarray(hessian.reshape(count, -1))
+        return inputs, sums.verdicts
+
+    def _add_loose(self, q: Array, sums: _Sums) -> None:
+        energies, gradients, hessians, verdicts = sums
+        for i in range(len(q) if self.loose else 0):
+            posture = self.mechanism.at(q[i])
+            for potential in self.loose:
+                try:
+                    terms = potential.evaluate(posture)
+                except (ArithmeticError, ValueError, RuntimeError):
+                    verdicts[i] = ENGINE
+                    break
+                energies[i] += terms.energy
+                gradients[i] += terms.gradient
+                hessians[i] += terms.hessian
+            H = hessians[i]
+            if np.abs(H - H.T).max() > _UNSYMMETRIC * np.abs(H).max():
+                verdicts[i] = ENGINE
+
+    def _add_struts(
+        self, struts: FlexureStruts, q: Array, wrench: Array | None, compiled: bool, sums: _Sums
+    ) -> None:
+        energies, gradients, hessians, verdicts = sums
+        if not isinstance(self.mechanism, Platform):
+            raise TypeError("struts are those of a platform")
+        poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ self.mechanism.T_P_M
+        borne = -gradients - self._of_forces(poses)
+        if wrench is not None:
+            borne += wrench
+        # What their own rest lengths leave of it cannot be borne: these are then not found.
+        left = UNBALANCED if self.is_loaded or not struts.is_complete else ENGINE
+
+        def add(own: Array, at: Struck) -> None:
+            energies[own, 0] += at.energy.sum(axis=1)
+            gradients[own] += at.wrench.sum(axis=1)
+            hessians[own] += at.stiffness.sum(axis=1)
+            is_found, is_stable = (
+                np.asarray(each).all(axis=1) for each in (at.is_found, at.is_stable)
+            )
+            found = np.where(is_stable, PLAIN, ENGINE)
+            verdicts[own] = np.maximum(verdicts[own], np.where(is_found, found, left))
+
+        others = np.arange(len(q))
+        if compiled:
+            doubtful = []
+            for rows in np.split(others, range(_TOGETHER, len(q), _TOGETHER)):
+                at, known = struck(struts, poses[rows], borne[rows], self.is_loaded)
+                add(rows[known], at)
+                doubtful.append(rows[~known])
+            others = np.concatenate(doubtful)
+        for start in range(0, len(others), _STACKED):
+            own = others[start : start + _STACKED]
+            add(own, struts.many(poses[own], borne[own], self.is_loaded))
+
+    def _of_forces(self, poses: Array) -> Array:
+        """Gradients (N, 6) of dead forces on the platform."""
+        gradients = np.zeros((len(poses), 6))
+        for force, point in zip(self.forces, self.points, strict=True):
+            W = np.concatenate([np.zeros(3), force])
+            gradients -= wrench_in_body(W, poses, point.tolist(), "world")
+        return gradients

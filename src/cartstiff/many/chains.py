@@ -1,0 +1,925 @@
+r"""The arithmetic of a serial chain, any number of joints, on recording numbers.
+
+Twists J_C of the joints are found in C, the frame of a joint, from it outward and inward. For six
+coordinates C stands in the middle of the chain: the axes beside it are constant, the next ones
+depend on one angle each, and the outermost on half of the angles, so that much of J_C is zero
+whatever the posture and is never computed. Else C is the body frame M. In coordinates of one kind,
+with L[a, b] = W . [J_a, J_b] for a behind b, else 0, which does not depend on the frame, and with
+H_L = H - S_W, S_W = -1/2 (L + L^T),
+
+    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F + A^T L A - 1/2 Omega
+    n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
+            K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
+    n < 6:  J = Q R with lengths scaled,  W = Q R^-T g
+    any n:  C^B = J H_L^-1 J^T
+
+which is the reduction of `cartstiff.stiffness.reduction` without its singular value decomposition.
+
+Nonlinear joint springs on recording numbers: the laws of `potentials.springs`.
+
+Line springs and cables between bodies of a chain, on recording numbers.
+
+With u the direction of a line of length l, D_a the velocity of its end in b less that of its end in
+a per rate of joint a, and t the tension,
+
+    dl/dq_a = u . D_a,
+    d2l/dq_a dq_b = (D_a . D_b - (u . D_a) (u . D_b)) / l + (u x omega_a) . D_b    for b behind a.
+
+Joints that move both ends do not change it. A slack cable has neither tension nor stiffness.
+
+Masses of a chain or a tree on recording numbers: the matrix of its kinetic energy.
+
+With m, h and I the mass, first and second moment about the origin of C of a joint and of all that
+hangs on it, and joint b on or behind joint a,
+
+    M_ab = omega_a . (I omega_b + h x v_b) + v_a . (m v_b - h x omega_b).
+
+A serial chain as recording numbers: twists, energy, scales, the Lagrangian Hessian.
+
+Gravity and dead forces enter through the bodies beyond each joint: with m, m c their mass and first
+moment and S_b = omega_b x m c + m v_b,
+
+    dPhi/dq_b = -g . S_b,     d2Phi/dq_a dq_b = -(g x omega_a) . S_b    for b not before a.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    ENGINE,
+    JACOBIAN_CONDITION,
+    LARGEST_ANGLE,
+    PLAIN,
+    STIFFNESS_CONDITION,
+    UNBALANCED,
+    add_under_load,
+    below,
+    changed_compliance,
+    congruence,
+    connections,
+    cross,
+    equilibrated_squares,
+    holds_soft_directions,
+    in_pairs,
+    is_zero,
+    largest,
+    limited,
+    norm_squared,
+    noteworthy,
+    positive_factor,
+    reflections,
+    scaled_inverse,
+    solution,
+    symmetric_product,
+    taut_stiffness,
+    unsymmetric_part,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.many.twists import (
+    ChainConstants,
+    ChainKinematics,
+    ForceField,
+    TreeKinematics,
+    numbers,
+)
+from cartstiff.mechanisms.tree import KinematicTree
+from cartstiff.numerics import BALANCE, ROUNDING
+from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
+
+#: Points of a table that is recorded: every piece is a choice of six numbers.
+_POINTS = 33
+#: Newton steps to a deflection, and what the last of them may change, as a share of it.
+_STEPS, _CHANGED = 8, numerics.LAST_DIGITS**0.5
+#: Share of the way to where a law no longer rises that is trusted.
+_RISING = 0.99
+
+
+def is_recorded(law: SpringLaw) -> bool:
+    """Whether a law is recorded here."""
+    small = type(law) is TabulatedLaw and len(law.deflections) <= _POINTS
+    return small or type(law) is PolynomialLaw
+
+
+def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Energy, torque and tangent stiffness at a deflection."""
+    if isinstance(law, TabulatedLaw):
+        return law._on(_piece(law, x, law.deflections), x)
+    energy: Scalar = 0.0
+    torque: Scalar = 0.0
+    stiffness: Scalar = 0.0
+    for power, c in reversed(list(enumerate(_coefficients(law), start=1))):
+        energy, torque = (energy + c / (power + 1)) * x, (torque + c) * x
+        stiffness = stiffness * x + c * power
+    return energy * x, torque, stiffness
+
+
+def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
+    """Deflection that carries a torque, and the verdict on it.
+
+    On the part of a polynomial that rises through zero it is the root of smallest size; of a table,
+    where it rises or falls everywhere, there is one.
+    """
+    if isinstance(law, TabulatedLaw):
+        return _in_table(law, torque)
+    c = np.array(_coefficients(law))
+    turning = np.polynomial.polynomial.Polynomial(c * np.arange(1, len(c) + 1)).roots()
+    real = np.abs(turning[np.abs(turning.imag) <= numerics.CLOSE * (1.0 + np.abs(turning))])
+    x, verdict = _found(law, torque, torque * (1.0 / c[0]) if c[0] else np.nan)
+    if real.size:
+        verdict = larger(verdict, pick(absolute(x), _RISING * float(real.min()), PLAIN, ENGINE))
+    return x, verdict
+
+
+def _coefficients(law: SpringLaw) -> tuple[float, ...]:
+    if not isinstance(law, PolynomialLaw):
+        raise TypeError(law)
+    return tuple(map(float, law.coefficients))
+
+
+def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scalar]:
+    """The row of a table's pieces in which x lies, behind how many of the ascending knots."""
+    rows = law._pieces.tolist()
+    found: list[Scalar] = list(rows[-1])
+    for row, knot in reversed(list(zip(rows[:-1], knots, strict=True))):
+        found = [pick(x, knot, here, behind) for here, behind in zip(row, found, strict=True)]
+    return found
+
+
+def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
+    y = np.array(law.torques)
+    if not ((np.diff(y) > 0.0).all() and law._pieces[[0, -1], 3].all()):
+        return 0.0, ENGINE
+    start, verdict = _piece(law, torque, law.torques), PLAIN
+    # The piece is known: its cubic alone is solved, from the straight line through its ends.
+    secants = np.diff(y) / np.diff(law.deflections)
+    slopes = [law._pieces[0, 3], *secants.tolist(), law._pieces[-1, 3]]
+    slope: Scalar = slopes[-1]
+    for own, knot in reversed(list(zip(slopes[:-1], law.torques, strict=True))):
+        slope = pick(torque, knot, own, slope)
+    knot, _, at_knot, *rest = start
+    d = (torque - at_knot) / slope
+    step: Scalar = 0.0
+    for _ in range(_STEPS):
+        value = d * (rest[0] + d * (rest[1] + d * rest[2]))
+        step = (torque - at_knot - value) / (rest[0] + d * (2.0 * rest[1] + 3.0 * d * rest[2]))
+        d = d + step
+    return knot + d, larger(verdict, _settled(step, absolute(d)))
+
+
+def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
+    """The deflection after Newton steps from x."""
+    step: Scalar = 0.0
+    for _ in range(_STEPS):
+        _, own, stiffness = stretched(law, x)
+        step = (torque - own) / stiffness
+        x = x + step
+    return x, _settled(step, absolute(x))
+
+
+def _settled(step: Scalar, size: Scalar) -> Scalar:
+    """Whether the last step has changed little; what is left is its square."""
+    return pick(absolute(step), size * _CHANGED + numerics.TINY, PLAIN, ENGINE)
+
+
+class JointSpringNumbers:
+    """Springs of the coordinates, linear and not, as numbers on a tape.
+
+    Attributes
+    ----------
+    verdict : the verdict on the deflections that were found.
+    """
+
+    def __init__(self, tape: Tape, n: int, laws: Sequence[tuple[int, SpringLaw]]) -> None:
+        self._stiffness, self._rest = tape.vector("stiffness", n), tape.vector("rest", n)
+        self._laws = dict(laws)
+        self.verdict: Scalar = PLAIN
+
+    def at(self, a: int, q: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Energy, torque and stiffness of a spring whose rest position is given."""
+        stretch = q - self._rest[a]
+        if a in self._laws:
+            return stretched(self._laws[a], stretch)
+        k = self._stiffness[a]
+        return k * stretch * stretch * 0.5, k * stretch, k
+
+    def under(self, a: int, torque: Scalar) -> tuple[Scalar, Scalar]:
+        """Energy and stiffness of a spring whose rest position is chosen: it exerts the torque."""
+        if a not in self._laws:
+            k = self._stiffness[a]
+            return torque * torque / k * 0.5, k
+        x, verdict = deflection_for(self._laws[a], torque)
+        self.verdict = larger(self.verdict, verdict)
+        energy, _, k = stretched(self._laws[a], x)
+        return energy, k
+
+
+@dataclass(frozen=True)
+class Line:
+    """Where a line spring is fastened.
+
+    Attributes
+    ----------
+    joints : bodies of its ends a and b, by the joints that carry them, counted from 1; 0 is F.
+    points : its ends in the frames of these joints (2, 3).
+    unilateral : whether it goes slack instead of pushing.
+    """
+
+    joints: tuple[int, int]
+    points: tuple[tuple[float, ...], tuple[float, ...]]
+    unilateral: bool
+
+
+def line_terms(
+    line: Line, stiffness: Scalar, rest: Scalar, kinematics: Any
+) -> tuple[Scalar, Array, Array, Scalar]:
+    """Energy, gradient and Hessian in the joint positions, and the verdict on the length."""
+    J, outward = kinematics.J, kinematics.outward
+    ends = [_end(kinematics, *end) for end in zip(line.joints, line.points, strict=True)]
+    along = ends[1] - ends[0]
+    length = square_root(norm_squared(along))
+    u = along * (1.0 / length)
+    stretch = length - rest
+    taut = taut_stiffness(stiffness, stretch) if line.unilateral else stiffness
+    tension = taut * stretch
+    per_length = tension / length
+
+    speeds: dict[int, Array] = {}
+    for a, behind in enumerate(outward):
+        moves = [bool(joint) and joint - 1 in behind for joint in line.joints]
+        if moves[0] != moves[1]:
+            speed = cross(J[:3, a], ends[moves[1]]) + J[3:, a]
+            speeds[a] = speed if moves[1] else -speed
+    rates: dict[int, Any] = {a: u @ speed for a, speed in speeds.items()}
+    across = {a: cross(u, J[:3, a]) * tension for a in speeds}
+    gradient, hessian = zeros(len(outward)), zeros(len(outward), len(outward))
+    for a, D_a in speeds.items():
+        gradient[a] = rates[a] * tension
+        for b in (b for b in speeds if b >= a):
+            D_b = speeds[b]
+            entry = (rates[a] * rates[b]) * (taut - per_length) + (D_a @ D_b) * per_length
+            if b in outward[a]:
+                entry = entry + across[a] @ D_b
+            hessian[a, b] = hessian[b, a] = entry
+    least = numerics.SHORTEST * kinematics.size
+    size = larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST**2
+    verdict = pick(larger(size, least * least), length * length, PLAIN, ENGINE)
+    return tension * stretch * 0.5, gradient, hessian, verdict
+
+
+def _end(kinematics: Any, joint: int, point: tuple[float, ...]) -> Array:
+    """A point of a joint's body, or of F, in the frame of the twists."""
+    if not joint:
+        R, p = kinematics.R_C_F, kinematics.p_C_F
+    else:
+        R, p = kinematics.behind(joint - 1)
+    end: Array = R @ np.array(point) + p
+    return end
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Masses that the joints carry, as plain numbers; a key.
+
+    Attributes
+    ----------
+    masses : of each joint's body.
+    centres : in the joints' frames (joints, 3), flat.
+    moments : of inertia about these (joints, 3, 3), flat.
+    armatures : of each joint, what turns or shifts with its coordinate alone.
+    """
+
+    masses: tuple[float, ...]
+    centres: tuple[float, ...]
+    moments: tuple[float, ...]
+    armatures: tuple[float, ...]
+
+    @staticmethod
+    def of(tree: KinematicTree) -> Bodies:
+        """Those of a tree, in kg and its unit of length."""
+        masses, centres = tree.masses()
+        moments = np.array([body.inertia for body in list(tree.model.inertias)[1:]])
+        return Bodies(*map(numbers, (masses, centres, moments, np.array(tree.model.armature))))
+
+
+def kinetic(bodies: Bodies, kinematics: ChainKinematics | TreeKinematics) -> Array:
+    """Masses' matrix (joints, joints) in the joint positions."""
+    J, joints = kinematics.J, kinematics.J.shape[1]
+    centres = np.reshape(bodies.centres, (joints, 3))
+    moments = np.reshape(bodies.moments, (joints, 3, 3))
+    mass, first, second = zeros(joints), zeros(joints, 3), zeros(joints, 3, 3)
+    for j, own in enumerate(bodies.masses):
+        if not (own or moments[j].any()):
+            continue
+        R, p = kinematics.behind(j)
+        c = R @ centres[j] + p
+        I_j = congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
+        for a, behind in enumerate(kinematics.outward):
+            if j in behind:
+                mass[a], first[a], second[a] = mass[a] + own, first[a] + c * own, second[a] + I_j
+    M = zeros(joints, joints)
+    for b in range(joints):
+        turn, shift = J[:3, b], J[3:, b]
+        if all(is_zero(x) for x in (mass[b], *second[b].flat)):
+            continue
+        moment = second[b] @ turn + cross(first[b], shift)
+        force = shift * mass[b] - cross(first[b], turn)
+        for a in (a for a, behind in enumerate(kinematics.outward) if b in behind):
+            M[a, b] = M[b, a] = J[:3, a] @ moment + J[3:, a] @ force
+    for a, armature in enumerate(bodies.armatures):
+        M[a, a] = M[a, a] + armature
+    return M
+
+
+#: Where all axes meet within this share of the chain's size the engine chooses the length.
+_MEETING = numerics.NEARBY
+
+
+@dataclass(frozen=True)
+class ChainCase:
+    """What acts on a chain.
+
+    Attributes
+    ----------
+    constants : ChainConstants
+    open : tuple of bool or None
+        Coordinates whose rest position is chosen posture by posture; None without springs.
+    wrench : {"none", "shared", "each"}
+        Whether a wrench is given: one for all postures, or one for each.
+    fields : tuple of ForceField
+    stretched : tuple of Line
+        Line springs and cables whose rest lengths are known.
+    coupled : tuple of (indices, flat matrix)
+        Springs over several coordinates.
+    derivatives : bool
+        Whether energy, gradient and Hessian of further potentials are given as arrays.
+    segments : tuple of tuples of int
+        Coordinates of segments of beams, whose derivatives are given segment by segment.
+    settled : tuple of int
+        Coordinates without springs of their own that are at rest under the wrench before
+        anything is asked: `settling` finds where.
+    dead_load_at : tuple of 3 floats, optional
+        Point of M at which a dead load acts whose components are along the axes of F: `settling`
+        alone reads it, and finds the load in M.
+    singular : bool
+        Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
+    laws : tuple of (int, SpringLaw)
+        Nonlinear springs among the coordinates' own.
+    bodies : Bodies, optional
+        All masses, where vibrations count.
+    rigid : tuple of int
+        Coordinates that stay where they are whatever acts.
+    """
+
+    constants: ChainConstants
+    open: tuple[bool, ...] | None
+    wrench: str = "none"
+    fields: tuple[ForceField, ...] = ()
+    stretched: tuple[Line, ...] = ()
+    coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    derivatives: bool = False
+    segments: tuple[tuple[int, ...], ...] = ()
+    settled: tuple[int, ...] = ()
+    dead_load_at: tuple[float, float, float] | None = None
+    singular: bool = False
+    laws: tuple[tuple[int, SpringLaw], ...] = ()
+    bodies: Bodies | None = None
+    rigid: tuple[int, ...] = ()
+
+    @property
+    def moving(self) -> list[int]:
+        """Coordinates that give."""
+        return [a for a in range(len(self.constants.is_length)) if a not in self.rigid]
+
+    @property
+    def freedoms(self) -> int:
+        """How many motions there are."""
+        return len(self.moving)
+
+
+def _field_terms(
+    force: Array, kinematics: ChainKinematics | TreeKinematics, beyond: tuple[Array, Array]
+) -> tuple[Scalar, Array, Array]:
+    """Energy, gradient and Hessian in the joint positions."""
+    mass, first = beyond
+    J, joints = kinematics.J, kinematics.J.shape[1]
+    g = kinematics.R_C_F @ force
+    energy = -sum(g @ (first[a] - kinematics.p_C_F * mass[a]) for a in kinematics.roots)
+    gradient, hessian = zeros(joints), zeros(joints, joints)
+    S = [cross(J[:3, b], first[b]) + J[3:, b] * mass[b] for b in range(joints)]
+    for a in range(joints):
+        gradient[a] = -(g @ S[a])
+        across = cross(g, J[:3, a])
+        for b in kinematics.outward[a]:
+            hessian[a, b] = hessian[b, a] = -(across @ S[b])
+    return energy, gradient, hessian
+
+
+def _lower(matrix: Array) -> Array:
+    """A symmetric matrix by its lower triangle."""
+    return np.where(np.tri(len(matrix), dtype=bool), matrix, matrix.T)
+
+
+def against(twist: Array, W: Array) -> Array:
+    """What gives ``-W . [twist, X]`` with any X."""
+    turn, shift = twist[:3], twist[3:]
+    return np.concatenate([cross(turn, W[:3]) + cross(shift, W[3:]), cross(turn, W[3:])])
+
+
+def curvature_of(J: Array, W: Array) -> Array:
+    """``S[a, b] = 1/2 W . [J_a, J_b]`` for a before b, symmetric."""
+    joints = J.shape[1]
+    S = zeros(joints, joints)
+    half = W * 0.5
+    # Of a pair the twist with more zeros makes the row, which then has zeros too.
+    order = sorted(range(joints), key=lambda a: sum(not is_zero(x) for x in J[:, a]))
+    for i, b in enumerate(order):
+        row = against(J[:, b], half)
+        for a in order[i + 1 :]:
+            S[a, b] = S[b, a] = J[:, a] @ (row if a < b else -row)
+    return S
+
+
+class ChainNumbers:
+    """One chain under one case, as numbers on a tape."""
+
+    is_closed = False
+    #: The verdict on deflections of springs and lengths of lines.
+    of_springs: Scalar = PLAIN
+    # Of a closed chain they are other ones.
+    case: Any
+    kinematics: Any
+    columns: Array
+    gradient: Array
+    hessian: Array
+
+    def __init__(self, tape: Tape, case: ChainCase, middle: int) -> None:
+        constants, n = case.constants, len(case.constants.is_length)
+        self.n, self.has_chart = case.freedoms, n == case.freedoms == 6
+        self.case = case
+        self.q = tape.vector("q", n)
+        self.position, self.mimic = self.q, None
+        if constants.mimic is not None:
+            self.mimic = np.reshape(constants.mimic, (-1, n))
+            offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
+            self.position = self.mimic @ self.q + np.asarray(offset, object)
+        self.kinematics = ChainKinematics(constants, self.position, case.fields, middle)
+        self.J = self.J_q = self._of_coordinates(self.kinematics.J_M)
+        self.W: Array | None = None
+        if case.wrench != "none":
+            self.W = tape.vector("wrench", 6)
+        self._evaluate(tape)
+        turning: list[Scalar]
+        if self.mimic is None:  # axes are unit vectors
+            kinds = np.reshape(constants.screws, (-1, 6))
+            turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
+        else:
+            turning = [norm_squared(column) for column in self.J[:3].T]
+        self._measure(self.J, turning, constants.is_length)
+        if case.rigid:
+            self._hold(case.moving)
+
+    def _hold(self, moving: list[int]) -> None:
+        """Leave the motions of some coordinates only: the others are rigid."""
+        own = np.eye(len(self.q)) if self.mimic is None else self.mimic
+        self.mimic, self.J = own[:, moving], self.J_q[:, moving]
+        self.columns = self.columns[moving]
+        self.gradient, self.hessian = self.gradient[moving], self.hessian[np.ix_(moving, moving)]
+
+    def _of_coordinates(self, J: Array) -> Array:
+        """A Jacobian of the coordinates from that of the joints."""
+        return J if self.mimic is None else J @ self.mimic
+
+    def _others(self, tape: Tape) -> tuple[Any, Array, Array]:
+        """Energy, gradient, Hessian of everything but the springs."""
+        case, n = self.case, len(self.q)
+        energy: Any = 0.0
+        gradient, hessian = zeros(n), zeros(n, n)
+        if case.derivatives or case.segments:
+            energy = tape.input("energies", 0)
+        if case.derivatives:
+            gradient = tape.vector("gradients", n)
+            hessian = _lower(tape.vector("hessians", n * n).reshape(n, n))
+        own = tape.vector("segment_gradients", 6 * len(case.segments)).reshape(-1, 6)
+        each = tape.vector("segment_hessians", 36 * len(case.segments)).reshape(-1, 6, 6)
+        for indices, g, H in zip(map(list, case.segments), own, each, strict=True):
+            gradient[indices] = gradient[indices] + g
+            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + _lower(H)
+        for E, g, H in self._on_bodies(tape):
+            if (M := self.mimic) is not None:
+                g, H = M.T @ g, congruence(M, H)
+            energy, gradient, hessian = energy + E, gradient + g, hessian + H
+        for indices, flat in case.coupled:
+            matrix = np.reshape(flat, (len(indices), -1))
+            force = matrix @ self.q[list(indices)]
+            energy = energy + (force @ self.q[list(indices)]) * 0.5
+            gradient[list(indices)] = gradient[list(indices)] + force
+            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + matrix
+        return energy, gradient, hessian
+
+    def _on_bodies(self, tape: Tape) -> Iterator[tuple[Scalar, Array, Array]]:
+        """Energy, gradient, Hessian in the joint positions of each force and line on the bodies."""
+        case = self.case
+        forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
+        for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
+            yield _field_terms(force, self.kinematics, beyond)
+        lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
+        for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
+            E, g, H, doubt = line_terms(line, stiffness, rest, self.kinematics)
+            self.of_springs = larger(self.of_springs, doubt)
+            yield E, g, H
+
+    def _evaluate(self, tape: Tape) -> None:
+        """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
+        case, n = self.case, len(self.q)
+        energy, gradient, hessian = self._others(tape)
+        if case.open is not None:
+            springs = JointSpringNumbers(tape, n, case.laws)
+            wanted = zeros(n) if self.W is None else self.J.T @ self.W
+            for a in (a for a in case.moving if a not in case.settled):
+                if self.W is not None or case.open[a]:
+                    own, stiffness = springs.under(a, wanted[a] - gradient[a])
+                    gradient[a] = wanted[a]
+                else:
+                    own, torque, stiffness = springs.at(a, self.q[a])
+                    gradient[a] = gradient[a] + torque
+                energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
+            self.of_springs = larger(self.of_springs, springs.verdict)
+        self.energy, self.gradient, self.hessian = energy, gradient, hessian
+
+    def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
+        """Characteristic length, natural sizes of the coordinates, and the first verdict.
+
+        From twists J (6, k) in M, and how much each of them turns.
+        """
+        self.verdict: Scalar = self.of_springs
+        total = sum(turning[1:], turning[0])
+        self.length: Scalar = 1.0
+        self.area: Scalar = 1.0
+        if not (isinstance(total, float) and total == 0.0):
+            moments = [
+                norm_squared(J[3:, a])
+                for a in range(J.shape[1])
+                if not (isinstance(turning[a], float) and turning[a] == 0.0)
+            ]
+            area = sum(moments[1:], moments[0]) / total
+            if not is_zero(area):  # else the engine chooses
+                self.area, self.length = area, square_root(area)
+            least = _MEETING * self.kinematics.size
+            self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, ENGINE))
+            far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
+            self.verdict = larger(self.verdict, far)
+        self.columns = zeros(len(is_length))
+        for a, is_distance in enumerate(is_length):
+            self.columns[a] = self.length if is_distance else 1.0
+
+    def load(self) -> Array | None:
+        """The wrench where it is known beforehand."""
+        is_open = self.case.open
+        if self.W is None and is_open is not None and all(is_open[a] for a in self.case.moving):
+            return zeros(6)
+        return self.W
+
+    def lagrangian(self, W: Array) -> Array:
+        """H_L in the coordinates."""
+        return self.hessian - self.curvature(W)
+
+    def curvature(self, W: Array) -> Array:
+        """S_W in the coordinates."""
+        S = curvature_of(self.kinematics.J, self.kinematics.wrench(W))
+        return S if self.mimic is None else congruence(self.mimic, S)
+
+    def inverse(self) -> Array:
+        """J^-1 of six coordinates, and the verdict on it."""
+        kinematics = self.kinematics
+        # So that turns and shifts are of one size any length near the reach serves; 1 is free.
+        length = 4.0 ** round(math.log(kinematics.reach or 1.0, 4.0))
+        scale = np.repeat([length, 1.0], 3)[:, None]
+        A = solution(self._of_coordinates(kinematics.J) * scale, kinematics.adjoint() * scale)
+        # Where the characteristic length is small beside that, C knows less than M would.
+        limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
+        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, ENGINE))
+        self.squared_condition = condition
+        return A
+
+    def condition(self, forward: Array, backward: Array) -> Scalar:
+        """Bound on the squared condition number of the scaled Jacobian.
+
+        From its transpose and its transposed inverse, or what differs from them by a rotation of
+        the coordinates.
+        """
+        if self.mimic is None and not any(self.case.constants.is_length):
+            size: Scalar = 2.0 * self.n  # by the choice of the length
+        else:
+            size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
+        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+
+    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+        """Whether notes may tell of something near, and of digits: `arithmetic.noteworthy`.
+
+        From H_L in the coordinates and K^B, each with its inverse.
+        """
+        margin = 2.0 if self.n == 6 else 100.0
+        return noteworthy(self.squared_condition, own, outer, margin=margin)
+
+    def kinetic(self, bodies: Bodies) -> Array:
+        """Masses' matrix in the coordinates."""
+        M = kinetic(bodies, self.kinematics)
+        return M if self.mimic is None else congruence(self.mimic, M)
+
+    def pose(self) -> Array:
+        """``T_F_M``."""
+        kinematics, T = self.kinematics, zeros(4, 4)
+        T[:3, :3] = kinematics.R_C_F.T @ kinematics.R_C_M
+        T[:3, 3] = kinematics.R_C_F.T @ (kinematics.p_C_M - kinematics.p_C_F)
+        T[3, 3] = 1.0
+        return T
+
+
+#: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
+_SHARE = numerics.LOST_ERROR
+#: Most that factors of mixed signs may exceed the entries of their row.
+_GROWTH = 100.0
+#: Most that one step of Newton's method may change an inverse: it leaves the square of that.
+_LOST_TO_PIVOTS = numerics.LAST_DIGITS**0.5
+#: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
+#: largest entry, that are trusted.
+_PIVOT = numerics.LOST_ERROR
+
+
+@lru_cache(maxsize=64)
+def _middle(constants: ChainConstants) -> int:
+    """The joint in whose frame the Jacobian of six coordinates is inverted with least effort."""
+    counts = {}
+    for joint in range(1, len(constants.screws) // 6 + 1):
+        tape = Tape()
+        chain = ChainNumbers(tape, ChainCase(constants, None), joint)
+        chain.inverse()
+        counts[joint] = len(tape.operations)
+    return min(counts, key=lambda joint: counts[joint])
+
+
+def _six(chain: ChainNumbers) -> tuple[Array, Array, Array]:
+    """W, K^B and K^F of six coordinates."""
+    A = chain.inverse()
+    W = chain.load()
+    if W is None:
+        W = A.T @ chain.gradient
+    K_F = congruence(A, chain.hessian)
+    if chain.mimic is not None:
+        return W, congruence(A, chain.lagrangian(W)), K_F
+    return W, symmetric_product(A.T, -_curved(chain, A, W), K_F + unsymmetric_part(W)), K_F
+
+
+def _curved(chain: ChainNumbers, A: Array, W: Array) -> Array:
+    """``-L A`` with L the lower triangle of J^T Omega J, without diagonal, and ``A = J^-1``.
+
+    As J^T Omega J A = J^T Omega = N, row a of L A is sum_(b < a) L[a, b] A_b as well as
+    N_a - sum_(b >= a) (N J)[a, b] A_b. Joints near the body have sparse twists in M: their half of
+    the rows takes the second form, and of all pairs of joints only those within a half are needed,
+    in C those of the first.
+    """
+    half = 3
+    curved = zeros(6, 6)
+    J, kinematics = chain.J, chain.kinematics
+    S = curvature_of(kinematics.J[:, :half], kinematics.wrench(W * 2.0))
+    for a in range(half):
+        for b in range(a):
+            curved[a] = curved[a] + A[b] * S[a, b]
+    for a in range(half, 6):
+        curved[a] = minus_N = against(J[:, a], W)
+        for b in range(a + 1, 6):
+            curved[a] = curved[a] - A[b] * (minus_N @ J[:, b])
+    return curved
+
+
+def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
+    """W and K^B of more than six joints, the energy least over the self-motion."""
+    n, columns = chain.n, chain.columns
+    Q = reflections((chain.J * columns).T)
+    inverse_R = upper_inverse(Q.R)
+    chain.squared_condition = chain.condition(Q.R, inverse_R)
+    regular = limited(chain.squared_condition, JACOBIAN_CONDITION**2)
+    W = chain.load()
+    balanced: Scalar = PLAIN
+    if W is None:
+        gradient = chain.gradient * columns
+        turned = Q.apply_transposed(gradient)
+        W = inverse_R @ turned[:6]
+        noise = largest(chain.hessian * columns * columns[:, None]) * ROUNDING
+        limit = largest(gradient) * BALANCE + noise
+        felt = square_root(norm_squared(turned[6:]))
+        # The engine's basis of the self-motion is another: its largest entry is only bounded.
+        balanced = pick(felt, limit * 0.5, PLAIN, pick(limit * (2.0 * n), felt, UNBALANCED, ENGINE))
+    H = chain.lagrangian(W) * columns * columns[:, None]
+    turned_H = Q.conjugate(H)
+    L, inverses, pivots = positive_factor(turned_H[6:, 6:])
+    reached = below(L, turned_H[6:, :6])
+    S = turned_H[:6, :6] - congruence(reached, np.diag(inverses))
+    limit = largest(H) * _PIVOT
+    stable: Scalar = PLAIN
+    for pivot in pivots:
+        stable = larger(stable, pick(limit, pivot, PLAIN, ENGINE))
+    stable = larger(stable, pick(limit * limit, norm_squared(S), PLAIN, ENGINE))
+    # An unbalanced posture has no H_L; whatever else is doubtful goes to the engine.
+    verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
+    verdict = pick(regular, 0.5, verdict, ENGINE)
+    chain.verdict = pick(chain.verdict, 0.5, verdict, ENGINE)
+    return W, congruence(inverse_R.T, S)
+
+
+def _through_compliance(chain: ChainNumbers) -> tuple[Array, Array]:
+    """W, which is known, and K^B of more than six motions: the inverse of their compliance."""
+    W = chain.load()
+    if W is None:
+        raise ValueError("the wrench of more than six motions is not known beforehand")
+    C, verdict = _softness(chain, chain.lagrangian(W))
+    K, condition = scaled_inverse(C, 1.0 / chain.length)
+    verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
+    chain.verdict = larger(chain.verdict, verdict)
+    chain.squared_condition = condition
+    return W, K
+
+
+def _deficient(chain: ChainNumbers) -> Array:
+    """W of least norm of fewer than six joints."""
+    columns, length = chain.columns, chain.length
+    scaled = chain.J * columns
+    scaled[3:] = scaled[3:] / length
+    Q = reflections(scaled)
+    inverse_R = upper_inverse(Q.R)
+    condition = norm_squared(Q.R) * norm_squared(inverse_R)
+    verdict = limited(condition, JACOBIAN_CONDITION**2)
+    W = chain.load()
+    if W is None:
+        w = zeros(6)
+        w[: chain.n] = inverse_R.T @ (chain.gradient * columns)
+        W = Q.apply(w)
+        W[3:] = W[3:] / length
+    chain.verdict = larger(chain.verdict, verdict)
+    chain.squared_condition = condition
+    return W
+
+
+def _compliances(
+    chain: ChainNumbers, W: Array, arrays: dict[str, Array], wanted: Collection[str]
+) -> Scalar:
+    """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `arrays`, D = K^X - K^B; the verdict on them."""
+    names = [name for name in "ABKF" if f"compliance_{name}" in wanted]
+    verdict: Scalar = PLAIN
+    if not names:
+        return verdict
+    unloaded = all(is_zero(w) for w in W)
+    # Six coordinates leave no self-motion whose balance hangs on a sign.
+    signed = chain.n == 6 and not (chain.is_closed or chain.case.singular)
+    H = chain.hessian if unloaded else chain.lagrangian(W)
+    C, verdict = _softness(chain, H, signed)
+    for name in names:
+        if name == "F":
+            if not chain.has_chart:
+                continue
+            C_F, doubt = (C, PLAIN) if unloaded else _softness(chain, chain.hessian, signed)
+            arrays["compliance_F"], verdict = C_F, larger(verdict, doubt)
+        elif name == "B" or unloaded:
+            arrays[f"compliance_{name}"] = C
+        else:
+            D = connections(zeros(6, 6), W)[name]
+            arrays[f"compliance_{name}"], doubt = changed_compliance(
+                C, D, chain.length, numerics.PLAIN_CHANGE
+            )
+            verdict = larger(verdict, doubt)
+    return verdict
+
+
+def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
+    """``J H^-1 J^T`` and the verdict on it; `signed` admits an H that is not positive.
+
+    Of a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; where signs are mixed,
+    that of their sizes says what the factors lose for want of pivoting. Where that is much, one
+    step of Newton's method, ``X (2 - H X)``, squares what is lost, as long as it is little. It is
+    not taken elsewhere: what H has next to its softest motion the factors know better.
+    """
+    L, inverses, pivots = positive_factor(H)
+    C = congruence(below(L, chain.J.T), np.diag(inverses))
+    verdict: Scalar = PLAIN
+    if not signed:
+        for a, pivot in enumerate(pivots):
+            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
+        return C, verdict
+    sizes = np.array([absolute(pivot) for pivot in pivots], object)
+    scaled = H * chain.columns / chain.columns[:, None]
+    for a in range(len(H)):
+        grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
+        verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, ENGINE))
+    X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
+    step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
+    size, inverse_size = equilibrated_squares(H, X + step)
+    known = limited(size * inverse_size, numerics.WELL_CONDITIONED**2)
+    change = equilibrated_squares(H, step)[1]
+    known = larger(known, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
+    return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
+
+
+def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
+    """Pose (4, 4) and body Jacobian (6, n)."""
+    chain = ChainNumbers(tape, ChainCase(constants, None), len(constants.screws) // 6)
+    return chain.pose(), chain.J
+
+
+def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
+    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
+    joints = len(case.constants.screws) // 6
+    if case.singular:
+        return _singular_arrays(ChainNumbers(tape, case, joints), wanted)
+    is_six = len(case.constants.is_length) == 6 and not case.rigid
+    chain = ChainNumbers(tape, case, _middle(case.constants) if is_six else joints)
+    return arrays_of(chain, wanted)
+
+
+def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
+    """What exists where rank is lost, and "looked_at": what tells that it is.
+
+    That is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of the Hessian, in
+    natural sizes of the coordinates that give. The wrench and the compliances are those of a known
+    load.
+    """
+    scaled = chain.J * chain.columns
+    scaled[3:] = scaled[3:] * (1.0 / chain.length)
+    sizes = chain.columns * chain.columns[:, None]
+    looked_at = [*scaled.ravel(), *(chain.gradient * chain.columns), largest(chain.hessian * sizes)]
+    arrays = {
+        "pose": chain.pose(),
+        "jacobian": chain.J_q,
+        "energy": np.array([chain.energy], object),
+        "looked_at": in_pairs(np.array(looked_at, object)),
+    }
+    W, verdict = chain.load(), chain.verdict
+    if W is not None:
+        arrays["wrench"], chain.has_chart = W, False
+        # Else a self-motion may cost nothing, or buckle.
+        verdict = larger(verdict, _softness(chain, chain.lagrangian(W))[1])
+        verdict = larger(verdict, _compliances(chain, W, arrays, wanted))
+    arrays["verdict"] = np.array([verdict], object)
+    return arrays
+
+
+def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
+    """`chain_arrays` of a chain."""
+    arrays: dict[str, Array] = {
+        "pose": chain.pose(),
+        "jacobian": chain.J_q,
+        "energy": np.array([chain.energy], object),
+    }
+    stiffness: dict[str, Array] = {}
+    if chain.n < 6:
+        W = _deficient(chain)
+    elif chain.n == 6:
+        W, K_B, K_F = _six(chain)
+        stiffness = {**connections(K_B, W), "F": K_F}
+    elif chain.is_closed or chain.case.settled:
+        W, K_B = _through_compliance(chain)
+        stiffness = connections(K_B, W)
+    else:
+        W, K_B = _redundant(chain)
+        stiffness = connections(K_B, W)
+    if not chain.has_chart:
+        stiffness.pop("F", None)
+    arrays["wrench"] = W
+    arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    if "frames" in wanted:
+        arrays["frames"] = chain.kinematics.frames()
+    if "hessian" in wanted:
+        arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
+        arrays["length"] = np.array([chain.length], object)
+    if chain.case.bodies is not None:
+        arrays |= {
+            "kinetic": chain.kinetic(chain.case.bodies),
+            "motion": chain.J,
+            "lagrangian": chain.lagrangian(W),
+        }
+    verdict = _compliances(chain, W, arrays, wanted)
+    add_under_load(arrays, wanted, chain.length)
+    if stiffness:
+        verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
+    # What does not balance stays so, whatever its stiffness would be.
+    both = larger(chain.verdict, verdict)
+    arrays["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
+    if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
+        H = chain.lagrangian(W)
+        L, inverses, _ = positive_factor(H)
+        softness = congruence(below(L, np.eye(chain.n)), np.diag(inverses))
+        pairs = (H, softness), (stiffness["B"], arrays["compliance_B"])
+        arrays["noteworthy"] = chain.noteworthy(*pairs)
+    return arrays

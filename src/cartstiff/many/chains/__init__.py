@@ -1,1 +1,0 @@
-"""Chains of joints, open and closed: their numbers, recorded."""

@@ -1,0 +1,871 @@
+r"""Which closed chains have recorded arithmetic, and what it is made for.
+
+A closed chain as recording numbers: the numbers of an open one on the motions that stay closed.
+
+With closures C dq = 0, dependent coordinates D and independent ones I, all motions are
+``dq = N dx``, N = 1 on I and ``-C_D^-1 C_I`` on D. In the coordinates x of these motions
+
+    J = J_q N,    g = N^T g_q,    H = N^T (H_q + lam c'') N,    C_D^T lam = -(g_q)_D,
+    S_W = N^T (S_q,W - mu c'') N,    C_D^T mu = (J_q^T W)_D
+
+and everything goes on as for an open chain. The reduction of `cartstiff.stiffness` is the same with
+a basis from the singular value decomposition. I are the coordinates that are held while the chain
+is closed, or a choice of as many as there are motions; without any, N is orthonormal, from
+reflections of C^T.
+
+Springs c whose rest positions are chosen exert the torques t nearest to ``(J_q^T W)_c`` with
+``N_c^T t = J^T W - N_s^T g_s``, g_s being what all else exerts.
+
+Closing chains by machine code: the steps of `Chain.closed`, recorded.
+
+Along the axes of F, with ``w = log(R_b R_a^T)``, x = w.w and d from a to b, the residual of a weld
+is ``xi = (w, d + w x d / 2 + c w x (w x d))`` and its rates are those of the twist about b times
+
+    J_r^-1(xi) = 1 + ad / 2 + A ad^2 + B ad^4,
+
+c, A and B being power series in x with the coefficients of ``(t / 2) cot(t / 2)``, t^2 = x; those
+of a point are the twist about a. Each step is limited as there.
+
+Links that give, at rest under a load: the steps of `stiffness.settled_links`, recorded.
+
+In the coordinates x of the motions that stay closed (`closed_chain`; of an open chain, its own),
+those f without springs of their own take the step
+
+    dx_f = -(H_L + J^T D J)_ff^-1 (g - J^T W)_f,    D = K^load - K^B,    dq = N_f dx_f + c,
+
+c on the dependent coordinates shutting what the step before has left open of the closures, and
+K^load that of a load which keeps its components in M (a follower, K^A) or in F (a dead one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    ENGINE,
+    JACOBIAN_CONDITION,
+    PLAIN,
+    above,
+    below,
+    congruence,
+    cross,
+    in_pairs,
+    inverse,
+    is_zero,
+    largest,
+    limited,
+    norm_squared,
+    noteworthy,
+    positive_factor,
+    reflections,
+    rotation_vector,
+    skew,
+    solution,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.many.arguments import aligned_empty
+from cartstiff.many.chains import (
+    ChainCase,
+    ChainNumbers,
+    JointSpringNumbers,
+    arrays_of,
+    curvature_of,
+    is_recorded,
+)
+from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.many.twists import Tie, TreeConstants, TreeKinematics
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree import FixedFrame
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.settled_links import (
+    LAST,
+    LONGEST,
+    ROUNDED,
+    settled_coordinates,
+)
+
+#: Condition of the closures up to which their motions are known to all but four digits.
+_CLOSED = 1.0 / numerics.LOST_ERROR
+
+
+@dataclass(frozen=True)
+class ClosedCase(ChainCase):
+    """What acts on a closed chain; `open` are those of `springs` whose rest position is chosen.
+
+    Attributes
+    ----------
+    balance : {"given", "chosen", "idle"}
+        Whether springs exert what their rest positions say, those that are open carry all that
+        acts, or nothing acts and nothing is stretched.
+    springs : coordinates with a spring of their own.
+    held : coordinates that stay where they are while the chain is closed, besides the rigid ones.
+    independent : coordinates I, as many as closures leave, or none.
+    rows : of each tie, rows of its relative twist that are independent of all others' (0 to 5).
+    shut : of each tie, rows that are independent while `held` is held.
+    length : characteristic length of the chain somewhere, for scales that decide nothing else.
+    still : coordinates that are zero, and Hessian of their springs there: elsewhere the engine
+        decides.
+    has_chart : whether the independent coordinates are the chart of K^F.
+    is_driven : whether the independent coordinates are the actuated ones.
+    """
+
+    constants: TreeConstants
+    held: tuple[int, ...] = ()
+    independent: tuple[int, ...] = ()
+    rows: tuple[tuple[int, ...], ...] = ()
+    shut: tuple[tuple[int, ...], ...] = ()
+    length: float = 1.0
+    balance: str = "idle"
+    springs: tuple[int, ...] = ()
+    still: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    has_chart: bool = False
+    is_driven: bool = False
+
+    @property
+    def dependent(self) -> list[int]:
+        """Coordinates D."""
+        return [j for j in self.moving if j not in self.independent]
+
+    @property
+    def freedoms(self) -> int:
+        """How many motions stay closed."""
+        return len(self.moving) - sum(map(len, self.rows))
+
+    @property
+    def ways(self) -> tuple[ClosedCase, ...]:
+        """Whose steps close the chain, one after the other as long as they end in vain.
+
+        More coordinates than there are motions can be held in few postures; in others none is.
+        """
+        if len(self.held) <= self.freedoms:
+            return (self,)
+        return self, replace(self, held=(), shut=self.rows)
+
+
+class ClosedChainNumbers(ChainNumbers):
+    """One closed chain under one case; coordinates are those of the motions N."""
+
+    is_closed = True
+
+    def __init__(self, tape: Tape, case: ClosedCase) -> None:  # its own way
+        constants = case.constants
+        self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
+        self.q = self.position = tape.vector("q", len(constants.is_length))
+        self.mimic: Array | None = None
+        self.kinematics = TreeKinematics(constants, self.q, case.fields)
+        doubt = self._motions(case)
+        way = constants.support(constants.carrier)
+        J_M = zeros(6, len(self.q))
+        J_M[:, way] = self.kinematics.in_body(self.kinematics.J[:, way])
+        self.J_q, self._way = J_M, way
+        self.J = J_M[:, way] @ self.N[way]
+        self.W = tape.vector("wrench", 6) if case.wrench != "none" else None
+        kinds = np.reshape(constants.screws, (-1, 6))[way]
+        turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
+        distances = [constants.is_length[j] for j in case.independent] or [False] * self.n
+        self._measure(J_M[:, way], turning, distances)
+        self.verdict = larger(self.verdict, doubt)
+        for j in (j for indices, _ in case.still for j in indices):
+            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, ENGINE)
+            self.verdict = larger(self.verdict, is_still)
+        self._evaluate(tape)
+        self.verdict = larger(self.verdict, self.of_springs)
+        self.mimic = self.N
+
+    def _motions(self, case: ClosedCase) -> Scalar:
+        """N, and the verdict on it."""
+        constants, tree = case.constants, self.kinematics
+        kept, left = list[Array](), list[Array]()
+        self._ties: list[tuple[Array, list[int]]] = []
+        for tie, rows in zip(constants.ties, case.rows, strict=True):
+            about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
+            twists = tree.tied(tie, about)
+            self._ties.append((twists, list(rows)))
+            kept.append(twists[list(rows)])
+            others = set(range(0 if tie.is_weld else 3, 6)) - set(rows)
+            left.append(twists[sorted(others)])
+        self.C, n = np.concatenate(kept), len(self.q)
+        sizes = np.array([case.length if d else 1.0 for d in constants.is_length])
+        scale = np.concatenate(
+            [[1.0 if i < 3 else 1.0 / case.length for i in rows] for rows in case.rows]
+        )
+        scaled = self.C * scale[:, None] * sizes
+        if case.independent:
+            D, free = case.dependent, list(case.independent)
+            # A vector in no particular direction tells how large the inverse is.
+            probe = np.cos(np.arange(1.0, 1.0 + len(D)))
+            solved = solution(scaled[:, D], np.column_stack([scaled[:, free], probe]))
+            self.N = zeros(n, len(free))
+            self.N[free] = np.eye(len(free))
+            self.N[D] = solved[:, :-1] * -(sizes[D][:, None] / sizes[free])
+            size = norm_squared(solved) / len(D) * norm_squared(scaled[:, D])
+            limit = _CLOSED**2
+        else:
+            moving = case.moving
+            Q = reflections(scaled[:, moving].T)
+            inverse_R = upper_inverse(Q.R)
+            self._solved = Q, inverse_R, scale, sizes
+            last = zeros(len(moving), self.n)
+            last[len(Q.R) :] = np.eye(self.n)
+            self.N = zeros(n, self.n)
+            self.N[moving] = Q.apply(last) * sizes[moving][:, None]
+            size, limit = norm_squared(Q.R) * norm_squared(inverse_R), JACOBIAN_CONDITION**2
+        verdict = limited(size, limit)
+        missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
+        if not all(is_zero(x) for x in missed.flat):
+            least = largest(self.N / sizes[:, None]) * (numerics.CLOSE * case.length)
+            verdict = larger(verdict, pick(largest(missed), least, PLAIN, ENGINE))
+        return verdict
+
+    def _multipliers(self, right: Array) -> Array:
+        """Closure forces that balance generalised forces (n,) on what depends on others."""
+        if all(is_zero(x) for x in right.flat):
+            return zeros(len(self.C))
+        if self.case.independent:
+            D = self.case.dependent
+            return solution(self.C[:, D].T, right[D, None])[:, 0]
+        Q, inverse_R, scale, sizes = self._solved
+        turned = Q.apply_transposed((right * sizes)[self.case.moving])
+        return (inverse_R @ turned[: len(inverse_R)]) * scale
+
+    def _turning(self, multipliers: Array) -> Array:
+        """``lam c''``."""
+        n, start = len(self.q), 0
+        S = zeros(n, n)
+        for tie, (twists, rows) in zip(self.case.constants.ties, self._ties, strict=True):
+            force = zeros(6)
+            force[rows] = multipliers[start : start + len(rows)]
+            start += len(rows)
+            if all(is_zero(x) for x in force):
+                continue
+            way = [j for j, _ in self.case.constants.way(tie)]
+            S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(twists[:, way], force)
+        return S
+
+    def _evaluate(self, tape: Tape) -> None:
+        """Energy, gradient and Hessian of everything on the motions; springs are balanced."""
+        case = self.case
+        energy, gradient, hessian = self._others(tape)
+        for indices, flat in case.still:
+            hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
+        springs = JointSpringNumbers(tape, len(self.q), case.laws)
+        chosen = [
+            a for a in case.springs if case.balance == "chosen" and case.open and case.open[a]
+        ]
+        for a in (a for a in case.springs if a not in chosen):
+            if case.balance == "idle":  # nothing is stretched
+                own, stiffness = springs.under(a, 0.0)
+            else:
+                own, torque, stiffness = springs.at(a, self.q[a])
+                gradient[a] = gradient[a] + torque
+            energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
+        if case.balance == "chosen":
+            # The springs carry what the closures pass on to them.
+            settled = [a for a in range(len(self.q)) if a not in chosen]
+            wanted = -(self.N[settled].T @ gradient[settled])
+            if self.W is not None:
+                wanted = wanted + self.J.T @ self.W
+            if case.settled:  # what the other motions feel is nothing
+                wanted = wanted[[case.independent.index(a) for a in chosen]]
+            elif chosen != list(case.independent):
+                wanted = self._nearest(chosen, wanted)
+            for a, torque in zip(chosen, wanted, strict=True):
+                own, stiffness = springs.under(a, torque - gradient[a])
+                energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
+                gradient[a] = torque
+        self.of_springs = larger(self.of_springs, springs.verdict)
+        self.energy = energy
+        self.gradient = self.N.T @ gradient
+        self._of_joints = gradient, hessian
+        turning = self._turning(self._multipliers(-gradient))
+        self.hessian = congruence(self.N, hessian + turning)
+
+    def _nearest(self, chosen: list[int], wanted: Array) -> Array:
+        """The torques (c,) nearest to those of the wrench with ``N_c^T t = wanted``."""
+        sizes = np.array(
+            [self.case.length if self.case.constants.is_length[a] else 1.0 for a in chosen]
+        )
+        own = zeros(len(chosen)) if self.W is None else self.J_q[:, chosen].T @ self.W
+        N = self.N[chosen] / sizes[:, None]
+        gram = congruence(N, np.eye(len(chosen)))
+        L, inverses, _ = positive_factor(gram)
+        inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
+        condition = norm_squared(gram) * norm_squared(inverse_gram)
+        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
+        return own + N @ (inverse_gram @ (wanted - self.N[chosen].T @ own)) / sizes
+
+    def load(self) -> Array | None:
+        """The wrench where it is known beforehand."""
+        return zeros(6) if self.W is None and self.case.balance != "given" else self.W
+
+    def lagrangian(self, W: Array) -> Array:
+        """H_L on the motions: what the load turns and what the closures do meet before them."""
+        return self.hessian if all(map(is_zero, W)) else congruence(self.N, self.of_joints(W))
+
+    def of_joints(self, W: Array) -> Array:
+        """H_L in all coordinates."""
+        (gradient, hessian), way = self._of_joints, self._way
+        H = hessian + self._turning(self._multipliers(self.J_q.T @ W - gradient))
+        S = curvature_of(self.kinematics.J[:, way], self.kinematics.from_body(W))
+        H[np.ix_(way, way)] = H[np.ix_(way, way)] - S
+        return H
+
+    def inverse(self) -> Array:
+        """J^-1 of six motions, and the verdict on it."""
+        scale = np.repeat([1.0, 1.0 / self.case.length], 3)
+        A = inverse(self.J * scale[:, None]) * scale
+        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
+        self.squared_condition = condition
+        return A
+
+    def condition(self, forward: Array, backward: Array) -> Scalar:
+        """Bound on the squared condition number of the scaled Jacobian."""
+        size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
+        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+
+    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+        """As of an open chain, on whatever orthonormal motions that stay closed.
+
+        With N and x in natural sizes they are ``N (N^T N)^(-1/2)``, of which the independent
+        coordinates, which the actuators are, move as much as ``(N^T N)^(-1/2)``; what moves the
+        body by a twist, ``N H^-1 J^T K^B``, tells how small the Jacobian can be.
+        """
+        sizes = np.array([self.length if d else 1.0 for d in self.case.constants.is_length], object)
+        N = self.N / sizes[:, None] * self.columns
+        (H, softness), (K, _) = own, outer
+        forward = (self.J * self.columns).T
+        back = N @ ((softness @ (self.J.T @ K)) / self.columns[:, None])
+        if self.n > 6:  # (N^T N)^(-1/2) is at most 1
+            if not self.case.independent:
+                return np.array([1.0, 1.0], object)
+            spread = norm_squared(N) * square_root(float(self.n)) if self.case.is_driven else 1.0
+            serial = self.condition(forward, back.T)
+            return noteworthy(larger(serial, spread), own, outer, margin=100.0)
+        gram = congruence(N, np.eye(len(N)))
+        L, inverses, _ = positive_factor(gram)
+        forward = below(L, forward)
+        for row, inverse_pivot in zip(forward, inverses, strict=True):
+            row *= square_root(inverse_pivot)
+        inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
+        spread = square_root(norm_squared(gram) * norm_squared(inverse_gram))
+        serial = self.condition(forward, back.T)
+        near, lost = noteworthy(larger(serial, spread), outer, margin=100.0)
+        both = self.columns * self.columns[:, None]
+        size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
+        lost = larger(lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2)
+        return np.array([near, lost], object)
+
+    def pose(self) -> Array:
+        """``T_F_M``."""
+        T = zeros(4, 4)
+        T[:3, :3], T[:3, 3], T[3, 3] = self.kinematics.R, self.kinematics.p, 1.0
+        return T
+
+
+def length_of(tree: TreeKinematics) -> Scalar:
+    """Root mean square distance of the axes of joints on the way to the body from its origin."""
+    way = [j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]]
+    moments = tree.in_body(tree.J[:, way])[3:]
+    return square_root(norm_squared(moments) / len(way)) if way else 1.0
+
+
+def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
+    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
+    return arrays_of(ClosedChainNumbers(tape, case), wanted)
+
+
+#: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
+_COTANGENT = (
+    -1 / 12,
+    -1 / 720,
+    -1 / 30240,
+    -1 / 1209600,
+    -1 / 47900160,
+    -691 / 1307674368000,
+    -1 / 74724249600,
+    -3617 / 10670622842880000,
+    -43867 / 5109094217170944000,
+    -174611 / 802857662698291200000,
+)
+#: Steps after which rounding may choose the assembly, and after which the engine gives up. What
+#: other way may then be taken, `ClosedCase.ways` tells: more coordinates than there are motions
+#: are not held by chance; as many may be, in another assembly, which is left to the engine.
+STEPS, LAST_STEP = 40, 100
+
+
+def cotangent_series(x: Any) -> Any:
+    """``(1 - (t / 2) cot(t / 2)) / t^2`` at x = t^2."""
+    return -_series(x, list(_COTANGENT))
+
+
+def _series(x: Any, coefficients: list[float]) -> Any:
+    total: Any = 0.0
+    for c in reversed(coefficients):
+        total = total * x + c
+    return total
+
+
+def weld_residual(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
+    """Residual (6,), its rates (6, joints), and the verdict."""
+    (R_a, p_a), (R_b, p_b) = tree.placed(tie.joint_a, tie.T_a), tree.placed(tie.joint_b, tie.T_b)
+    w, verdict = rotation_vector(R_b @ R_a.T)
+    x, d = w @ w, p_b - p_a
+    c = cotangent_series(x)
+    across = cross(w, d)
+    xi = np.concatenate([w, d + across * 0.5 + cross(w, across) * c])
+    A = _series(x, [(k - 1.0) * c_k for k, c_k in enumerate(_COTANGENT)])
+    B = _series(x, [(k + 1.0) * c_k for k, c_k in enumerate(_COTANGENT[1:])])
+    ad = zeros(6, 6)
+    ad[:3, :3] = ad[3:, 3:] = skew(xi[:3])
+    ad[3:, :3] = skew(xi[3:])
+    twice = ad @ ad
+    turned = np.eye(6) + ad * 0.5 + twice * A + (twice @ twice) * B
+    J = tree.tied(tie, p_b)
+    rates = zeros(*J.shape)
+    for j, _ in tree.constants.way(tie):
+        rates[:, j] = turned @ J[:, j]
+    return xi, rates, verdict
+
+
+def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
+    """The "next" coordinates, and what is "left": residual, step, length, verdict."""
+    constants = case.constants
+    n = len(constants.is_length)
+    q = tape.vector("q", n)
+    tree = TreeKinematics(constants, q)
+    length = length_of(tree)
+    columns = np.array([length if d else 1.0 for d in constants.is_length], object)
+    verdict: Scalar = PLAIN
+    residuals, every, rates = list[Array](), list[Array](), list[Array]()
+    for tie, rows in zip(constants.ties, case.shut, strict=True):
+        if tie.is_weld:
+            xi, J, doubt = weld_residual(tree, tie)
+            verdict = larger(verdict, doubt)
+        else:
+            p_a, p_b = tree.placed(tie.joint_a, tie.T_a)[1], tree.placed(tie.joint_b, tie.T_b)[1]
+            xi, J = np.concatenate([zeros(3), p_b - p_a]), tree.tied(tie, p_a)
+        every.append(xi)
+        residuals.append(xi[list(rows)])
+        rates.append(J[list(rows)])
+    missed, C = np.concatenate(residuals), np.concatenate(rates)
+    step = zeros(n)
+    D = [j for j in case.moving if j not in case.held]
+    sizes = columns[D]
+    scaled = C[:, D] * sizes
+    if len(D) == len(C):
+        # A vector in no particular direction tells whether rounding would choose the assembly.
+        probe = np.cos(np.arange(1.0, 1.0 + len(D)))
+        solved = solution(scaled, np.column_stack([-missed, probe]))
+        step[D] = solved[:, 0]
+        size = norm_squared(solved[:, 1]) / len(D) * norm_squared(scaled)
+    else:
+        Q = reflections(scaled.T)
+        inverse_R = upper_inverse(Q.R)
+        y = zeros(len(D))
+        y[: len(Q.R)] = inverse_R.T @ -missed
+        size = norm_squared(Q.R) * norm_squared(inverse_R)
+        step[D] = Q.apply(y)
+    verdict = larger(verdict, limited(size, JACOBIAN_CONDITION**2))
+    long = largest(step)
+    step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
+    left = np.array([largest(np.concatenate(every)), long, length, verdict], object)
+    moved = q + step
+    return {"next": in_pairs(moved), "left": left}
+
+
+def close(
+    ways: Sequence[Callable[[], Any]], q: Array
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Coordinates that close the chain from q (N, n), where they do, and where none do.
+
+    `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways` on as many rows.
+    Where the engine would go on, or end elsewhere, the coordinates stay those given; where it would
+    go on in vain, by these ways, is told.
+    """
+    closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
+    for workspace in ways:
+        if not which.size:
+            break
+        at, done, is_vain = q[which], np.zeros(len(which), bool), np.zeros(len(which), bool)
+        _close(workspace(), at, done, is_vain)
+        closed[which[done]], is_closed[which[done]] = at[done], True
+        which = which[is_vain]
+    return closed, is_closed, np.isin(np.arange(len(q)), which) & bool(ways)
+
+
+def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
+    """Whether closures are met: at rounding level, or within tolerance once steps do not help.
+
+    By what is "left", and the residual `before`.
+    """
+    unit = np.maximum(1.0, length)
+    return (size <= numerics.ATTAINABLE_PRECISION * unit) | (
+        (size <= numerics.ROUNDING * unit)
+        & ((size > 0.1 * before) | (step <= numerics.SMALLEST_STEP))
+    )
+
+
+def _close(
+    workspace: Any, q: Array, is_closed: NDArray[np.bool_], is_vain: NDArray[np.bool_]
+) -> None:
+    """Take steps from q, in place; where they close the chain, and where they end in vain."""
+    n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
+    best, futile = before, np.zeros(len(q), int)
+    for taken in range(LAST_STEP):
+        moved = {"next": aligned_empty(len(which), n + n % 2), "left": aligned_empty(len(which), 4)}
+        at = q if len(which) == len(q) else q[which]
+        workspace.run({"q": np.ascontiguousarray(at)}, moved, len(which))
+        size, step, length, doubt = moved["left"].T
+        done = is_shut(size, step, length, before)
+        is_closed[which[done]] = taken < STEPS
+        futile = np.where(size < 0.9 * best, 0, futile + 1)
+        goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
+        vain = goes_on & (
+            (step <= numerics.SMALLEST_STEP) | (futile >= FUTILE) & (step < LONGEST_STEP)
+        )
+        is_vain[which[vain]] = True
+        goes_on &= ~vain
+        which, before, futile = which[goes_on], size[goes_on], futile[goes_on]
+        best = np.minimum(best[goes_on], before)
+        if not which.size:
+            return
+        q[which] = moved["next"][goes_on, :n]
+    is_vain[which] = True
+
+
+#: Steps within which both ways of stepping end alike: of 2293 postures of robots with flexible
+#: links, under loads up to all that they carry, those 23 that did not took nine and more.
+_FEW = 8
+#: Evaluates what is beside the program at postures (N, n): inputs, and verdicts.
+Evaluate = Callable[[Array], tuple[dict[str, Array], Array]]
+
+
+def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
+    """`settled_coordinates` where there is a wrench; `wrench` as in `ChainCase`."""
+    return () if wrench == "none" else tuple(settled_coordinates(elastic).tolist())
+
+
+def _shutting(chain: ClosedChainNumbers, case: ClosedCase, sizes: Array) -> tuple[Array, Scalar]:
+    """What shuts the closures, on the dependent coordinates (n,), and the verdict on it."""
+    tree, missed = chain.kinematics, list[Array]()
+    verdict: Scalar = PLAIN
+    for tie, rows in zip(case.constants.ties, case.rows, strict=True):
+        p_b = tree.placed(tie.joint_b, tie.T_b)[1]
+        if tie.is_weld:
+            xi, _, doubt = weld_residual(tree, tie)
+            verdict = larger(verdict, doubt)
+            # About the origin of F, as the twists of the closures are.
+            gap = np.concatenate([xi[:3], xi[3:] + cross(p_b, xi[:3])])
+        else:
+            gap = np.concatenate([zeros(3), p_b - tree.placed(tie.joint_a, tie.T_a)[1]])
+        missed.append(gap[list(rows)])
+    D, shut = case.dependent, zeros(len(chain.q))
+    shut[D] = solution(chain.C[:, D] * sizes[D], -np.concatenate(missed)[:, None])[:, 0] * sizes[D]
+    return shut, verdict
+
+
+def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
+    """The coordinates after a step, "settled", and how it "moved": longest part, verdict."""
+    chain: Any
+    verdict: Scalar = PLAIN
+    if isinstance(case, ClosedCase):
+        chain, names = ClosedChainNumbers(tape, case), case.independent
+        N = chain.N
+    else:
+        chain = ChainNumbers(tape, case, len(case.constants.screws) // 6)
+        names, N = tuple(range(chain.n)), np.eye(chain.n)
+    W, load = chain.W, LoadKind("follower")
+    if case.dead_load_at is not None:
+        load, R = LoadKind("dead", case.dead_load_at), chain.pose()[:3, :3].T
+        moment, force = R @ W[:3], R @ W[3:]
+        W = np.concatenate([moment + cross(np.array(case.dead_load_at), force), force])
+    sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
+    left, shut = chain.gradient - chain.J.T @ W, zeros(len(chain.q))
+    if isinstance(case, ClosedCase):
+        shut, verdict = _shutting(chain, case, sizes)
+        left = left + N.T @ (chain.of_joints(W) @ shut)
+    free = [i for i, name in enumerate(names) if name in case.settled]
+    H, J = chain.lagrangian(W)[np.ix_(free, free)], chain.J[:, free]
+    L, inverses, pivots = positive_factor(H)
+    for a, pivot in enumerate(pivots):
+        verdict = larger(verdict, pick(H[a, a] * numerics.LOST_ERROR, pivot, PLAIN, ENGINE))
+    reached = below(L, np.column_stack([-left[free], J.T]))
+    y, reach = reached[:, 0], reached[:, 1:]
+    # With C = J H^-1 J^T it is (H + J^T D J)^-1 = (1 - H^-1 J^T D (1 + C D)^-1 J) H^-1.
+    D = load.change(W)
+    C = congruence(reach, np.diag(inverses))
+    changed = D @ solution(np.eye(6) + C @ D, (reach.T @ (y * inverses))[:, None])[:, 0]
+    step = N[:, free] @ above(L, (y - reach @ changed) * inverses) + shut
+    verdict = larger(verdict, chain.verdict)
+    moved = largest(step / sizes)
+    settled = chain.q + step * pick(moved, LONGEST, 1.0, LONGEST / moved)
+    return {
+        "settled": in_pairs(settled),
+        "moved": np.array([moved, verdict], object),
+        "load": W,
+    }
+
+
+def settle(
+    workspace: Any,
+    evaluate: Evaluate,
+    inputs: Mapping[str, Array],
+    q: Array,
+    which: NDArray[np.intp],
+) -> tuple[NDArray[np.intp], Array]:
+    """Take steps from some postures q[which], in place; those that come to rest, and their loads.
+
+    `inputs` are the program's, "wrench" with one row or one for each of q. What finds no rest by
+    a few of these steps is the engine's: how it ends there is not looked into, and its steps, which
+    are others on the way, may end elsewhere. The loads (N, 6) are in M.
+    """
+    n, rest = q.shape[1], list[NDArray[np.intp]]()
+    loads, moved = np.full((len(q), 6), np.nan), np.zeros(0)
+    for _ in range(_FEW):
+        at = np.ascontiguousarray(q[which])
+        more, doubts = evaluate(at)
+        own = {**inputs, "q": at, **more}
+        if len(inputs["wrench"]) > 1:
+            own["wrench"] = np.ascontiguousarray(inputs["wrench"][which])
+        outputs = {
+            "settled": aligned_empty(len(at), n + n % 2),
+            "moved": aligned_empty(len(at), 2),
+            "load": aligned_empty(len(at), 6),
+        }
+        workspace.run(own, outputs, len(at))
+        moved, verdict = outputs["moved"].T
+        stands = (verdict == PLAIN) & np.isfinite(moved) & (doubts == PLAIN)
+        q[which[stands]] = outputs["settled"][stands, :n]
+        loads[which] = outputs["load"]
+        is_last = moved <= LAST
+        rest.append(which[stands & is_last])
+        which, moved = which[stands & ~is_last], moved[stands & ~is_last]
+        if not which.size:
+            break
+    rest.append(which[moved <= ROUNDED])
+    return np.concatenate(rest), loads
+
+
+#: Postures that closures are looked at in, and how far from home they are sought (rad, or shares
+#: of the characteristic length).
+_SAMPLES, _AWAY = 4, 0.1
+
+
+def _flat(array: Array) -> tuple[float, ...]:
+    return tuple(np.ravel(array).tolist())
+
+
+def tree_constants(chain: Chain) -> TreeConstants:
+    """Geometry of a tree with its ties."""
+    tree = chain.tree
+    places = [(chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
+
+    def tie(a: FixedFrame, b: FixedFrame, is_weld: bool) -> Tie:
+        return Tie(a.joint, _flat(a.T_j_f), b.joint, _flat(b.T_j_f), is_weld)
+
+    return TreeConstants(
+        _flat(np.array(tree.placements())),
+        _flat(tree.screws()),
+        _flat(chain.body.T_j_f),
+        None,
+        None,
+        tuple(bool(x) for x in chain.is_length),
+        tuple(int(p) for p in list(tree.model.parents)[1:]),
+        chain.body.joint,
+        tuple(
+            tie(a, b, closure.type == "weld")
+            for closure, (a, b) in zip(chain.closures, places, strict=True)
+        ),
+    )
+
+
+def _samples(chain: Chain, q: Array) -> list[Array]:
+    """Coordinates of a few closed postures about q."""
+    samples, rng = list[Array](), np.random.default_rng(0)
+    for i in range(3 * _SAMPLES):
+        away = chain.at(q).coordinate_lengths * rng.uniform(-_AWAY, _AWAY, q.size)
+        away[list(chain.virtual)] = 0.0
+        try:
+            samples.append(chain.closed(q if i == 0 else q + away).q)
+        except ConvergenceError:
+            continue
+        if len(samples) == _SAMPLES:
+            break
+    return samples
+
+
+def _rows(
+    constants: TreeConstants, samples: Sequence[Array], held: Sequence[int] = ()
+) -> tuple[tuple[tuple[int, ...], ...], list[Array], int] | None:
+    """Of each tie the rows that make the closures independent; None where they differ.
+
+    Also these rows at the samples, without columns of what is held, and how many are not zero.
+    """
+    every, names = list[Array](), list[tuple[int, int]]()
+    for at in samples:
+        tree = TreeKinematics(constants, at.astype(object))
+        rows = list[Array]()
+        names = []
+        for k, tie in enumerate(constants.ties):
+            own = range(0 if tie.is_weld else 3, 6)
+            about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
+            twists = np.delete(tree.tied(tie, about), held, axis=1)
+            rows += list(twists[list(own)].astype(float))
+            names += [(k, i) for i in own]
+        every.append(np.array(rows))
+    ranks = {numerics.rank(numerics.singular_values(C)) for C in every}
+    if len(ranks) != 1:
+        return None
+    together = np.concatenate(every, axis=1)
+    # Rows that are zero everywhere come last; of the others the first that are independent.
+    kept = sorted(numerics.first_independent(_reduced(together, ranks.pop()).T).tolist())
+    sizes = np.abs(together).max(axis=1)
+    acting = int(np.count_nonzero(sizes > numerics.RANK * sizes.max(initial=0.0)))
+    every = [C[kept] for C in every]
+    if not all(numerics.is_regular(numerics.singular_values(C)) for C in every):
+        return None
+    return (
+        tuple(
+            tuple(i for j in kept for t, i in [names[j]] if t == k)
+            for k in range(len(constants.ties))
+        ),
+        every,
+        acting,
+    )
+
+
+def _independent(
+    chain: Chain, moving: Array, closures: Sequence[Array], freedoms: int
+) -> tuple[int, ...]:
+    """Coordinates that tell all motions: those held, or else as many without a say in closing.
+
+    Of more actuators than motions none are left out: there are no such coordinates then. The
+    closures' columns are the `moving` ones.
+    """
+    held = [j for j in chain.held if j not in chain.rigid]
+    driven = [j for j in chain.actuated or () if j not in chain.rigid]
+    if len(held) in (0, freedoms) or len(driven) > freedoms:
+        return tuple(held) if len(held) == freedoms else ()
+    # What closes the chain depends on the others as far as it goes.
+    weights = np.where(np.isin(moving, held), 1e-3, 1.0)
+    dependent = numerics.first_independent(closures[0] * weights)
+    free = np.setdiff1d(np.arange(len(moving)), dependent)
+    each = (C[:, dependent] for C in closures)
+    is_regular = all(numerics.is_regular(numerics.singular_values(C)) for C in each)
+    return tuple(moving[free].tolist()) if is_regular else ()
+
+
+def _reduced(rows: Array, rank: int) -> Array:
+    """Columns that span those of some rows together, as many as one posture's rank."""
+    U, values, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(U[:, :rank] * values[:rank])
+
+
+def closed_case(
+    elastic: ElasticMechanism, chain: Chain, wrench: str
+) -> tuple[ClosedCase, tuple[Potential, ...]] | str:
+    """The case of a closed chain and potentials that it does not hold, or why there is none."""
+    springs = elastic.springs
+    if springs is not None and not isinstance(springs, JointSprings):
+        return "line springs of a chain have no arithmetic of their own"
+    if chain.tree.mimic is not None:
+        return "joints that follow others in a closed chain"
+    constants = tree_constants(chain)
+    way = constants.support(constants.carrier)
+    if not any(np.any(np.reshape(constants.screws, (-1, 6))[j, :3]) for j in way):
+        return "no joint on the way to the frame turns"
+    if not chain.rigid <= set(chain.held):
+        return "a rigid joint that is no motor moves while a closed chain is assembled"
+    samples = _samples(chain, elastic.q)
+    rigid = tuple(sorted(chain.rigid))
+    held = tuple(j for j in chain.held if j not in rigid)
+    free, shut = (
+        _rows(constants, samples, some) if samples else None for some in (rigid, (*held, *rigid))
+    )
+    if free is None or shut is None:
+        return "the closures have no rank that most postures share"
+    rows, closures, acting = free
+    n, rank = len(constants.is_length), sum(map(len, rows))
+    moving = np.setdiff1d(np.arange(n), rigid)
+    freedoms = len(moving) - rank
+    if not freedoms:
+        return "no joint gives"
+    is_freed = not held or len(held) > freedoms
+    if is_freed and acting > rank:
+        return "redundant closures without actuated coordinates are closed posture by posture"
+    actuated = chain.actuated
+    if actuated is not None and not set(actuated) <= {*held, *rigid}:
+        return "the actuated coordinates are not those that are held"
+
+    settled = settles(elastic, wrench)
+    still, others = list[tuple[tuple[int, ...], tuple[float, ...]]](), list[Potential]()
+    for potential in elastic.potentials:
+        if settled:
+            others.append(potential)
+        elif isinstance(potential, Beam):
+            blocks = zip(potential.indices, potential._straight, strict=True)
+            still += [(tuple(map(int, at)), _flat(K)) for at, K in blocks]
+        elif type(potential) is CoupledSprings:
+            still.append((tuple(map(int, potential.indices)), _flat(potential.matrix)))
+        else:
+            others.append(potential)
+    own = np.zeros(n, bool) if springs is None else ~springs.is_passive
+    is_open = np.zeros(n, bool) if springs is None else springs.rest_is_free(wrench != "none")
+    laws = {} if springs is None else springs.laws
+    if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
+        return "the rest position of such a spring is found posture by posture"
+    springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at), *settled}
+    if springy < set(held) and not others and elastic.gravity is None:
+        return "coordinates that are held without a spring are judged posture by posture"
+    acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
+    # Torques and forces beside each other are shared by way of a length that is not the same there.
+    kinds = {constants.is_length[a] for a in np.flatnonzero(is_open)}
+    independent = _independent(chain, moving, closures, freedoms)
+    if not is_open.any():  # where links give, nothing but them carries a load
+        balance = "chosen" if settled else "given" if acts or wrench != "none" else "idle"
+    elif settled:
+        if not set(np.flatnonzero(is_open).tolist()) <= set(independent):
+            return "what springs carry beside links that give is found posture by posture"
+        balance = "chosen"
+    elif set(np.flatnonzero(is_open).tolist()) == set(independent):
+        balance = "chosen"
+    elif wrench == "none" and not acts:
+        balance = "idle"
+    elif not independent and is_open.sum() >= freedoms and len(kinds) == 1:
+        balance = "chosen"
+    else:
+        return "what springs carry beside closures is found posture by posture"
+    if freedoms > 6 and balance == "given":
+        return "whether self-motions of a closed chain balance is seen posture by posture"
+    return ClosedCase(
+        constants,
+        tuple(is_open.tolist()),
+        wrench,
+        held=held,
+        independent=independent,
+        rows=rows,
+        shut=shut[0],
+        length=float(chain.at(samples[0]).length),
+        balance=balance,
+        springs=tuple(np.flatnonzero(own).tolist()),
+        still=tuple(still),
+        settled=settled,
+        rigid=rigid,
+        has_chart=actuated is not None and len(actuated) == 6 == freedoms,
+        is_driven=actuated is not None and set(actuated) == set(independent),
+    ), tuple(others)

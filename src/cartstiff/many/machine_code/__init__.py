@@ -1,1 +1,0 @@
-"""Programs as vector code: lines of LLVM, and the loop around them."""

@@ -1,1 +1,0 @@
-"""What is read of many postures by the machine code that makes their matrices."""

@@ -1,0 +1,736 @@
+r"""Which mechanisms' masses recorded arithmetic knows, so that it finds their vibrations.
+
+Eigenvalues of symmetric matrices by a fixed number of steps.
+
+All of them by Jacobi's rotations: a sweep turns every pair of rows once, and what is left beside
+the diagonal shrinks with its square at last. The largest alone, for a quarter of the work, by
+Laguerre's iteration on the characteristic polynomial of a tridiagonal matrix, from a bound
+downwards: it converges with the third power. Nothing bounds the number of steps of either: what is
+left after them is a verdict.
+
+Small vibrations on recording numbers: ``K_q x = omega^2 M x``.
+
+With H the Lagrangian Hessian on the motions x, J their twists and D = K^load - K^B,
+
+    K_q = H + J^T D J = L L^T,    1 / omega^2: eigenvalues of L^-1 M L^-T,
+
+which holds the slow ones to the last digit, and with M = G G^T those of its inverse,
+``L^T M^-1 L``, the quick ones. Without an energy, K_q has no such factor; nor where a motion costs
+nothing, or grows: the engine decides.
+
+What is read at every posture, and what it refers to.
+
+What maps read from matrices, recorded behind the arithmetic that makes them.
+
+Numbers of a posture that `cartstiff.maps.quantities` finds over arrays, as formulas on recording
+numbers: what is read here is never stored. Eigenvalues come from a matrix where it has the digits
+and else from its inverse, as there; a posture for which that takes more has the verdict `ENGINE`,
+and is read there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    ENGINE,
+    PLAIN,
+    below,
+    changed_compliance,
+    congruence,
+    cross,
+    eliminated,
+    is_zero,
+    largest,
+    limited,
+    norm_squared,
+    positive_factor,
+    reflections,
+    symmetric_product,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.many.chains import Bodies, ChainCase
+from cartstiff.many.platforms import LegMasses, PlatformCase
+from cartstiff.many.tape import Scalar, absolute, copysign, larger, pick, square_root
+from cartstiff.many.twists import numbers
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.loads import DeadForce, Scaled
+from cartstiff.stiffness.applied_load import LoadKind
+
+#: Rows up to which all eigenvalues are found; of more the operations would be too many.
+LARGEST = 8
+#: Sweeps after which nearly every matrix of a size is diagonal.
+_SWEEPS = {1: 0, 2: 1, 3: 4, 4: 5, 5: 6, 6: 6, 7: 7, 8: 7}
+#: Steps of Laguerre's iteration after which it stands still nearly always.
+_STEPS = 6
+
+
+def _rounds(n: int) -> tuple[tuple[int, int], ...]:
+    """Pairs of n rows, in an order in which neighbours have no row in common: none waits.
+
+    Those of a tournament in which every row meets every other once.
+    """
+    seats: list[int] = [*range(n), *[n] * (n % 2)]  # with one too few, somebody rests
+    pairs = list[tuple[int, int]]()
+    for _ in range(len(seats) - 1):
+        met = zip(seats[: len(seats) // 2], reversed(seats), strict=False)
+        pairs += [(min(pair), max(pair)) for pair in met if n not in pair]
+        seats = [seats[0], seats[-1], *seats[1:-1]]
+    return tuple(pairs)
+
+
+_PAIRS = {n: _rounds(n) for n in _SWEEPS}
+#: What may be left beside the diagonal, as a share of the whole matrix: rounding.
+_LEFT = 4.0 * numerics.EPSILON
+#: The last step that may be left to do, as a share: rounding where two are near each other.
+_STEP = 64.0 * numerics.EPSILON
+#: Condition number of a block up to which it alone has digits enough for all its eigenvalues, less
+#: what two ways to find it may differ by.
+_PLAIN = 0.99 * numerics.PLAIN_BLOCK
+
+
+def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
+    """Eigenvalues of a symmetric matrix in no order, and the verdict on them.
+
+    Their errors are those of a backward stable method: a few roundings of the largest.
+    """
+    n = len(matrix)
+    work = matrix.astype(object)
+    whole = norm_squared(work)
+    for _ in range(_SWEEPS[n]):
+        for p, q in _PAIRS[n]:
+            if not is_zero(work[p, q]):
+                _turn(work, p, q)
+    left: Scalar = 0.0
+    for p, q in _PAIRS[n]:
+        left = left + work[p, q] * work[p, q]
+    verdict: Scalar = PLAIN
+    if not is_zero(left):
+        verdict = pick(left, whole * _LEFT**2, PLAIN, ENGINE)
+    return list(work.diagonal()), larger(verdict, limited(whole, np.inf))
+
+
+def _turn(work: Array, p: int, q: int) -> None:
+    """Turn rows and columns p and q so that their common entry vanishes.
+
+    With d the difference of the two on the diagonal, b between them, h^2 = d^2 + 4 b^2 and
+    u = |d| + h, the rotation by less than an eighth of a turn has (c, s) in the ratio u : 2 b.
+    """
+    b, d = work[p, q], work[q, q] - work[p, p]
+    twice = b + b
+    square = twice * twice
+    # Two equal entries with nothing between them stay as they are.
+    h = square_root(d * d + square + numerics.TINY)
+    u = d + copysign(h, d)
+    norm = 1.0 / square_root(u * u + square)
+    c, s = u * norm, twice * norm
+    change = s * (c * twice - s * d)
+    for r in range(len(work)):
+        if r not in (p, q):
+            x, y = work[r, p], work[r, q]
+            work[r, p] = work[p, r] = c * x - s * y
+            work[r, q] = work[q, r] = s * x + c * y
+    work[p, p], work[q, q] = work[p, p] - change, work[q, q] + change
+    work[p, q] = work[q, p] = 0.0
+
+
+def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
+    """The largest eigenvalue of a symmetric matrix that has a positive one, and the verdict on it.
+
+    With p the characteristic polynomial, whose n roots are real, and x above all of them,
+
+        x - n p / (p' + sqrt((n - 1)^2 p'^2 - n (n - 1) p p''))
+
+    is nearer to the largest, and still above it.
+    """
+    n = len(matrix)
+    if n == 1:
+        return matrix[0, 0], PLAIN
+    whole = square_root(norm_squared(matrix))
+    diagonal, squares = _tridiagonal(matrix * (1.0 / whole))
+    x: Scalar = 1.0
+    step: Scalar = 0.0
+    for _ in range(_STEPS):
+        values: list[tuple[Scalar, Scalar, Scalar]] = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
+        for d, square in zip(diagonal, [0.0, *squares], strict=True):
+            (q, q1, q2), (p, p1, p2) = values
+            t = x - d
+            values = [
+                (p, p1, p2),
+                (t * p - square * q, p + t * p1 - square * q1, p1 + p1 + t * p2 - square * q2),
+            ]
+        p, p1, p2 = values[1]
+        root = (p1 * p1) * float((n - 1) ** 2) - (p * p2) * float(n * (n - 1))
+        step = p * float(n) / (p1 + square_root(larger(root, 0.0)))
+        x = x - step
+    return x * whole, pick(absolute(step), x * _STEP, PLAIN, ENGINE)
+
+
+def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
+    """Diagonal of a tridiagonal matrix with the same eigenvalues, and squares beside it."""
+    work, squares = matrix.astype(object), list[Scalar]()
+    for k in range(len(work) - 2):
+        v = work[k + 1 :, k].copy()
+        square = norm_squared(v)
+        squares.append(square)
+        if all(is_zero(x) for x in v[1:]):
+            continue
+        size = copysign(square_root(square), v[0])
+        v[0] = v[0] + size
+        factor = 1.0 / (size * v[0])
+        p = (work[k + 1 :, k + 1 :] @ v) * factor
+        p = p - v * ((v @ p) * factor * 0.5)
+        for i in range(len(v)):
+            for j in range(i, len(v)):
+                at, to = k + 1 + i, k + 1 + j
+                work[at, to] = work[to, at] = work[at, to] - v[i] * p[j] - p[i] * v[j]
+    squares.append(work[-1, -2] * work[-1, -2])
+    return list(work.diagonal()), squares
+
+
+#: Exchanges that sort so many numbers: of neighbours in turns, or fewer where they are known.
+_EXCHANGES = {
+    **{n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2)) for n in _SWEEPS},
+    2: ((0, 1),),
+    3: ((0, 1), (1, 2), (0, 1)),
+    6: (
+        (0, 5),
+        (1, 3),
+        (2, 4),
+        (1, 2),
+        (3, 4),
+        (0, 3),
+        (2, 5),
+        (0, 1),
+        (2, 3),
+        (4, 5),
+        (1, 2),
+        (3, 4),
+    ),
+}
+
+
+def ascending(values: Sequence[Scalar]) -> list[Scalar]:
+    """The numbers, smallest first."""
+    ordered = list(values)
+    for i, j in _EXCHANGES[len(ordered)]:
+        x, y = ordered[i], ordered[j]
+        ordered[i], ordered[j] = pick(x, y, x, y), larger(x, y)
+    return ordered
+
+
+def principal_values(
+    matrix: Array, inverse: Array | None = None, growth: Scalar = 1.0
+) -> tuple[list[Scalar], Scalar]:
+    """Eigenvalues of a positive matrix, smallest first, and the verdict on them.
+
+    Where the matrix alone has not the digits, each is taken from the matrix or from its inverse, as
+    `cartstiff.numerics.eigenpairs` does: where less is lost, that is, where it is nearer to the
+    largest eigenvalue. The error of the inverse counts `growth` times.
+    """
+    values, doubt = eigenvalues(matrix)
+    ordered = ascending(values)
+    alone = pick(ordered[-1], ordered[0] * _PLAIN, PLAIN, ENGINE)
+    if inverse is None:
+        return ordered, larger(doubt, alone)
+    others, verdict = eigenvalues(inverse)
+    others = ascending(others)
+    for least in (ordered[0], others[0]):
+        verdict = larger(verdict, pick(0.0, least, PLAIN, ENGINE))
+    merged = []
+    for x, y in zip(ordered, reversed(others), strict=True):
+        direct, around = ordered[-1] / x, growth * others[-1] / y
+        verdict = larger(verdict, pick(direct, _PLAIN, PLAIN, limited(around, _PLAIN)))
+        merged.append(pick(alone, ENGINE, x, pick(direct, around, x, 1.0 / y)))
+    return ascending(merged), larger(doubt, pick(alone, ENGINE, PLAIN, verdict))
+
+
+#: Loss of digits up to which an eigenvalue is taken from the one matrix, or from the other.
+_DIGITS = 0.99 * numerics.PLAIN_BLOCK
+
+
+def frequency_name(which: int) -> str:
+    """The quantity's name, counted from 0."""
+    return f"frequency_{which + 1}"
+
+
+def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Scalar], Scalar]:
+    """The largest 1 / omega^2, so many or more, and the verdict on them.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        "kinetic" M, "lagrangian" H and "motion" J.
+    D : ndarray (6, 6)
+        What the load adds to the stiffness.
+    number : int
+        How many are wanted; the first alone takes less.
+    """
+    H, M, J = (arrays[name] for name in ("lagrangian", "kinetic", "motion"))
+    verdict: Scalar = PLAIN
+    skew = D - D.T
+    if not all(is_zero(x) for x in skew.flat):
+        least = largest(D) * numerics.ROUNDING
+        verdict = pick(least, largest(skew), ENGINE, PLAIN)
+    if not all(is_zero(x) for x in D.flat):
+        H = H + congruence(J, (D + D.T) * 0.5)
+    L, inverses, pivots = positive_factor(H)
+    for pivot, entry in zip(pivots, H.diagonal(), strict=True):
+        verdict = larger(verdict, pick(entry * numerics.LOST_ERROR, pivot, PLAIN, ENGINE))
+    roots = np.array([square_root(x) for x in inverses], object)
+    slow = below(L, below(L, M).T) * np.multiply.outer(roots, roots)
+    if number == 1:
+        longest, doubt = largest_eigenvalue(slow)
+        return [longest], larger(verdict, doubt)
+    slowest, doubt = eigenvalues(slow)
+    slowest, verdict = ascending(slowest)[::-1], larger(verdict, doubt)
+    quickest, doubt = eigenvalues(_inverse(M, L / roots))
+    quickest = ascending(quickest)
+    found = list[Scalar]()
+    for x, y in list(zip(slowest, quickest, strict=True))[:number]:
+        # Of motions without mass the inverse knows nothing: its verdict counts where it is asked.
+        loss = slowest[0] / x
+        other = larger(doubt, limited(quickest[-1] / y, _DIGITS))
+        verdict = larger(verdict, pick(loss, _DIGITS, PLAIN, other))
+        found.append(pick(loss, _DIGITS, x, 1.0 / y))
+    return found, verdict
+
+
+def _inverse(M: Array, L: Array) -> Array:
+    """``L^T M^-1 L``."""
+    G, inverses, _ = positive_factor(M)
+    reached = below(G, L)
+    return symmetric_product(reached.T, reached * inverses[:, None], zeros(*M.shape))
+
+
+#: Readings that need the masses.
+FREQUENCIES = frozenset(map(frequency_name, range(6)))
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Numbers to read at every posture, and what they refer to; a key.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of `cartstiff.many.readings.READINGS`.
+    connection : {"A", "B", "K", "F", "load"}
+        The matrix that is read.
+    length : float
+        Characteristic length.
+    direction : tuple of float, optional
+        Direction of stiffness along and about it.
+    deflect : tuple of float, optional
+        Wrench whose deflection is asked for; None for the posture's own.
+    deflect_at : tuple of float
+        Where it acts, in M.
+    world : bool
+        Whether both are in the axes of F.
+    load : LoadKind
+        What the load does while the body moves.
+    hertz : float
+        Frequency whose square goes with a stiffness of 1 over a mass of 1 in the mechanism's units.
+    """
+
+    names: tuple[str, ...]
+    connection: str = "B"
+    length: float = 1.0
+    direction: tuple[float, ...] | None = None
+    deflect: tuple[float, ...] | None = None
+    deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
+    world: bool = False
+    load: LoadKind = field(default_factory=LoadKind)
+    hertz: float = 0.5 / math.pi
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Outputs that are read."""
+        own = {"B", self.connection} - {"load"}
+        names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
+        if not FREQUENCIES.isdisjoint(self.names):
+            names += ["kinetic", "lagrangian", "motion"]
+        return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
+
+    def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
+        """Whether a mechanism has all that is read."""
+        of_jacobian = not {"singular_value_ratio", "manipulability"}.isdisjoint(self.names)
+        return all(name in arrays for name in self.needs if name != "jacobian" or of_jacobian)
+
+
+#: Less what two ways to find a condition number may differ by.
+_PAIRED = 0.99 * numerics.LARGEST_PAIRED_CONDITION
+#: Least pivot of a positive matrix of such a condition number, as a share of its diagonal entry,
+#: that rounding does not make.
+_POSITIVE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
+_BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
+
+
+class _Reader:
+    """Matrices of one posture on a tape, and what several readings derive from them."""
+
+    def __init__(self, arrays: Mapping[str, Array], asked: Readings) -> None:
+        self.arrays, self.asked = arrays, asked
+        self.verdict: Scalar = PLAIN
+        self._known: dict[str, list[Scalar]] = {}
+        own = asked.connection
+        self._matrix = "B" if own == "A" else own
+        if own == "load":
+            D = _change(asked.load) @ arrays["wrench"]
+            even = (D + D.T) * 0.5
+            self.K = arrays["stiffness_B"] + even
+            self.C = self._changed(even)
+            self.own_C = self._changed(D)
+        else:
+            self.K = arrays[f"stiffness_{self._matrix}"]
+            self.C = arrays[f"compliance_{self._matrix}"]
+            self.own_C = arrays[f"compliance_{own}"]
+        self.free_C = self.C
+        if own in ("A", "load"):
+            self.free_C = (self.own_C + self.own_C.T) * 0.5
+        self._require_digits()
+
+    def _changed(self, D: Array) -> Array:
+        C = self.arrays["compliance_B"]
+        if all(is_zero(x) for x in D.ravel()):
+            return C
+        changed, doubt = changed_compliance(C, D, self.asked.length)
+        self.require(doubt)
+        return changed
+
+    def require(self, verdict: Scalar) -> None:
+        """Let a verdict count."""
+        self.verdict = larger(self.verdict, verdict)
+
+    def _require_digits(self) -> None:
+        """That stiffness and compliance hold all principal values: `numerics.pair_conditions`."""
+        k, c = _squared_blocks(self.arrays["stiffness_B"]), _squared_blocks(self.C)
+        area = square_root(k[0] / k[2])
+        size = k[0] / area / area + k[1] / area + k[2]
+        self.require(limited(size * (c[0] * area * area + c[1] * area + c[2]), _PAIRED**2))
+
+    def once(self, key: str, make: Callable[[], list[Scalar]]) -> list[Scalar]:
+        """What `make` returned when the key was first asked for."""
+        if key not in self._known:
+            self._known[key] = make()
+        return self._known[key]
+
+    def block(self, freedom: str, others: str) -> list[Scalar]:
+        """Eigenvalues, smallest first, of the block of K (others held) or of C (others free)."""
+
+        def make() -> list[Scalar]:
+            keep = _BLOCKS[freedom]
+            C = self.C if others == "own" else self.free_C
+            if others == "held":
+                values, doubt = principal_values(self.K[keep, keep], *eliminated(self.C, keep))
+            else:
+                values, doubt = principal_values(C[keep, keep])
+            self.require(doubt)
+            return values
+
+        return self.once(f"{freedom} {others}", make)
+
+    def principal(self, kind: str, freedom: str, others: str) -> list[Scalar]:
+        """Principal values of stiffness or compliance, smallest first."""
+        values = self.block(freedom, others)
+        if (kind == "stiffness") == (others == "held"):
+            return values
+        return [1.0 / x for x in reversed(values)]
+
+    def ratio(self, freedom: str) -> Scalar:
+        """Largest over smallest eigenvalue of a block of K."""
+        values = self.block(freedom, "held")
+        return values[2] / values[0]
+
+    def spectrum(self) -> list[Scalar]:
+        """Eigenvalues of a positive K with lengths scaled, smallest first."""
+
+        def make() -> list[Scalar]:
+            a, doubt = eigenvalues(_scaled(self.K, 1.0 / self.asked.length))
+            b, other = eigenvalues(_scaled(self.C, self.asked.length))
+            a, b = ascending(a), ascending(b)
+            self.require(larger(doubt, other))
+            for least in (a[0], b[0]):
+                self.require(pick(0.0, least, PLAIN, ENGINE))
+            values = []
+            for x, y in zip(a, reversed(b), strict=True):
+                # The one that is nearer to the largest of its matrix.
+                values.append(pick(a[5] * y, b[5] * x, x, 1.0 / y))
+            return ascending(values)
+
+        return self.once("spectrum", make)
+
+    def ends(self) -> list[Scalar]:
+        """Smallest and largest eigenvalue of a positive K with lengths scaled."""
+
+        def make() -> list[Scalar]:
+            values = []
+            for matrix, length in ((self.C, self.asked.length), (self.K, 1.0 / self.asked.length)):
+                scaled = _scaled(matrix, length)
+                largest, doubt = largest_eigenvalue(scaled)
+                self.require(doubt)
+                values.append(largest)
+            for pivot, entry in zip(positive_factor(scaled)[2], scaled.diagonal(), strict=True):
+                self.require(pick(entry * _POSITIVE, pivot, PLAIN, ENGINE))
+            return [1.0 / values[0], values[1]]
+
+        return self.once("ends", make)
+
+    def periods(self, number: int) -> list[Scalar]:
+        """The largest 1 / omega^2, so many or more of them."""
+
+        def make() -> list[Scalar]:
+            D = _change(self.asked.load) @ self.arrays["wrench"]
+            found, doubt = periods(self.arrays, D, number)
+            self.require(doubt)
+            return found
+
+        return self.once(f"periods {number}", make)
+
+    def in_body(self, force: Array) -> Array:
+        """A vector in the axes of the body."""
+        if not self.asked.world:
+            return force
+        R: Array = self.arrays["pose"][:3, :3]
+        return R.T @ force
+
+    def direction(self) -> Array:
+        """The unit vector of the direction, in body axes."""
+        u = np.array(self.asked.direction, float)
+        return self.in_body(u / np.linalg.norm(u))
+
+    def deflection(self) -> list[Scalar]:
+        """Twist under the given wrench."""
+
+        def make() -> list[Scalar]:
+            if self.asked.deflect is None:
+                W = self.arrays["wrench"]
+            else:
+                moment, force = (
+                    self.in_body(np.array(x))
+                    for x in np.split(np.array(self.asked.deflect, float), 2)
+                )
+                moment = moment + cross(np.array(self.asked.deflect_at, float), force)
+                W = np.concatenate([moment, force])
+            return list(self.own_C @ W)
+
+        return self.once("deflection", make)
+
+
+def _scaled(matrix: Array, length: float) -> Array:
+    """The matrix with its first three rows and columns multiplied."""
+    scale = np.repeat([length, 1.0], 3)
+    return matrix * np.outer(scale, scale)
+
+
+def _squared_blocks(matrix: Array) -> tuple[Scalar, Scalar, Scalar]:
+    """Squared sizes of the rotation, coupling and translation blocks."""
+    coupling = norm_squared(matrix[:3, 3:]) + norm_squared(matrix[3:, :3])
+    return norm_squared(matrix[:3, :3]), coupling, norm_squared(matrix[3:, 3:])
+
+
+@lru_cache(maxsize=16)
+def _change(load: LoadKind) -> NDArray[np.float64]:
+    """The tensor (6, 6, 6) that gives ``D = K^load - K^B`` from the wrench."""
+    return np.moveaxis(load.change(np.eye(6)), 0, -1)
+
+
+def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
+    u, keep = r.direction(), _BLOCKS[freedom]
+    block = (r.K if others == "held" else r.free_C)[keep, keep]
+    on_axis: Any = u @ (block @ u)
+    if others == "free":
+        return 1.0 / on_axis
+    terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
+    rounding = absolute(on_axis) * (numerics.REPORTED_ERROR / numerics.EPSILON)
+    r.require(pick(terms, rounding, PLAIN, ENGINE))
+    return on_axis
+
+
+def _asymmetry(r: _Reader) -> Scalar:
+    K = r.arrays["stiffness_A"]
+    rr, tt = square_root(norm_squared(K[:3, :3])), square_root(norm_squared(K[3:, 3:]))
+    product = square_root(rr * tt)
+    edge = square_root(norm_squared(K[:3, 3:]))
+    worst: Scalar = 0.0
+    for rows, columns, scale in (
+        (0, 0, rr),
+        (3, 3, tt),
+        (0, 3, pick(0.0, product, product, edge)),
+    ):
+        size: Scalar = 0.0
+        for i in range(3):
+            for j in range(3):
+                size = larger(size, absolute(K[rows + i, columns + j] - K[columns + j, rows + i]))
+        worst = larger(worst, size / pick(0.0, scale, scale, 1.0))
+    return worst
+
+
+def _root_of_jacobian(r: _Reader, length: float) -> Array:
+    """R (6, 6) of the QR decomposition of a Jacobian's transpose, lengths scaled."""
+    J: Array = r.arrays["jacobian"]
+    scale = np.repeat([length, 1.0], 3)[:, None]
+    columns = np.where(r.arrays["lengths"].astype(bool), length, 1.0)
+    return reflections((J * scale * columns).T).R
+
+
+def _singular_value_ratio(r: _Reader) -> Scalar:
+    """By the largest eigenvalues of ``J J^T`` and of its inverse, each without loss of digits."""
+    R = _root_of_jacobian(r, r.asked.length)
+    product: Scalar = 1.0
+    for factor in (R, upper_inverse(R).T):
+        largest, doubt = largest_eigenvalue(symmetric_product(factor.T, factor, zeros(6, 6)))
+        r.require(doubt)
+        product = product * largest
+    return 1.0 / square_root(product)
+
+
+def _manipulability(r: _Reader) -> Scalar:
+    result: Scalar = 1.0
+    for x in _root_of_jacobian(r, 1.0).diagonal():
+        result = result * x
+    return absolute(result)
+
+
+def _norm(values: Array) -> Scalar:
+    return square_root(norm_squared(values))
+
+
+def _product(values: list[Scalar]) -> Scalar:
+    result: Scalar = 1.0
+    for x in values:
+        result = result * x
+    return result
+
+
+def _isotropy(r: _Reader) -> Scalar:
+    """The sixth power of it."""
+    values = r.spectrum()
+    mean = sum(values[1:], values[0]) / 6.0
+    return _product([x / mean for x in values])
+
+
+def _natural_length(r: _Reader) -> Scalar:
+    """The sixth power of it."""
+    held, free = r.block("translation", "held"), r.block("rotation", "own")
+    for least in (held[0], free[0]):
+        r.require(pick(0.0, least, PLAIN, ENGINE))
+    return 1.0 / _product([x * y for x, y in zip(held, free, strict=True)])
+
+
+def _frequency(r: _Reader, which: int) -> Scalar:
+    """The square of it."""
+    most = max(i for i in range(6) if frequency_name(i) in r.asked.names)
+    return r.asked.hertz**2 / r.periods(most + 1)[which]
+
+
+class _Reading(NamedTuple):
+    """How a number is read, and the root that is taken of it at last."""
+
+    record: Callable[[_Reader], Scalar]
+    root: int = 1
+
+
+def _principal_readings() -> dict[str, _Reading]:
+    readings = {}
+    every = product(
+        ("stiffness", "compliance"), _BLOCKS, ("free", "held"), (("min", 0), ("max", 2))
+    )
+    for kind, freedom, others, (end, at) in every:
+        prefix = "" if kind == "stiffness" else "compliance_"
+        record = partial(_principal, key=(kind, freedom, others), at=at)
+        readings[f"{prefix}{freedom}_{others}_{end}"] = _Reading(record)
+    return readings
+
+
+def _principal(r: _Reader, key: tuple[str, str, str], at: int) -> Scalar:
+    return r.principal(*key)[at]
+
+
+#: What can be read, by the names of `cartstiff.maps.quantities.QUANTITIES`.
+READINGS: dict[str, _Reading] = {
+    **_principal_readings(),
+    "along_free": _Reading(lambda r: _on_axis(r, "translation", "free")),
+    "along_held": _Reading(lambda r: _on_axis(r, "translation", "held")),
+    "about_free": _Reading(lambda r: _on_axis(r, "rotation", "free")),
+    "about_held": _Reading(lambda r: _on_axis(r, "rotation", "held")),
+    "deflection": _Reading(lambda r: _norm(np.array(r.deflection()[3:], object))),
+    "deflection_angle": _Reading(lambda r: _norm(np.array(r.deflection()[:3], object))),
+    "condition": _Reading(lambda r: r.ends()[1] / r.ends()[0]),
+    "isotropy": _Reading(_isotropy, 6),
+    "minimum": _Reading(lambda r: r.ends()[0]),
+    "translation_condition": _Reading(lambda r: r.ratio("translation")),
+    "rotation_condition": _Reading(lambda r: r.ratio("rotation")),
+    "determinant": _Reading(lambda r: _product(r.spectrum()) * r.asked.length**6),
+    # Where there may be one it is read elsewhere.
+    "unstable_directions": _Reading(lambda r: r.ends()[0] * 0.0),
+    "natural_length": _Reading(_natural_length, 6),
+    "asymmetry": _Reading(_asymmetry),
+    "singular_value_ratio": _Reading(_singular_value_ratio),
+    "manipulability": _Reading(_manipulability),
+    "moment": _Reading(lambda r: _norm(r.arrays["wrench"][:3])),
+    "force": _Reading(lambda r: _norm(r.arrays["wrench"][3:])),
+    "energy": _Reading(lambda r: r.arrays["energy"][0]),
+    **{frequency_name(i): _Reading(partial(_frequency, which=i), 2) for i in range(6)},
+}
+
+
+def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
+    """Readings of one posture in the order of their names, and the verdict on them.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Outputs of `analyse_many` on a tape; "lengths" (n,) tells which coordinates of the Jacobian
+        are distances.
+    asked : Readings
+        What to read.
+    """
+    reader = _Reader(arrays, asked)
+    values = zeros(len(asked.names))
+    values[:] = [READINGS[name].record(reader) for name in asked.names]
+    for value in values:
+        reader.require(limited(absolute(value), np.inf))
+    return values, reader.verdict
+
+
+_Case = ChainCase | PlatformCase
+
+
+def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
+    """The case with all masses; None where some are not on the tape, or there are none."""
+    if any(
+        isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass) for p in elastic.potentials
+    ):
+        return None
+    mechanism = elastic.mechanism
+    if isinstance(mechanism, Platform) and isinstance(case, PlatformCase):
+        legs = None if mechanism.struts is None else LegMasses.of(mechanism.struts)
+        if legs is None and not mechanism.body_inertia.any():
+            return None
+        return replace(case, inertia=numbers(mechanism.body_inertia), legs=legs)
+    if isinstance(mechanism, Chain) and isinstance(case, ChainCase):
+        is_whole = len(case.constants.screws) == 6 * mechanism.tree.model.nv
+        if not (is_whole and mechanism.tree.masses()[0].any()):
+            return None
+        return replace(case, bodies=Bodies.of(mechanism.tree))
+    return None
+
+
+def frequencies_of(case: _Case) -> int:
+    """How many of the lowest frequencies are found: all, or the first of many motions."""
+    motions = case.freedoms if isinstance(case, ChainCase) else 6
+    return motions if motions <= LARGEST else 1
