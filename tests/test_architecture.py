@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -102,34 +101,45 @@ def test_imports_point_one_way():
     assert not wrong, "\n".join(wrong)
 
 
-def _at_run_time(tree: ast.Module) -> Iterator[ast.ImportFrom]:
-    """Imports of a file, but for those that only the type checker reads."""
-    todo: list[ast.AST] = [tree]
-    while todo:
-        node = todo.pop()
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            continue
-        if isinstance(node, ast.ImportFrom):
-            yield node
-        todo += ast.iter_child_nodes(node)
+#: Circles of imports that are still there. This list only shrinks: a circle that has gone is taken
+#: out of it.
+CIRCLES = [
+    {"mechanisms.elastic", "mechanisms.elements", "mechanisms.identified"},
+    {"page.server", "page.tab"},
+]
+
+
+def _circles(needs: dict[str, set[str]]) -> list[set[str]]:
+    """Modules that need each other, by what each needs."""
+    reached = {name: set(others) for name, others in needs.items()}
+    changed = True
+    while changed:
+        changed = False
+        for found in reached.values():
+            more = set().union(*(reached[name] for name in found)) - found
+            found |= more
+            changed = changed or bool(more)
+    circles = {
+        frozenset(other for other in found if name in reached[other])
+        for name, found in reached.items()
+        if name in found
+    }
+    return sorted(map(set, circles), key=sorted)
 
 
 def test_no_file_needs_itself():
-    """Imports within a part and within functions make no circle either."""
+    """All imports count: within functions, and those that only the type checker reads."""
     files = {
         ".".join(("cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts)): path
         for _, path in MODULES
     }
     needs = {}
     for name, path in files.items():
-        found = _at_run_time(_tree(path))
-        names = {f"{node.module}.{alias.name}" for node in found for alias in node.names}
-        needs[name] = {n if n in files else n.rpartition(".")[0] for n in names} & set(files)
-    assert needs["cartstiff.geometry.charts"] >= {"cartstiff.geometry.se3"}
-    try:
-        TopologicalSorter(needs).prepare()
-    except CycleError as error:
-        pytest.fail(f"a circle of imports: {' -> '.join(reversed(error.args[1]))}")
+        found = {module for _, module in _imports(path)} & set(files) - {name}
+        needs[name.removeprefix("cartstiff.")] = {n.removeprefix("cartstiff.") for n in found}
+    assert needs["geometry.charts"] >= {"geometry.se3"}
+    assert _circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [{"b", "c"}]
+    assert _circles(needs) == CIRCLES
 
 
 def test_files_named_on_the_page_exist():
