@@ -80,6 +80,11 @@ def fixed(array: Array) -> Array:
 class Result:
     """A frozen dataclass whose arrays are its own and cannot be written to."""
 
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: each field; what does not exist is None."""
+        data: dict[str, Any] = plain(self)
+        return data
+
     def __post_init__(self) -> None:
         """Copy the arrays."""
         for name, value in vars(self).items():
@@ -493,7 +498,10 @@ def unsafe_cell(text: str) -> str:
 
 
 def plain(value: object) -> Any:
-    """JSON-able copy: arrays to lists, results to dicts, NaN and infinities to None."""
+    """JSON-able copy: arrays to lists, results to dicts, NaN and infinities to None.
+
+    Complex numbers become [real, imaginary].
+    """
     kind = type(value)  # nearly all of them are numbers, and asked for every posture of a page
     if kind is float:
         return value if isfinite(value) else None  # type: ignore[arg-type]
@@ -513,4 +521,6 @@ def plain(value: object) -> Any:
         return int(value)
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
+    if isinstance(value, complex):
+        return [value.real, value.imag] if np.isfinite(value) else None
     return value

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, checked_seed
+from cartstiff.arrays import Array, checked_seed, plain
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.fitting import quantile
 from cartstiff.identify.measurements import MEASURED, POSITION, TURN, Measurements
@@ -414,14 +414,14 @@ class Plan:
                     "name": u.name,
                     "stiffness": k,
                     "unit": u.unit,
-                    "relative_sd": s if np.isfinite(s) else None,
+                    "relative_sd": plain(s),
                     "interval": [None, None]
                     if k is None or not np.isfinite(s)
                     else [k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None],
                 }
             )
         falls = [
-            {"rows": int(n), "worst_relative_sd": float(w) if np.isfinite(w) else None}
+            {"rows": int(n), "worst_relative_sd": plain(w)}
             for n, w in zip(self.counts, self._worst, strict=True)
         ]
         return {

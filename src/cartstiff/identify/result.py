@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
+from cartstiff.arrays import plain as listed
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.identify.fitting import Fit, Robust, Solved, quantile
@@ -521,7 +522,6 @@ class Identification:
         """The object printed by ``cartstiff identify --json``."""
         noise = self.noise()
         first = noise.get("length") or noise["angle"]
-        C = self.covariance
         mechanism, units = self.elastic.mechanism, self.elastic.units
         robust = dict(zip(self.unknowns.names, self.robust.fit.theta, strict=True))
         plain = dict(zip(self.unknowns.names, self.plain.theta, strict=True))
@@ -559,8 +559,8 @@ class Identification:
             "used": [int(n) for n in self.measured.rows],
             "rejected": [vars(r) for r in self.rejected],
             "parameters": parameters,
-            "covariance": [[None if np.isnan(x) else float(x) for x in row] for row in C],
-            "degrees": None if np.isinf(self.degrees) else self.degrees,
+            "covariance": listed(self.covariance),
+            "degrees": listed(self.degrees),
             "residual_rms": first["residual_rms"],
             "sigma": first["sigma"],
             "leave_one_out_rms": first["leave_one_out_rms"],

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cartstiff import numerics
-from cartstiff.arrays import csv_rows
+from cartstiff.arrays import csv_rows, plain
 from cartstiff.errors import InputError, UndefinedError, joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -371,7 +371,7 @@ def geometry_csv(result: PostureStiffness) -> bytes:
                 limits,
             ]
         )
-        cells = ([f"leg{i + 1}", *_known(row)] for i, row in enumerate(rows))
+        cells = ([f"leg{i + 1}", *plain(row)] for i, row in enumerate(rows))
         return csv_rows(names, cells).encode()
     chain, springs = elastic.mechanism, elastic.springs
     if not isinstance(chain, Chain):
@@ -390,13 +390,8 @@ def geometry_csv(result: PostureStiffness) -> bytes:
     for i, c in enumerate(chain.coordinates[: len(places)]):
         axis = places[i][:3, :3] @ (screws[i, 3:] if c.is_length else screws[i, :3])
         row = [*places[i][:3, 3], *axis, posture.q[i], c.lower, c.upper, k[i]]
-        table.append([c.name, c.type, *_known(np.array(row))])
+        table.append([c.name, c.type, *plain(np.array(row))])
     return csv_rows(names, table).encode()
-
-
-def _known(row: Array) -> list[float | None]:
-    """Numbers, and nothing where there is none."""
-    return [float(x) if np.isfinite(x) else None for x in row]
 
 
 # What MuJoCo wants of a body that moves, and a link without mass has not: kg, kg m^2.

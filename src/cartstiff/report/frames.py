@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.arrays import plain
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
@@ -60,10 +61,6 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
     return answer
 
 
-def _limit(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _frames_on(chain: Chain, joint: int) -> list[str]:
     """Frames of the file that are fixed to a joint."""
     frames = chain.tree.frames
@@ -99,8 +96,8 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
                 "name": names[j],
                 "parent": names[parent] if parent else None,
                 "type": coordinate.type if own else kind or "revolute",
-                "lower": _limit(coordinate.lower) if own else None,
-                "upper": _limit(coordinate.upper) if own else None,
+                "lower": plain(coordinate.lower) if own else None,
+                "upper": plain(coordinate.upper) if own else None,
                 "q": float(elastic.q[k]) if own else None,
                 "spring": _spring(elastic, k) if own else None,
                 "follows": follows,
@@ -124,7 +121,7 @@ def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     if k in springs.laws or springs.stiffness[k] > 0.0:
         return {
             "stiffness": None if k in springs.laws else float(springs.stiffness[k]),
-            "rest": _limit(springs.rest[k]),
+            "rest": plain(springs.rest[k]),
             "law": k in springs.laws,
             "rigid": False,
         }
@@ -159,9 +156,9 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
             "from": np.asarray(springs.anchors)[i].tolist(),
             "to": np.asarray(springs.points)[i].tolist(),
             "stiffness": float(k),
-            "rest": _limit(springs.rest_length[i]),
-            "shortest": _limit(limits[i][0]),
-            "longest": _limit(limits[i][1]),
+            "rest": plain(springs.rest_length[i]),
+            "shortest": plain(limits[i][0]),
+            "longest": plain(limits[i][1]),
         }
         for i, k in enumerate(springs.stiffness)
     ]

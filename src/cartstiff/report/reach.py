@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import csv_rows
+from cartstiff.arrays import csv_rows, plain
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
@@ -86,7 +85,7 @@ def _table(modes: AssemblyModes) -> list[str]:
         row += [number(mode.determinant, 4)] * of_legs
         if swing:
             first = mode.frequencies
-            row.append("-" if first is None else numbers(_first(first)[:3]))
+            row.append("-" if first is None else numbers(plain(first)[:3]))
         rows.append(row)
     return table(titles, rows)
 
@@ -98,10 +97,6 @@ def _held(elastic: ElasticMechanism, name: str, value: float) -> str:
         return f"{name} {number(value, 6)} {elastic.units.length}"
     value /= shown_factors(elastic).get(name, 1.0)
     return f"{name} {number(value, 6)} {elastic.units.shown_angle}"
-
-
-def _first(frequencies: Array) -> list[float | None]:
-    return [float(f) if np.isfinite(f) else None for f in frequencies]
 
 
 def _pose_names(elastic: ElasticMechanism) -> list[str]:
@@ -143,7 +138,7 @@ def assembly_csv(modes: AssemblyModes) -> str:
     ]
     rows = []
     for mode in modes:
-        own = [] if mode.frequencies is None else _first(mode.frequencies)
+        own = [] if mode.frequencies is None else plain(mode.frequencies)
         rows.append(
             [
                 *shown(modes.elastic, mode.q).tolist(),

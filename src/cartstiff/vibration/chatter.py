@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import (
     Array,
+    Result,
     checked_array,
     checked_number,
     checked_unit,
@@ -157,7 +158,7 @@ class MeasuredReceptance:
 
 
 @dataclass(frozen=True, eq=False)
-class Lobes:
+class Lobes(Result):
     """Limits of stability over the spindle's speed.
 
     Attributes
@@ -176,15 +177,6 @@ class Lobes:
     depths: Array
     chatter: Array
     least: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "speeds": self.speeds.tolist(),
-            "depths": [float(d) if np.isfinite(d) else None for d in self.depths],
-            "chatter": [float(f) if np.isfinite(f) else None for f in self.chatter],
-            "least": self.least if np.isfinite(self.least) else None,
-        }
 
 
 def _limits(

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import Array
+from cartstiff.arrays import Array, Result
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
@@ -28,7 +27,7 @@ COMPARED = ("A", "B", "K", "F", "load", "energy")
 
 
 @dataclass(frozen=True, eq=False)
-class Shortcut:
+class Shortcut(Result):
     """Frequencies of a stiffness matrix at the tip.
 
     Attributes
@@ -50,21 +49,6 @@ class Shortcut:
     errors: Array | None
     body_errors: Array | None
     missing: str | None = None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "name": self.name,
-            "missing": self.missing,
-            **{
-                key: None if (x := getattr(self, key)) is None else _plain(x)
-                for key in ("all_masses", "body_alone", "errors", "body_errors")
-            },
-        }
-
-
-def _plain(values: Array) -> list[float | None]:
-    return [float(x) if np.isfinite(x) else None for x in values]
 
 
 def mass_at_tip(modes: Modes) -> Array | None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, checked_array, checked_matrix, fixed
+from cartstiff.arrays import Array, checked_array, checked_matrix, fixed, plain
 from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.connections import NAMED
@@ -136,6 +136,17 @@ def _ratios(ratios: float | Sequence[float], n: int) -> Array:
     return np.broadcast_to(values, (n,))
 
 
+_SHOWN = [
+    "stiffness",
+    "damping",
+    "by_square_roots",
+    "mass",
+    "frequencies",
+    "joint_stiffness",
+    "joint_damping",
+]
+
+
 @dataclass(frozen=True, eq=False)
 class Impedance:
     """A controller's stiffness and damping at a posture.
@@ -181,19 +192,8 @@ class Impedance:
         return {
             "order": "angular-linear",
             "axes": "body",
-            **{
-                key: getattr(self, key).tolist()
-                for key in (
-                    "stiffness",
-                    "damping",
-                    "by_square_roots",
-                    "mass",
-                    "frequencies",
-                    "joint_stiffness",
-                    "joint_damping",
-                )
-            },
-            "ratios_by_square_roots": [float(x) if np.isfinite(x) else None for x in self.ratios],
+            **{key: plain(getattr(self, key)) for key in _SHOWN},
+            "ratios_by_square_roots": plain(self.ratios),
             "coupling_by_square_roots": self.coupling,
             "antisymmetric_part_dropped": self.dropped,
         }

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
-from cartstiff.arrays import Array, Result, checked_input, fixed
+from cartstiff.arrays import Array, Result, checked_input, fixed, plain
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.mechanisms.chain import Chain
@@ -240,7 +240,7 @@ class Modes(Result, ShownInLines):
     state: Equilibrium | None = None
 
     def _lines(self) -> list[str]:
-        shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in self._plain_frequencies)
+        shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in plain(self.frequencies))
         return [
             f"Modes of {self.elastic.name} at {self.elastic.mechanism.frame}, {self.load['words']}",
             f"  frequencies  {shown} Hz",
@@ -383,13 +383,9 @@ class Modes(Result, ShownInLines):
             *notes_on_states(self.squares, self.shapes, self.groups, self.basis, self.spectrum),
         )
 
-    @property
-    def _plain_frequencies(self) -> list[float | None]:
-        return [None if np.isnan(f) else float(f) for f in self.frequencies]
-
     def as_dict(self) -> dict[str, Any]:
         """The object of ``cartstiff modes --json``; complex numbers as [real, imaginary]."""
-        elastic, masses = self.elastic, self.effective_masses
+        elastic = self.elastic
         total = None if self._momentum is None else self._momentum[1]
         return {
             "schema": MODES_SCHEMA,
@@ -401,15 +397,15 @@ class Modes(Result, ShownInLines):
             **elastic.mechanism.frames_as_dict(),
             "order": "angular-linear",
             "units": elastic.units.as_dict(),
-            "q": self.q.tolist(),
-            "frequencies": self._plain_frequencies,
-            "eigenvalues": _listed(self.squares),
-            "modes": _listed(self.shapes.T),
-            "twists": _listed(self.twists.T),
+            "q": plain(self.q),
+            "frequencies": plain(self.frequencies),
+            "eigenvalues": plain(self.squares),
+            "modes": plain(self.shapes.T),
+            "twists": plain(self.twists.T),
             "nodal_axes": [_screw_dict(s) for s in self.nodal_axes],
             "repeated": [[i + 1 for i in g] for g in self.groups if len(g) > 1],
-            "participation": _finite(self.participation),
-            "effective_masses": None if masses is None else masses.tolist(),
+            "participation": plain(self.participation),
+            "effective_masses": plain(self.effective_masses),
             "moving_mass": total,
             "mass_matrix": self.full_mass.tolist(),
             "stiffness_matrix": self.stiffness.tolist(),
@@ -420,16 +416,6 @@ class Modes(Result, ShownInLines):
             ],
             "notes": [note.as_dict() for note in self.notes],
         }
-
-
-def _listed(values: Array) -> list[Any]:
-    if not np.iscomplexobj(values):
-        return values.tolist()
-    return np.stack([values.real, values.imag], axis=-1).tolist()
-
-
-def _finite(values: Array) -> list[Any]:
-    return [[None if not np.isfinite(x) else x for x in row] for row in values.tolist()]
 
 
 def _screw_dict(screw: Screw) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from cartstiff.arrays import (
     checked_vector,
     csv_text,
     fixed,
+    plain,
     real_array,
 )
 from cartstiff.choices import RESPONSES
@@ -250,12 +251,9 @@ class FrequencyResponse:
             "kind": self.kind,
             "unit": self.unit,
             "frequencies": self.frequencies.tolist(),
-            "curves": {
-                name: [[float(x.real), float(x.imag)] if np.isfinite(x) else None for x in values]
-                for name, values in self.curves(direction).items()
-            },
+            "curves": plain(self.curves(direction)),
             "damping": {
-                "ratios": np.asarray(self.damping.ratios, float).tolist(),
+                "ratios": plain(np.asarray(self.damping.ratios, float)),
                 "rayleigh": [self.damping.mass, self.damping.stiffness],
                 "dampers": self.damping.dampers,
             },

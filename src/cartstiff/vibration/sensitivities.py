@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
-from cartstiff.arrays import Array, Result, checked_array
+from cartstiff.arrays import Array, Result, checked_array, plain
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
 from cartstiff.geometry.differences import derivative_with_error
@@ -336,17 +336,13 @@ class Sensitivities(Result):
                     "value": float(self.values[i]),
                     "error": float(self.errors[i]),
                     "stiffness": {letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()},
-                    "pose": _plain(self.pose[i]),
-                    "frequencies": _plain(self.frequencies[i]),
-                    "for_one_per_cent": _plain(self.relative[i]),
+                    "pose": plain(self.pose[i]),
+                    "frequencies": plain(self.frequencies[i]),
+                    "for_one_per_cent": plain(self.relative[i]),
                 }
                 for i, name in enumerate(self.names)
             ],
         }
-
-
-def _plain(values: Array) -> list[float | None]:
-    return [float(x) if np.isfinite(x) else None for x in values]
 
 
 def _matrix(values: Array) -> list[list[float]] | None:
@@ -488,8 +484,8 @@ class Accuracy:
         for quantity, sd in self.deviations.items():
             diagonal = [(i, i) if sd.ndim == 2 else (i,) for i in range(len(sd))]
             answer[quantity] = {
-                "nominal": _or_none(self.nominal[quantity]),
-                "deviation": _or_none(sd),
+                "nominal": plain(self.nominal[quantity]),
+                "deviation": plain(sd),
                 "main": [
                     [{"name": n, "share": x} for n, x in self.main(quantity, i)] for i in diagonal
                 ],
@@ -502,12 +498,6 @@ class Accuracy:
             **answer,
             "parameters": [{"name": name, "deviation": x} for name, x in pairs],
         }
-
-
-def _or_none(values: Array) -> list[Any]:
-    cells = np.where(np.isfinite(values), values, np.nan).astype(object)
-    cells[~np.isfinite(values)] = None
-    return list(cells.tolist())
 
 
 @checked
@@ -636,7 +626,7 @@ def _by_compliance(modes: Modes, measured: Identified) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyInterval:
+class FrequencyInterval(Result):
     """What tolerances and identified springs leave of each frequency.
 
     Attributes
@@ -653,15 +643,6 @@ class FrequencyInterval:
     low: Array
     high: Array
     level: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "level": self.level,
-            "deviations": _or_none(self.deviations),
-            "low": _or_none(self.low),
-            "high": _or_none(self.high),
-        }
 
 
 def intervals(
