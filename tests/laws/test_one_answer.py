@@ -46,10 +46,7 @@ MECHANISMS = ("5R", "6R", "7R", "platform", "closed chain")
 SAME = 1e-8
 # How equilibria are refused near a type-2 singularity, where a load moves the mechanism far.
 # The words tell the ratio of singular values, or of stiffnesses.
-REFUSED = re.compile(
-    r"hold the mechanism in .*: smallest over largest singular value (\S+);"
-    r"|differ by a factor (\S+), which double precision hardly resolves"
-)
+REFUSED = re.compile(r"hold the mechanism in .*: smallest over largest singular value (\S+);")
 # Differences over 1e-4 of what is linear; a soft motion comes to rest to some 1e-10.
 DIFFERENCES = 1e-5
 
@@ -444,9 +441,7 @@ def check_posture(name, load, distance, decades, seed):
             noted = next(n for n in result.notes if "type-2-singularity" in n.code)
             assert numerics.ratio(noted.values["singular_values"]) < numerics.NEAR
             for words in refused:
-                lines, springs = REFUSED.search(words).groups()
-                assert lines is None or float(lines) < numerics.NEAR, words
-                assert springs is None or float(springs) > numerics.RESOLVED, words
+                assert float(REFUSED.search(words).group(1)) < numerics.NEAR, words
             continue
         expected = found[0][0] if len(found) == 1 else (4.0 * found[1][0] - found[0][0]) / 3.0
         unsure = max(each for _, each in found) / reach
