@@ -56,6 +56,6 @@ def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
         if not largest > 0.0:
             continue
         step = _STEP / largest * change
-        more, less = (elements.moved(known.patterns, sign * step) for sign in (1.0, -1.0))
+        more, less = (elements.with_parameters(known.patterns, sign * step) for sign in (1.0, -1.0))
         pairs.append(Neighbours(more, less, 0.5 * largest / _STEP))
     return pairs

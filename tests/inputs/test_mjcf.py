@@ -324,7 +324,7 @@ def test_kinematics_and_springs_as_in_mujoco(joints: str, orientation: str) -> N
     expected = np.vstack([R.T @ angular, R.T @ linear])
     assert np.allclose(posture.motion.jacobian, expected, atol=1e-14)
     if "stiffness" in JOINTS[joints]:
-        torque = elastic.balanced(q).springs.evaluate(posture).gradient
+        torque = elastic.with_rest_balancing(q).springs.evaluate(posture).gradient
         held = model.jnt_stiffness > 0
         assert np.allclose(torque[held], -data.qfrc_spring[held], atol=1e-13)
 

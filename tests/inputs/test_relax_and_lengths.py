@@ -73,7 +73,7 @@ def test_relaxed_leaves_a_balanced_posture_where_it_is(tmp_path):
     path.write_text(_arm())
     arm = cartstiff.load(path).with_springs(stiffness=500.0)
     q = np.array([float(v) for v in Q.split(",")])
-    arm = arm.balanced(q, np.array([1.0, 2.0, -1.0, 20.0, -10.0, 5.0]))
+    arm = arm.with_rest_balancing(q, np.array([1.0, 2.0, -1.0, 20.0, -10.0, 5.0]))
     assert np.abs(relaxed(arm, q) - q).max() < 1e-9  # Newton stops on the residual, not on q
 
 

@@ -21,7 +21,7 @@ from cartstiff.statics.held import Held, displacement_between
 def ur5():
     robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load("ur5")
-    return elastic.balanced(elastic.q)
+    return elastic.with_rest_balancing(elastic.q)
 
 
 def limited(elastic, **bounds):
@@ -78,7 +78,7 @@ def test_a_pose_held_wholly(name):
     if name != "stewart-gough":
         ur5()
     elastic = cartstiff.load(name)
-    elastic = elastic.balanced(elastic.q)
+    elastic = elastic.with_rest_balancing(elastic.q)
     length = elastic.mechanism.at(elastic.q).length
     twist = np.array([0.02, -0.01, 0.03, 0.01 * length, 0.02 * length, -0.01 * length])
     T = elastic.mechanism.at(elastic.q).pose @ se3.exp(twist)

@@ -142,7 +142,7 @@ def test_the_linear_prediction_is_tangent_to_the_curve():
 @pytest.mark.parametrize("name", ["stewart-gough", "five-bar"])
 def test_curves_end_where_the_equilibrium_is(name):
     elastic = cartstiff.load(name)
-    elastic = elastic.balanced(elastic.q, np.zeros(6))
+    elastic = elastic.with_rest_balancing(elastic.q, np.zeros(6))
     load = DeadForce([1.0, -2.0, 0.0 if name == "five-bar" else 3.0])
     curve = load_curve(elastic, load, resolution=0.2)
     state = equilibrium(elastic, load)

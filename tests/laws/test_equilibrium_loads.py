@@ -24,13 +24,13 @@ def mechanism(name: str):
     if name in ROBOTS:
         robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load(name)
-    return elastic.balanced(elastic.q)
+    return elastic.with_rest_balancing(elastic.q)
 
 
 def unloaded_platform():
     """The paper's platform with legs that carry nothing at its pose."""
     elastic = cartstiff.load("stewart-gough")
-    return elastic.balanced(elastic.q, np.zeros(6))
+    return elastic.with_rest_balancing(elastic.q, np.zeros(6))
 
 
 def unbalanced(elastic, loads, q) -> float:
@@ -158,11 +158,15 @@ def test_derivatives_of_loads(name, kind):
     free = at.coordinates_are_pose
 
     def gradient(step):
-        g = load.evaluate(elastic.mechanism.at(elastic.mechanism.moved(elastic.q, step))).gradient
+        g = load.evaluate(
+            elastic.mechanism.at(elastic.mechanism.displaced(elastic.q, step))
+        ).gradient
         return right_jacobian(step).T @ g if free else g
 
     def energy(step):
-        return load.evaluate(elastic.mechanism.at(elastic.mechanism.moved(elastic.q, step))).energy
+        return load.evaluate(
+            elastic.mechanism.at(elastic.mechanism.displaced(elastic.q, step))
+        ).energy
 
     sizes = 0.1 * at.coordinate_lengths
     assert relative_error(here.hessian, jacobian(gradient, sizes)) < 1e-10

@@ -65,7 +65,7 @@ def test_as_by_the_engine(case, path):
 
 
 def test_rest_lengths_that_are_given():
-    held = hexapod().balanced(hexapod().q, WRENCH)
+    held = hexapod().with_rest_balancing(hexapod().q, WRENCH)
     assert held.springs.is_complete
     q = postures(held, 0.001)
     assert_same(held, q, "portable", outputs=("A", "B", "compliance_B"))

@@ -238,7 +238,7 @@ def test_open_rest_positions_carry_gravity():
     torque = result.elastic.springs.evaluate(result.posture).gradient
     weight = Gravity(g).evaluate(result.posture).gradient
     assert np.abs(torque + weight).max() <= ROUNDING * np.abs(weight).max() * 100
-    assert elastic.balanced(elastic.q).balanced(elastic.q) is not None
+    assert elastic.with_rest_balancing(elastic.q).with_rest_balancing(elastic.q) is not None
 
 
 def test_nonlinear_springs_are_loaded_too():
@@ -329,7 +329,7 @@ def test_platform_poses():
     assert np.abs(T - translation(*q[:3]) @ z @ y @ x @ T_P_M).max() <= ROUNDING
     assert np.abs(platform.coordinates_of(T) - q).max() <= ROUNDING
     step = 0.1 * rng.normal(size=6)
-    moved = platform.pose_of(platform.moved(q, step))
+    moved = platform.pose_of(platform.displaced(q, step))
     assert np.abs(moved - T @ exp_reference(step)).max() <= ROUNDING
     # The points in M are the points in P seen from M.
     T_M_P = np.linalg.inv(T_P_M)
@@ -372,7 +372,7 @@ def test_platform_jacobian_is_that_of_the_legs():
     legs = general_legs()
     result = analyse(legs_as_platform(legs))
     platform = result.elastic.mechanism
-    rows = gradient_of(lambda x: platform.leg_lengths(platform.moved(legs.q, x)), np.ones(6))
+    rows = gradient_of(lambda x: platform.leg_lengths(platform.displaced(legs.q, x)), np.ones(6))
     assert relative_error(np.linalg.inv(result.jacobian), rows) <= 1e-9
 
 

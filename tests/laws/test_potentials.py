@@ -40,10 +40,12 @@ class _At:
 @EVERY
 @pytest.mark.parametrize("x", [-2.9, -1.3, -0.25, 0.3, 1.2, 3.1])
 def test_torque_and_stiffness_are_derivatives(law, x):
-    energy, torque, stiffness = law.at(x)
-    assert torque == pytest.approx(slope(lambda t: law.at(x + t)[0], 0.005), rel=DIFFERENCES)
-    assert stiffness == pytest.approx(slope(lambda t: law.at(x + t)[1], 0.005), rel=DIFFERENCES)
-    assert stiffness == pytest.approx(bend(lambda t: law.at(x + t)[0], 0.01), rel=1e-8)
+    energy, torque, stiffness = law.evaluate(x)
+    assert torque == pytest.approx(slope(lambda t: law.evaluate(x + t)[0], 0.005), rel=DIFFERENCES)
+    assert stiffness == pytest.approx(
+        slope(lambda t: law.evaluate(x + t)[1], 0.005), rel=DIFFERENCES
+    )
+    assert stiffness == pytest.approx(bend(lambda t: law.evaluate(x + t)[0], 0.01), rel=1e-8)
     assert np.isfinite(energy)
 
 
@@ -51,18 +53,18 @@ def test_torque_and_stiffness_are_derivatives(law, x):
 def test_tables_pass_through_their_points(name):
     law = LAWS[name]
     for x, y in zip(law.deflections, law.torques, strict=True):
-        assert law.at(x)[1] == pytest.approx(y, abs=ROUNDING)
+        assert law.evaluate(x)[1] == pytest.approx(y, abs=ROUNDING)
         # Energy, torque and stiffness are continuous there.
-        left, right = law.at(x - 1e-9), law.at(x + 1e-9)
+        left, right = law.evaluate(x - 1e-9), law.evaluate(x + 1e-9)
         for a, b in zip(left, right, strict=True):
             assert a == pytest.approx(b, abs=1e-6)
-    assert law.at(law.deflections[0])[0] == 0.0
+    assert law.evaluate(law.deflections[0])[0] == 0.0
 
 
 def test_table_does_not_overshoot():
     """Shape-preserving: monotone points give a monotone torque."""
     law = TabulatedLaw((0.0, 1.0, 1.1, 2.0), (0.0, 0.1, 5.0, 5.1))
-    torques = [law.at(x)[1] for x in np.linspace(0, 2, 401)]
+    torques = [law.evaluate(x)[1] for x in np.linspace(0, 2, 401)]
     assert np.all(np.diff(torques) >= -ROUNDING)
     assert min(torques) >= -ROUNDING
     assert max(torques) <= 5.1 + ROUNDING
@@ -71,7 +73,7 @@ def test_table_does_not_overshoot():
 def test_table_goes_on_in_a_straight_line():
     law = LAWS["table"]
     for x, outward in ((2.5, 1.0), (-2.0, -1.0)):
-        near, far = law.at(x + 0.5 * outward), law.at(x + 1.5 * outward)
+        near, far = law.evaluate(x + 0.5 * outward), law.evaluate(x + 1.5 * outward)
         assert near[2] == far[2]
         assert (far[1] - near[1]) * outward == pytest.approx(near[2], rel=ROUNDING)
 
@@ -80,9 +82,9 @@ def test_table_goes_on_in_a_straight_line():
 @given(x=st.floats(-3, 3))
 def test_deflection_for_inverts(law, x):
     """Every law here is monotone: its deflection comes back."""
-    torque = law.at(x)[1]
+    torque = law.evaluate(x)[1]
     found = law.deflection_for(torque)
-    assert law.at(found)[1] == pytest.approx(torque, abs=1e-9)
+    assert law.evaluate(found)[1] == pytest.approx(torque, abs=1e-9)
     assert found == pytest.approx(x, abs=1e-7)
 
 
@@ -91,7 +93,7 @@ def test_smallest_deflection_is_chosen():
     law = PolynomialLaw((10.0, 0.0, -1.0))
     x = law.deflection_for(9.0)
     assert x == pytest.approx(1.0, abs=ROUNDING)
-    assert law.at(x)[2] > 0
+    assert law.evaluate(x)[2] > 0
 
 
 @given(seeds)
@@ -125,13 +127,13 @@ def test_balanced_rest_positions():
     assert springs.is_passive.tolist() == [False, False, False, True]
     assert springs.rest_is_free().tolist() == [True, True, False, False]
     assert springs.rest_is_free(every=True).tolist() == [True, True, True, False]
-    some = springs.balanced(_At(q), torque)
+    some = springs.with_rest_balancing(_At(q), torque)
     assert some.is_complete
     assert some.rest[2] == 0.7
     exerted = some.evaluate(_At(q)).gradient
     assert np.abs(exerted - torque)[[0, 1, 3]].max() <= 1e-9
     assert abs(exerted[2] - torque[2]) > 0.1
-    every = springs.balanced(_At(q), torque, every=True)
+    every = springs.with_rest_balancing(_At(q), torque, every=True)
     assert np.abs(every.evaluate(_At(q)).gradient - torque).max() <= 1e-9
     assert np.isnan(springs.rest[0])  # the springs themselves are as they were
 

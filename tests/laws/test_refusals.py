@@ -190,7 +190,7 @@ def test_torques_out_of_reach():
         saturated.deflection_for(6.0)
     springs = JointSprings([0.0], [NAN], {0: saturated})
     with pytest.raises(InputError, match="never reaches the torque"):
-        springs.balanced(_At([0.0]), np.array([6.0]))
+        springs.with_rest_balancing(_At([0.0]), np.array([6.0]))
 
 
 @pytest.mark.parametrize(

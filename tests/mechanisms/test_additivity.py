@@ -144,7 +144,7 @@ def test_the_gradient_is_the_derivative_of_the_energy(name):
     n = evaluation.gradient.size
 
     def energy(d):
-        return elastic.evaluate(mechanism.at(mechanism.moved(q, d))).energy
+        return elastic.evaluate(mechanism.at(mechanism.displaced(q, d))).energy
 
     assert energy(np.zeros(n)) == pytest.approx(evaluation.energy, rel=1e-12)
     slopes = gradient_of(energy, sizes if sizes.size == n else np.ones(n))

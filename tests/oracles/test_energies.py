@@ -41,7 +41,7 @@ def check(potential, mechanism, q, gradient=GRADIENT, hessian=HESSIAN):
     sizes = np.ones(len(mechanism.at(q).coordinate_lengths))
 
     def energy(d):
-        posture = mechanism.at(mechanism.moved(q, d))
+        posture = mechanism.at(mechanism.displaced(q, d))
         if isinstance(potential, PoseFunction):  # the energy alone: derivatives cost more
             return potential.energy(posture.relative(potential.frame_a, potential.frame_b)[0])
         return potential.evaluate(posture).energy

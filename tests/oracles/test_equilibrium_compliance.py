@@ -26,7 +26,7 @@ def loaded(name: str):
     if name in ("ur5", "panda"):
         robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load(name)
-    return elastic.balanced(elastic.q)
+    return elastic.with_rest_balancing(elastic.q)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -103,7 +103,7 @@ def test_lines_are_the_gradients_of_the_lengths():
     for i, e in enumerate(np.eye(6)):
 
         def lengths(t, e=e):
-            return elastic.mechanism.leg_lengths(elastic.mechanism.moved(legs.q, t * e))
+            return elastic.mechanism.leg_lengths(elastic.mechanism.displaced(legs.q, t * e))
 
         assert np.abs(slope(lengths, 0.01) - posture.lines.lines[:, i]).max() <= DIFFERENCES
 

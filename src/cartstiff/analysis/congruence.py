@@ -42,7 +42,7 @@ from cartstiff.arrays import (
 )
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 from cartstiff.stiffness.reduction import reduce_to
 
 # Joint compliances below this share of the largest are called zero: the joint is best locked.
@@ -208,7 +208,7 @@ def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: Ar
     Kq = _joint_matrix(joint_matrix, J.shape[1])
     W = checked_vector(wrench, 6, "wrench")
     require_full_rank(J)
-    output = Map(J, lambda w: se3.chain_curvature(J, w))
+    output = SecondOrderMap(J, lambda w: se3.chain_curvature(J, w))
     energy = Evaluation(0.0, J.T @ W, Kq)
     reduction = reduce_to(output, energy, None, reach(J), np.ones(J.shape[1]))
     K = reduction.stiffness

@@ -573,7 +573,7 @@ class UncertainParameters:
         if known is None or values.keys().isdisjoint(known.labels):
             return elastic
         at = [values.get(n, c) for n, c in zip(known.labels, known.values, strict=True)]
-        return self._elements.moved(known.patterns, np.array(at, float) - known.values)
+        return self._elements.with_parameters(known.patterns, np.array(at, float) - known.values)
 
     @cached_property
     def _geometry(self) -> dict[str, float]:
@@ -757,4 +757,4 @@ class UncertainParameters:
             return elastic
         if self._placements is None:
             return elastic
-        return replace(elastic, mechanism=self._placements.moved(values))
+        return replace(elastic, mechanism=self._placements.with_parameters(values))

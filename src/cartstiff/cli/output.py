@@ -31,7 +31,7 @@ def tell(as_json: bool, data: Mapping[str, Any], mechanism: str, text: Callable[
     say(json_text(data, mechanism) if as_json else text())
 
 
-_WAITING = "cartstiff.remarks"
+_WAITING = "cartstiff.diagnostics"
 
 
 def say(text: str = "", *, error: bool = False) -> None:

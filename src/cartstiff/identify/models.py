@@ -337,7 +337,7 @@ class BentModel:
             for torque, sign in ((with_load[:, j], 1.0), (without[:, j], -1.0)):
                 each, back = np.unique(torque, return_inverse=True)  # one for a row's numbers
                 roots = [law.deflection_for(float(t)) for t in each]
-                x, k = np.array(roots)[back], np.array([law.at(v)[2] for v in roots])[back]
+                x, k = np.array(roots)[back], np.array([law.evaluate(v)[2] for v in roots])[back]
                 y = y + sign * moved[:, j] * x
                 for (joint, power), p in sought.items():
                     if joint == name:

@@ -250,7 +250,7 @@ class PlatformPoses:
         if dimension:
             step = numerics.WIDE_DIFFERENCE * se3.basis_twist("xyz".index(free))
             for i, row in enumerate(q):
-                change = self.platform.moved(row, step) - row
+                change = self.platform.displaced(row, step) - row
                 motions[i, :, 0] = change - 2 * np.pi * np.round(change / (2 * np.pi))
         return motions / numerics.WIDE_DIFFERENCE
 

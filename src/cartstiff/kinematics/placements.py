@@ -73,7 +73,8 @@ class Placements:
         for name, x in self._all.items():
             step = numerics.DIFFERENCE * (1.0 if self.is_angle(name) else length)
             more, less = (
-                held @ self.moved({name: x + s}).at(self.posture.q).residual for s in (step, -step)
+                held @ self.with_parameters({name: x + s}).at(self.posture.q).residual
+                for s in (step, -step)
             )
             parted = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
             if parted > numerics.NEGLIGIBLE_STEP * max(1.0, length):
@@ -91,7 +92,7 @@ class Placements:
             f"closes. They are {', '.join(self.misfits)}"
         )
 
-    def moved(self, values: Mapping[str, float]) -> Chain:
+    def with_parameters(self, values: Mapping[str, float]) -> Chain:
         """The chain with other numbers; others than its own names are passed over."""
         poses = {}
         for name in dict.fromkeys(key.rpartition(".")[0] for key in values if key in self._all):

@@ -39,7 +39,7 @@ from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import PostureStiffness
-from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
+from cartstiff.stiffness.posture_notes import near_actuation_singularity, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class QuickPosture(PostureStiffness):
             return self._engine.elastic, self._engine.evaluation
         if self.posture.coordinates_are_pose:
             own = Evaluation(self.energy, self.wrench, cast(Array, self.matrices["B"]))
-            return self._asked.balanced(self.posture, self._given), own
+            return self._asked.with_rest_balancing(self.posture, self._given), own
         return self._asked._balanced_with_evaluation(self.posture, self._given)
 
     @property
@@ -227,23 +227,23 @@ class QuickPosture(PostureStiffness):
         return (
             *self._asked.notes,
             *near,
-            *self._remarks,
+            *self._diagnostics,
             *limit_notes(mechanism, self),
             *self._forces,
             *self._code.notes_on_weight,
         )
 
     @property
-    def _remarks(self) -> list[Note]:
+    def _diagnostics(self) -> list[Note]:
         """What links that are bent have to say, and lines that are cables or more than six."""
         springs = self._asked.springs
         if isinstance(springs, LineSprings) and (springs.unilateral or len(springs.stiffness) > 6):
-            return self.elastic.remarks(self.posture)
+            return self.elastic.diagnostics(self.posture)
         if not self._code.bends:
             return []
         beams = [term for term in self._asked.terms() if isinstance(term, Beam)]
         evaluate_together(beams, self.posture)  # which they remember
-        return self._asked.remarks(self.posture)
+        return self._asked.diagnostics(self.posture)
 
     @property
     def _forces(self) -> list[Note]:
@@ -314,7 +314,7 @@ class PostureCode:
         """Notes on near singularities; the sizes of a platform are the same everywhere."""
         if self._actuation is not None:
             lines = quick._record[self._actuation].reshape(-1, 6)
-            return hardly_held(lines, *self._sizes)
+            return near_actuation_singularity(lines, *self._sizes)
         values = scaled_values(quick.posture)
         return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
 
@@ -395,12 +395,12 @@ def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCod
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool:
     """Whether nothing of it can change, and no energy has a remark on a posture."""
-    # What a closed chain has of these is not bent where its code answers, or is asked for remarks.
+    # What a closed chain has of these is not bent where its code answers, or is asked for diagnostics.
     silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)
     if elastic.gravity is not None and elastic.gravity.flags.writeable:
         return False
     return (elastic.springs is not None or not loaded) and all(
-        type(term).remarks is Potential.remarks
+        type(term).diagnostics is Potential.diagnostics
         or (isinstance(term, silent) and not getattr(term, "unilateral", False))
         for term in elastic.terms()
     )

@@ -61,7 +61,7 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, Struck, turned
+from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, StrutStates, turned
 from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import wrench_in_body
 
@@ -403,7 +403,7 @@ class _Search:
         self.rows = {name: array[own] for name, array in rows.items()}
         self.which = self.which[goes_on]
 
-    def condensed(self) -> Struck:
+    def condensed(self) -> StrutStates:
         """Energies, wrenches and K^B in M of those that are known, in their order."""
         m, count = self.m, int(self.is_known.sum())
         own = _rows_of(self.is_known, m)
@@ -413,7 +413,7 @@ class _Search:
         inputs["ends"] = np.tile(flat, (count, 1))
         outputs = self._program(_condensed)(inputs)
         stands = np.ones((count, m), bool)
-        return Struck(
+        return StrutStates(
             outputs["energy"][:, 0].reshape(count, m),
             outputs["wrench"].reshape(count, m, 6),
             from_triangles(outputs["stiffness"]).reshape(count, m, 6, 6),
@@ -430,7 +430,7 @@ def _rows_of(which: NDArray[np.bool_], m: int) -> slice | NDArray[np.bool_]:
 
 def struck(
     struts: FlexureStruts, poses: Array, gradients: Array, every: bool
-) -> tuple[Struck, NDArray[np.bool_]]:
+) -> tuple[StrutStates, NDArray[np.bool_]]:
     """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, by machine code.
 
     With `every` all rest lengths are chosen. What is not known is for the struts' own search:
@@ -438,7 +438,7 @@ def struck(
 
     Returns
     -------
-    struck : Struck
+    struck : StrutStates
         Of the poses that are known.
     is_known : ndarray of bool (N,)
     """
@@ -534,7 +534,7 @@ class Evaluated:
             sums = sums._replace(gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n)))
             for j, law in self.laws.items():
                 x = q[:, j] - (0.0 if self.rest is None else self.rest[j])
-                energy, torque, stiffness = law.many(x)
+                energy, torque, stiffness = law.evaluate(x)
                 sums.energies[:, 0] += energy
                 sums.gradients[:, j] += torque
                 sums.hessians[:, j, j] += stiffness
@@ -579,7 +579,7 @@ class Evaluated:
         # What their own rest lengths leave of it cannot be borne: these are then not found.
         left = UNBALANCED if self.is_loaded or not struts.is_complete else ENGINE
 
-        def add(own: Array, at: Struck) -> None:
+        def add(own: Array, at: StrutStates) -> None:
             energies[own, 0] += at.energy.sum(axis=1)
             gradients[own] += at.wrench.sum(axis=1)
             hessians[own] += at.stiffness.sum(axis=1)

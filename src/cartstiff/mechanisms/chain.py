@@ -43,7 +43,7 @@ from cartstiff.numerics import (
     ROUNDING,
     SMALLEST_STEP,
 )
-from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, SecondOrderMap
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class ChainPosture(MechanismPosture):
         self._state: TreeState = chain.tree.at(q)
 
     @cached_property
-    def _of_body(self) -> tuple[Array, Map]:
+    def _of_body(self) -> tuple[Array, SecondOrderMap]:
         return self._state.relative(self._chain.world, self._chain.body)
 
     @cached_property
@@ -112,7 +112,7 @@ class ChainPosture(MechanismPosture):
         return self._of_body[0]
 
     @cached_property
-    def motion(self) -> Map:  # type: ignore[override]
+    def motion(self) -> SecondOrderMap:  # type: ignore[override]
         """Body twist of M per coordinate rate, with its curvature."""
         return self._of_body[1]
 
@@ -141,7 +141,7 @@ class ChainPosture(MechanismPosture):
         """Pose ``T_F_f`` of a frame fixed to a joint, without its map."""
         return self._state.pose(placement)
 
-    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` and its map."""
         if frame_a == "world" and frame_b == "body":
             return self.pose, self.motion
@@ -174,7 +174,7 @@ class ChainPosture(MechanismPosture):
         return held if tied is None else np.concatenate([tied.residual, held])
 
     @cached_property
-    def closure(self) -> Map | None:  # type: ignore[override]
+    def closure(self) -> SecondOrderMap | None:  # type: ignore[override]
         """Map to the closure residual; last come the rigid coordinates, in order."""
         tied, rigid = self._tied, sorted(self._chain.rigid)
         if tied is None and not rigid:
@@ -186,7 +186,7 @@ class ChainPosture(MechanismPosture):
         """Rows of the actuated coordinates of a closed chain."""
         return self._chain.selection
 
-    def chart(self) -> Map | str:
+    def chart(self) -> SecondOrderMap | str:
         """The joint coordinates, or the actuated ones of a closed chain, if they are six."""
         chain = self._chain
         actuated, n = chain.actuated, self.q.size
@@ -199,7 +199,7 @@ class ChainPosture(MechanismPosture):
         select = self.actuation
         if select is None or len(actuated) != 6:
             return f"K^F needs six actuated coordinates: this mechanism has {len(actuated)}"
-        return Map(select, lambda _: np.zeros((n, n)))
+        return SecondOrderMap(select, lambda _: np.zeros((n, n)))
 
 
 def _is_shut(posture: ChainPosture) -> bool:

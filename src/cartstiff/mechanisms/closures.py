@@ -19,7 +19,7 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree, TreeState
-from cartstiff.potentials.contract import Map
+from cartstiff.potentials.contract import SecondOrderMap
 
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
@@ -225,7 +225,9 @@ class ClosureState:
         return S if self._mimic is None else self._mimic.T @ S @ self._mimic
 
 
-def held_map(tied: ClosureState | None, rigid: list[int], sizes: Array, length: float) -> Map:
+def held_map(
+    tied: ClosureState | None, rigid: list[int], sizes: Array, length: float
+) -> SecondOrderMap:
     """Map to the residual of closures and, after them, to coordinates that do not move.
 
     Parameters
@@ -243,11 +245,13 @@ def held_map(tied: ClosureState | None, rigid: list[int], sizes: Array, length: 
     # Not by way of a posture: in a circle it would stay until circles are looked for.
     curvature = partial(_curvature, tied, len(sizes))
     if tied is None:
-        return Map(held, curvature, own)
+        return SecondOrderMap(held, curvature, own)
     of_loops = np.broadcast_to(np.repeat([1.0, length], 3), tied.rows.shape)[tied.rows]
     if not rigid:
-        return Map(tied.jacobian(), curvature, of_loops)
-    return Map(np.concatenate([tied.jacobian(), held]), curvature, np.concatenate([of_loops, own]))
+        return SecondOrderMap(tied.jacobian(), curvature, of_loops)
+    return SecondOrderMap(
+        np.concatenate([tied.jacobian(), held]), curvature, np.concatenate([of_loops, own])
+    )
 
 
 def _curvature(tied: ClosureState | None, n: int, multipliers: Array) -> Array:

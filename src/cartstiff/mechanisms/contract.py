@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import Array, checked_input, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation, LineGeometry, Map
+from cartstiff.potentials.contract import Evaluation, LineGeometry, SecondOrderMap
 
 #: Units of length in m, of force in N.
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -187,9 +187,9 @@ class MechanismPosture(ABC):
     #: ``T_F_M`` (4, 4).
     pose: Array
     #: Map to the end-effector's pose.
-    motion: Map
+    motion: SecondOrderMap
     #: Map to the closure residual, or None for a mechanism without closures.
-    closure: Map | None = None
+    closure: SecondOrderMap | None = None
     #: Closure residual (m,), or None.
     residual: Array | None = None
     #: Characteristic length at this posture.
@@ -204,7 +204,7 @@ class MechanismPosture(ABC):
     coordinates_are_pose: bool = False
 
     @abstractmethod
-    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` and its map."""
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:  # noqa: ARG002
@@ -227,7 +227,7 @@ class MechanismPosture(ABC):
         return None
 
     @abstractmethod
-    def chart(self) -> Map | str:
+    def chart(self) -> SecondOrderMap | str:
         """Map to the six coordinates that make K^F, or the reason why there is no such chart."""
 
 
@@ -329,7 +329,7 @@ class Mechanism(ABC):
         """
         raise InputError(f"mechanisms of kind {self.kind} have no masses", got=dict(masses))
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def displaced(self, q: Array, step: Array) -> Array:
         """Coordinates after a small step in the coordinates that derivatives are taken in."""
         return q + step
 

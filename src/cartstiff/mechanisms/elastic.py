@@ -503,7 +503,7 @@ class ElasticMechanism(ShownInLines):
         checked_reach(centre, "mass centre")
         return replace(self, mechanism=self.mechanism.with_mass(mass, centre))
 
-    def balanced(
+    def with_rest_balancing(
         self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None
     ) -> ElasticMechanism:
         """The same mechanism with open rest positions chosen so that a posture is an equilibrium.
@@ -540,18 +540,18 @@ class ElasticMechanism(ShownInLines):
         carried = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
         gradient = carried if others is None else carried - others.gradient
         if not isinstance(springs, JointSprings):
-            return springs.balanced(posture, gradient, every=every), None
+            return springs.with_rest_balancing(posture, gradient, every=every), None
         exerted = gradient
         if not springs.all_rest_free(every):
             size = float(np.abs(carried).max(initial=0.0))
             gradient = spring_torques(springs, self.names, posture, gradient, every, size)
             exerted = np.where(springs.rest_is_free(every), gradient, np.nan)
-        return springs.balanced(posture, gradient, every=every), exerted
+        return springs.with_rest_balancing(posture, gradient, every=every), exerted
 
     def _balanced_with_evaluation(
         self, posture: MechanismPosture, wrench: Array | None
     ) -> tuple[ElasticMechanism, Evaluation]:
-        """`balanced` and its `evaluate` at a posture; the other potentials are evaluated once."""
+        """`with_rest_balancing` and its `evaluate` at a posture; the other potentials are evaluated once."""
         others = self._evaluate_others(posture)
         springs, exerted = self._balanced_springs(posture, wrench, others)
         elastic = self if springs is self.springs else replace(self, springs=springs)
@@ -587,9 +587,9 @@ class ElasticMechanism(ShownInLines):
         inner = [term for term in terms if not _is_outside(term)]
         return inner, [term for term in terms if _is_outside(term)]
 
-    def remarks(self, posture: MechanismPosture) -> list[Note]:
+    def diagnostics(self, posture: MechanismPosture) -> list[Note]:
         """What limits the answer at a posture: slack cables, beams beyond their theory."""
-        return [note for term in self.terms() for note in term.remarks(posture)]
+        return [note for term in self.terms() for note in term.diagnostics(posture)]
 
     def evaluate(self, posture: MechanismPosture) -> Evaluation:
         """Energy, gradient and Hessian of everything at a posture."""

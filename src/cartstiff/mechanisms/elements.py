@@ -164,7 +164,9 @@ class Elements:
                 weights[p, i, j] = weights[p, j, i] = weight
         return weights
 
-    def moved(self, patterns: Sequence[CompliancePattern], change: Array) -> ElasticMechanism:
+    def with_parameters(
+        self, patterns: Sequence[CompliancePattern], change: Array
+    ) -> ElasticMechanism:
         """The mechanism with parameters changed (P,)."""
         S = np.tensordot(change, self.patterns(patterns), axes=1)
         laws = {
@@ -311,7 +313,7 @@ def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
     for name in dict.fromkeys(name for name, _ in laws):
         j, law = elastic.names.index(name), law_of(elastic, name)
         x = 0.0 if np.isnan(rest[j]) else float(q[j] - rest[j])
-        _, torque, k[j] = law.at(x)
+        _, torque, k[j] = law.evaluate(x)
         if not k[j] > 0.0:
             raise UndefinedError(
                 f"the measured spring of {name!r} does not resist here: no interval",

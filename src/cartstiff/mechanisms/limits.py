@@ -31,6 +31,10 @@ _TURN = 2.0 * np.pi
 _DEGREES = ". Degrees? Angles are in radians"
 
 
+#: What is beyond its limits: name, value, unit, lower and upper limit.
+_Beyond = tuple[str, float, str, float, float]
+
+
 class _Placed(Protocol):
     """Coordinates and pose of M: all that limits depend on."""
 
@@ -80,7 +84,6 @@ class Limits:
         self.left_out = np.zeros(len(self.columns), int)
         self.lower = pairs[self.columns, 0]
         self.upper = pairs[self.columns, 1]
-        self._each = [(int(j), *map(float, pairs[j])) for j in self.columns]
         self.are_angles = np.zeros(len(self.columns), bool)
         self._more = None if self.legs is None or contacts or ignore else self.legs.leg_limits
         self._rods = None
@@ -96,7 +99,6 @@ class Limits:
             self.lower = np.append(self.lower, [low for _, low, _, _ in rows])
             self.upper = np.append(self.upper, [high for _, _, high, _ in rows])
             self.are_angles = np.append(self.are_angles, [angle for *_, angle in rows])
-            self._each += [(-1, low, high) for _, low, high, _ in rows]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -118,13 +120,7 @@ class Limits:
 
     def holds(self, q: Array, pose: Array) -> bool:
         """Whether everything is within its limits at one posture, to the last digit."""
-        if not self._each:
-            return True
-        if self.legs is not None or self._rods is not None:
-            values = self.values(q, pose).tolist()
-            return all(lo <= x <= hi for x, (_, lo, hi) in zip(values, self._each, strict=True))
-        known = q.tolist()  # a few numbers are compared sooner than arrays
-        return all(lo <= known[j] <= hi for j, lo, hi in self._each)
+        return not len(self) or bool(self._within(self.values(q, pose)))
 
     def leaving_out(self, sides: Array) -> Limits:
         """The same without the lower bounds where `sides` (m,) is -1, the upper ones where it is 1.
@@ -137,8 +133,6 @@ class Limits:
         other.left_out = sides
         other.lower = np.where(sides < 0, -np.inf, self.lower)
         other.upper = np.where(sides > 0, np.inf, self.upper)
-        bounds = zip(self._each, other.lower.tolist(), other.upper.tolist(), strict=True)
-        other._each = [(j, low, high) for (j, *_), low, high in bounds]
         return other
 
     def side(self, values: Array, sizes: Array | float = 1.0) -> Array:
@@ -149,11 +143,13 @@ class Limits:
 
     def exceeded(self, values: Array) -> Array:
         """Where one of the quantities (..., m) is beyond its limits: `side` is not 0."""
-        within: Array = ((values >= self.lower) & (values <= self.upper)).all(axis=-1)
-        beyond = ~within
+        beyond = ~self._within(values)
         if beyond.any():  # or a last digit, or no number, is the reason
             beyond[beyond] = self.side(values[beyond]).any(axis=-1)
         return beyond
+
+    def _within(self, values: Array) -> Array:
+        return np.asarray(((values >= self.lower) & (values <= self.upper)).all(axis=-1))
 
     def excess(self, values: Array) -> Array:
         """How far quantities (..., m) are beyond their limits; 0 within."""
@@ -209,23 +205,19 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     sides = limits.side(values)
     if sides.any():
         angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}
-        angles |= (
-            dict(zip(limits.names, limits.are_angles.tolist(), strict=True))
-            if (limits.legs is not None)
-            else {}
-        )
-        beyond: dict[str, Mapping[str, float | None]] = {}
-        words = []
-        degrees = False
+        if limits.legs is not None:
+            angles |= dict(zip(limits.names, limits.are_angles.tolist(), strict=True))
+        units, degrees = {True: "rad", False: mechanism.units.length}, False
+        beyond = list[_Beyond]()
         for i in np.flatnonzero(sides):
-            name, x = limits.names[i], float(values[i])
-            low, high = float(limits.lower[i]), float(limits.upper[i])
-            unit = "rad" if angles.get(name, False) else mechanism.units.length
-            words.append(f"{name} is at {x:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
-            degrees |= unit == "rad" and abs(x) > _TURN
-            beyond[name] = finite({"value": x, "lower": low, "upper": high})
-        message = f"{what}beyond limits: {'; '.join(words)}{_DEGREES if degrees else ''}"
-        notes.append(Note("beyond-limits", message, beyond))
+            name, x, is_angle = (
+                limits.names[i],
+                float(values[i]),
+                angles.get(limits.names[i], False),
+            )
+            beyond.append((name, x, units[is_angle], limits.lower[i], limits.upper[i]))
+            degrees |= is_angle and abs(x) > _TURN
+        notes.append(_note_beyond("beyond-limits", what, beyond, _DEGREES * degrees))
     if turned:
         words = [f"{name} is at {x:.6g} rad" for name, x in turned.items()]
         notes.append(
@@ -274,13 +266,20 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     bounds, tensions = platform.leg_limits.forces, tensions_of(elastic, posture)
     if bounds is None or tensions is None:
         return []
-    beyond: dict[str, Mapping[str, float | None]] = {}
-    words = []
-    for i in np.flatnonzero(forces_beyond(bounds, tensions)):
-        name, unit = f"force of leg{i + 1}", platform.units.force
-        t, (low, high) = float(tensions[i]), map(float, bounds[i])
-        words.append(f"{name} is at {t:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
-        beyond[name] = finite({"value": t, "lower": low, "upper": high})
-    if not beyond:
-        return []
-    return [Note("force-limits", f"beyond limits: {'; '.join(words)}", beyond)]
+    beyond = [
+        (f"force of leg{i + 1}", float(tensions[i]), platform.units.force, *bounds[i])
+        for i in np.flatnonzero(forces_beyond(bounds, tensions))
+    ]
+    return [_note_beyond("force-limits", "", beyond)] if beyond else []
+
+
+def _note_beyond(code: str, what: str, beyond: list[_Beyond], more: str = "") -> Note:
+    words = [
+        f"{name} is at {x:.6g} {unit}, its limits are {low:.6g} and {high:.6g}"
+        for name, x, unit, low, high in beyond
+    ]
+    values = {
+        name: finite({"value": x, "lower": float(low), "upper": float(high)})
+        for name, x, _, low, high in beyond
+    }
+    return Note(code, f"{what}beyond limits: {'; '.join(words)}{more}", values)

@@ -38,7 +38,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, SecondOrderMap
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
 from cartstiff.potentials.loads import DeadForce
 
@@ -341,7 +341,7 @@ class PlatformPosture(MechanismPosture):
         self.length = platform.length
         self.coordinate_lengths = np.array([1.0] * 3 + [self.length] * 3)
 
-    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` of "world" and "body" and its map."""
         frames = {"world", "body"}
         for name in (frame_a, frame_b):
@@ -350,8 +350,8 @@ class PlatformPosture(MechanismPosture):
         if (frame_a, frame_b) == ("world", "body"):
             return self.pose, self.motion
         if frame_a == frame_b:
-            return np.eye(4), Map(np.zeros((6, 6)), IDENTITY.curvature)
-        return se3.inverse(self.pose), Map(-se3.adjoint(self.pose), IDENTITY.curvature)
+            return np.eye(4), SecondOrderMap(np.zeros((6, 6)), IDENTITY.curvature)
+        return se3.inverse(self.pose), SecondOrderMap(-se3.adjoint(self.pose), IDENTITY.curvature)
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the masses of platform and legs in a uniform field."""
@@ -398,12 +398,12 @@ class PlatformPosture(MechanismPosture):
         """Line coordinates of the legs."""
         return self.lines.lines
 
-    def chart(self) -> Map | str:
+    def chart(self) -> SecondOrderMap | str:
         """The leg lengths, if they are six."""
         m = len(self._platform.points)
         if m != 6:
             return f"K^F needs six leg lengths as a chart of SE(3): there are {m} lines"
-        return Map(
+        return SecondOrderMap(
             self.lines.lines,
             lambda mu: second_derivative(self.lines, self._platform.points, mu),
         )
@@ -531,7 +531,7 @@ class Platform(Mechanism):
         T_F_P = real_array(T_F_M) @ se3.inverse(self.T_P_M)
         return np.concatenate([T_F_P[..., :3, 3], se3.roll_pitch_yaw(T_F_P)], axis=-1)
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def displaced(self, q: Array, step: Array) -> Array:
         """Coordinates after a small body twist `step`."""
         return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
 

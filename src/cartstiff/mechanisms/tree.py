@@ -23,7 +23,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 
 #: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
 MOST_COORDINATES = 200
@@ -490,7 +490,7 @@ class TreeState:
         poses = {joint: self._poses[joint].homogeneous for joint in set(joints)}
         return np.array([poses[joint] for joint in joints])
 
-    def relative(self, a: FixedFrame, b: FixedFrame) -> tuple[Array, Map]:
+    def relative(self, a: FixedFrame, b: FixedFrame) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
         T_F_b, path = self.pose(b), self.tree.path(a.joint, b.joint)
         T_a_b = T_F_b if a.joint == 0 and a.is_joint else se3.inverse(self.pose(a)) @ T_F_b
@@ -498,7 +498,9 @@ class TreeState:
         if not path.identity:
             J *= path.signs
         curvature = _BracketCurvature(J, path, self.tree.mimic)
-        return T_a_b, Map(J if self.tree.mimic is None else J @ self.tree.mimic, curvature)
+        return T_a_b, SecondOrderMap(
+            J if self.tree.mimic is None else J @ self.tree.mimic, curvature
+        )
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Energy of all masses in a uniform field with the given acceleration, with derivatives."""

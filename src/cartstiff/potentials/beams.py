@@ -48,7 +48,7 @@ _TERMS = 20
 # to a bound than _NEAR stand on it: bisection has brought them there.
 _FLOOR, _NEAR = 0.999, numerics.ROUNDING
 _STEPS = 100
-# From which share of the clamped buckling load, and which turn against the chord (rad), on remarks
+# From which share of the clamped buckling load, and which turn against the chord (rad), on diagnostics
 # ask for more segments.
 _COMPRESSED, _BENT = 0.75, 0.4
 
@@ -148,7 +148,7 @@ class Beam(Potential):
     section : Section
         Stiffnesses of the section.
     link : str
-        Name of the link, for remarks.
+        Name of the link, for diagnostics.
     mass : float
         The beam's own [kg], which the joints' inertias hold at its nodes; 0 where none was given.
     """
@@ -186,12 +186,12 @@ class Beam(Potential):
         """Tension (m,) of the segments."""
         return self._segments(q[self.indices]).axial_forces.copy()
 
-    def remarks(self, posture: Posture) -> list[Note]:
+    def diagnostics(self, posture: Posture) -> list[Note]:
         """Segments that are compressed or bent beyond what six coordinates can follow."""
         x = posture.q[self.indices]
-        remarks: list[Note] = []
+        diagnostics: list[Note] = []
         if not x.any():
-            return remarks
+            return diagnostics
         _, _, _, N, turns = self._segments(x)
         bent = float(turns.max())
         share = -float(N.min()) / self.clamped_load
@@ -203,15 +203,15 @@ class Beam(Potential):
                 "clamped ends, which its six coordinates do not show: give more segments"
             )
             values = {"link": self.link, "share": share, "segments": count}
-            remarks.append(Note("beam-compressed", message, values))
+            diagnostics.append(Note("beam-compressed", message, values))
         if bent > _BENT:
             message = (
                 f"{many}: one turns by {bent:.2g} rad against its chord, beyond the theory of "
                 "small turns: give more segments"
             )
             values = {"link": self.link, "turn": bent, "segments": count}
-            remarks.append(Note("beam-bent", message, values))
-        return remarks
+            diagnostics.append(Note("beam-bent", message, values))
+        return diagnostics
 
     @property
     def clamped_load(self) -> float:
@@ -232,7 +232,7 @@ class Beam(Potential):
 
     @cached_property
     def _last(self) -> dict[bytes, _Segments]:
-        """The segments where they were seen last: remarks follow on the energy."""
+        """The segments where they were seen last: diagnostics follow on the energy."""
         return {}
 
     def _segments(self, x: Array) -> _Segments:

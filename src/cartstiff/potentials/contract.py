@@ -19,7 +19,7 @@ from cartstiff.notes import Note
 
 
 @dataclass(frozen=True, slots=True)
-class Map:
+class SecondOrderMap:
     """A map of the coordinates at a posture, to second order.
 
     Attributes
@@ -45,7 +45,7 @@ def _flat(_: Array) -> Array:
 
 
 #: The map of six coordinates to themselves.
-IDENTITY = Map(np.eye(6), _flat)
+IDENTITY = SecondOrderMap(np.eye(6), _flat)
 
 
 class Evaluation(NamedTuple):
@@ -75,7 +75,7 @@ class Posture(Protocol):
     def q(self) -> Array:
         """Coordinates (n,)."""
 
-    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` and its map, twists being those of b against a in components of b."""
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
@@ -99,7 +99,7 @@ class Potential(ABC):
         """
         return np.abs(gradient)
 
-    def remarks(self, posture: Posture) -> list[Note]:  # noqa: ARG002
+    def diagnostics(self, posture: Posture) -> list[Note]:  # noqa: ARG002
         """What limits the answer at a posture; nothing by default."""
         return []
 
@@ -128,7 +128,9 @@ class PosePotential(Potential):
         return pulled_back(*self.on_pose(T), to_pose)
 
 
-def pulled_back(energy: float, wrench: Array, stiffness: Array, to_pose: Map) -> Evaluation:
+def pulled_back(
+    energy: float, wrench: Array, stiffness: Array, to_pose: SecondOrderMap
+) -> Evaluation:
     """An energy of a pose in the coordinates: gradient J^T W, Hessian J^T K^B J + S_W."""
     if to_pose is IDENTITY:
         return Evaluation(energy, wrench, stiffness)

@@ -68,7 +68,7 @@ class Flexure(NamedTuple):
         )
 
 
-class Struck(NamedTuple):
+class StrutStates(NamedTuple):
     """Struts at poses: energies (N, m), wrenches (N, m, 6), K^B (N, m, 6, 6), in M; rest lengths.
 
     `is_found` and `is_stable` (N, m): whether (1) was solved, and whether the strut has not
@@ -215,9 +215,9 @@ class FlexureStruts(LineSprings):
         return se3.inverse(low) @ T_a_b[:, None] @ self.ends
 
     @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
-    def at_poses(
+    def solve(
         self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
-    ) -> Struck:
+    ) -> StrutStates:
         """The struts at poses (N, 4, 4) with rest lengths (N, m), from (1) and (2).
 
         With `gradient` (N, 6) the rest lengths of the struts `free` (m,) are changed, by as little
@@ -291,7 +291,7 @@ class FlexureStruts(LineSprings):
             M[..., :n, n:] *= -1.0
             values = np.linalg.eigvalsh(np.nan_to_num(M[~stable]))
             stable[~stable] = (values > 0.0).sum(axis=-1) == n
-        return Struck(
+        return StrutStates(
             0.5 * (k * (q - rest) ** 2).sum(axis=-1),
             (back @ W[..., None])[..., 0],
             back @ (0.5 * (K + K.swapaxes(-1, -2))) @ to_end,
@@ -300,7 +300,9 @@ class FlexureStruts(LineSprings):
             stable,
         )
 
-    def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> FlexureStruts:
+    def with_rest_balancing(
+        self, posture: Posture, gradient: Array, every: bool = False
+    ) -> FlexureStruts:
         """The same struts with rest lengths at which they exert a gradient (6,) at a posture.
 
         Raises
@@ -320,22 +322,22 @@ class FlexureStruts(LineSprings):
             )
         return replace(self, rest_length=at.rest_length[0])
 
-    def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> Struck:
-        """`at_poses` (N, 4, 4), with open rest lengths, or all, at which they exert gradients."""
+    def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> StrutStates:
+        """`solve` (N, 4, 4), with open rest lengths, or all, at which they exert gradients."""
         free = np.isnan(self.rest_length) | every
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not free.any():
-            return self.at_poses(T_a_b, rest)
+            return self.solve(T_a_b, rest)
         start = np.where(np.isnan(rest), self.lengths_of(T_a_b), rest)
         return self._balancing(T_a_b, start, gradients, free)
 
-    def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> Struck:
-        """`at_poses` with a gradient; found where the rest lengths alone lead to it, too.
+    def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> StrutStates:
+        """`solve` with a gradient; found where the rest lengths alone lead to it, too.
 
         Struts that are bent far have several shapes with one rest length.
         """
-        at = self.at_poses(T_a_b, rest, gradient, free)
-        again = self.at_poses(T_a_b, np.where(at.is_found, at.rest_length, rest))
+        at = self.solve(T_a_b, rest, gradient, free)
+        again = self.solve(T_a_b, np.where(at.is_found, at.rest_length, rest))
         apart = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
         same = apart <= numerics.NEARBY * self.stiffness * self.made
         return at._replace(is_found=at.is_found & again.is_found & same)
@@ -351,7 +353,7 @@ class FlexureStruts(LineSprings):
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
         """Energy, wrench and K^B in components of frame b."""
-        at = self.at_poses(T_a_b[None], self.rest_length[None])
+        at = self.solve(T_a_b[None], self.rest_length[None])
         first = int(np.argmin((at.is_found & at.is_stable)[0])) + 1
         if not at.is_found.all():
             raise UndefinedError(

@@ -116,7 +116,7 @@ class LineSprings(PosePotential):
         Force per length, above zero.
     rest_length : ndarray, shape (m,)
         Lengths at which the springs carry no force; NaN where they are to be chosen so that the
-        lines balance the load at the posture (see `balanced`).
+        lines balance the load at the posture (see `with_rest_balancing`).
     unilateral : bool
         Cables: a line shorter than its rest length is slack and carries nothing.
     balanced_at : tuple of ndarray (m,), (m,), or None
@@ -178,7 +178,7 @@ class LineSprings(PosePotential):
         lengths = self.geometry(posture).lengths
         return [int(i) + 1 for i in np.flatnonzero(lengths < self.rest_length)]
 
-    def remarks(self, posture: Posture) -> list[Note]:
+    def diagnostics(self, posture: Posture) -> list[Note]:
         """Which cables carry nothing (numbers from 1), and tensions that were chosen among many."""
         notes = []
         if slack := self.slack(posture):
@@ -242,7 +242,9 @@ class LineSprings(PosePotential):
         """Which rest lengths are to be chosen: those not given, or all of them."""
         return np.isnan(self.rest_length) | every
 
-    def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> LineSprings:
+    def with_rest_balancing(
+        self, posture: Posture, gradient: Array, every: bool = False
+    ) -> LineSprings:
         """The same lines with rest lengths at which they exert a gradient (6,) at a posture.
 
         Tensions t solve ``lines^T t = gradient`` (of least norm where there are more than six).

@@ -22,7 +22,13 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.potentials.flexure_struts import ROUNDINGS, FlexureStruts, Struck, solved, turned
+from cartstiff.potentials.flexure_struts import (
+    ROUNDINGS,
+    FlexureStruts,
+    StrutStates,
+    solved,
+    turned,
+)
 
 _STEPS = 40
 
@@ -47,7 +53,7 @@ class Mount(NamedTuple):
         place[:3, 3] *= a
         return Mount(place, self.stiffness * a / np.outer(sizes, sizes))
 
-    def moved(self, x: Array) -> tuple[Array, Array]:
+    def displaced(self, x: Array) -> tuple[Array, Array]:
         """Motion (N, 4, 4) of what is beyond for coordinates x (N, 6), and its body Jacobian."""
         R, axes = turned(x[:, 3:])
         J = np.zeros((len(x), 6, 6))
@@ -87,16 +93,16 @@ class MountedStruts(FlexureStruts):
         return super().lengths_at(self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0])
 
     @np.errstate(over="ignore", invalid="ignore")
-    def at_poses(
+    def solve(
         self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
-    ) -> Struck:
+    ) -> StrutStates:
         """As of struts alone; of the springs' energy and of K^B each strut tells an equal share."""
         if gradient is None:
             at = self._at_rest_in(T_a_b, rest_length)
-            own = super().at_poses(at.T, rest_length)
+            own = super().solve(at.T, rest_length)
         else:
             at = self._bearing(T_a_b, np.broadcast_to(gradient, (len(T_a_b), 6)))
-            own = super().at_poses(at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free)
+            own = super().solve(at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free)
         M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
         n, m = len(sizes) - 6, len(self.made)
         inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
@@ -105,7 +111,7 @@ class MountedStruts(FlexureStruts):
         stable = (np.linalg.eigvalsh(np.nan_to_num(M)) > 0.0).sum(axis=-1) == n
         energy = 0.5 * (at.q * (at.q @ self._springs)).sum(axis=-1)
         to_end = np.linalg.inv(at.J[..., self._struts]).swapaxes(-1, -2)
-        return Struck(
+        return StrutStates(
             own.energy + energy[:, None] / m,
             (to_end[:, None] @ own.wrench[..., None])[..., 0],
             np.repeat(0.5 * (K + K.swapaxes(-1, -2))[:, None], m, axis=1),
@@ -139,7 +145,7 @@ class MountedStruts(FlexureStruts):
         settled, missed = np.zeros(N, bool), np.full(N, np.inf)
         whole = float((np.sqrt(self.slides) * self.made).max())
         for _ in range(_STEPS):
-            own = super().at_poses(at.T, rest_length)
+            own = super().solve(at.T, rest_length)
             M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
             pull = _pulled(at.J, at.W) - at.q @ self._springs
             pull[:, struts] -= own.wrench.sum(axis=1)
@@ -180,10 +186,10 @@ class MountedStruts(FlexureStruts):
         base = tip = np.broadcast_to(np.eye(4), (len(T), 4, 4))
         parts = []
         if self.base is not None:
-            base, J = self.base.moved(q[:, :6])
+            base, J = self.base.displaced(q[:, :6])
             parts.append(J)
         if self.tip is not None:
-            tip, J_tip = self.tip.moved(q[:, -6:])
+            tip, J_tip = self.tip.displaced(q[:, -6:])
         if struts is None:
             struts = se3.inverse(base) @ T @ se3.inverse(tip)
         parts = [se3.adjoint_of_inverse(struts @ tip) @ J for J in parts]

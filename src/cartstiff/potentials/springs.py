@@ -31,12 +31,8 @@ class SpringLaw(ABC):
     """Torque of a spring as a function of its deflection x."""
 
     @abstractmethod
-    def at(self, x: float) -> tuple[float, float, float]:
-        """Energy, torque and tangent stiffness at deflection x."""
-
-    @abstractmethod
-    def many(self, x: Array) -> tuple[Array, Array, Array]:
-        """`at` at many deflections (N,)."""
+    def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
+        """Energy, torque and tangent stiffness at a deflection, or at each of (N,)."""
 
     @abstractmethod
     def deflection_for(self, torque: float) -> float:
@@ -67,12 +63,8 @@ class PolynomialLaw(SpringLaw):
                 "polynomial spring needs finite coefficients", got=list(self.coefficients)
             )
 
-    def at(self, x: float) -> tuple[float, float, float]:
-        """Energy, torque and tangent stiffness at deflection x."""
-        return self.many(x)
-
-    def many(self, x: Any) -> tuple[Any, Any, Any]:
-        """`at` at many deflections (N,)."""
+    def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
+        """Energy, torque and tangent stiffness at a deflection, or at each of (N,)."""
         energy = torque = stiffness = 0.0
         for power, c in enumerate(self.coefficients, start=1):
             energy = energy + c * x ** (power + 1) / (power + 1)
@@ -82,7 +74,7 @@ class PolynomialLaw(SpringLaw):
 
     def change_at_torque(self, power: int, x: float) -> float:
         """Change of the tangent stiffness per coefficient of a power, under a torque that stays."""
-        _, _, k = self.at(x)
+        _, _, k = self.evaluate(x)
         slope = sum(
             m * (m - 1) * c * x ** (m - 2) for m, c in enumerate(self.coefficients, 1) if m > 1
         )
@@ -97,7 +89,7 @@ class PolynomialLaw(SpringLaw):
             raise InputError("polynomial spring never reaches the torque", got=f"{torque:.6g}")
         x = float(real[np.argmin(np.abs(real))])
         for _ in range(3):  # roots of a companion matrix keep about half the digits
-            _, t, k = self.at(x)
+            _, t, k = self.evaluate(x)
             if k != 0.0:
                 x -= (t - torque) / k
         return x
@@ -149,17 +141,12 @@ class TabulatedLaw(SpringLaw):
         rows[0, 0], rows[0, 2:4] = x[0], (y[0], slopes[0])
         return rows
 
-    def at(self, x: float) -> tuple[float, float, float]:
-        """Energy (zero at the first point), torque and tangent stiffness at deflection x."""
-        row = self._pieces[int(np.searchsorted(self._cubic[0], x, side="right"))]
-        return self._on(row.tolist(), x)
+    def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
+        """Energy, torque and tangent stiffness at a deflection, or at each of (N,).
 
-    def many(self, x: Array) -> tuple[Array, Array, Array]:
-        """`at` at many deflections (N,)."""
-        return self._on(self._pieces[np.searchsorted(self._cubic[0], x, side="right")].T, x)
-
-    @staticmethod
-    def _on(piece: Any, x: Any) -> tuple[Any, Any, Any]:
+        The energy is zero at the first point.
+        """
+        piece = self._pieces[np.searchsorted(self._cubic[0], x, side="right")].T
         knot, energy, torque, slope, second, third = piece
         d = x - knot
         return (
@@ -181,7 +168,7 @@ class TabulatedLaw(SpringLaw):
                 a, b = float(knots[i]), float(knots[i + 1])
                 for _ in range(200):
                     middle = 0.5 * (a + b)
-                    if (self.at(middle)[1] > torque) == (high > low):
+                    if (self.evaluate(middle)[1] > torque) == (high > low):
                         b = middle
                     else:
                         a = middle
@@ -204,7 +191,7 @@ class JointSprings(Potential):
         nonlinear law stands.
     rest : ndarray, shape (n,)
         Rest positions; NaN where they are to be chosen so that the springs balance the load at
-        the posture (see `balanced`).
+        the posture (see `with_rest_balancing`).
     laws : mapping of int to SpringLaw
         Nonlinear springs by coordinate index.
     rigid : frozenset of int
@@ -266,7 +253,7 @@ class JointSprings(Potential):
         x = np.where(np.isnan(self.rest), 0.0, q - self.rest)
         torque = self.stiffness * x
         for j, law in self.laws.items():
-            torque[j] = 0.0 if np.isnan(self.rest[j]) else law.at(float(x[j]))[1]
+            torque[j] = 0.0 if np.isnan(self.rest[j]) else law.evaluate(float(x[j]))[1]
         return torque
 
     def evaluate(self, posture: Posture) -> Evaluation:
@@ -277,14 +264,16 @@ class JointSprings(Potential):
             return Evaluation(0.5 * float(torque @ x), torque, np.diag(self.stiffness))
         energies, diagonal = 0.5 * torque * x, self.stiffness.copy()
         for j, law in self.laws.items():
-            energies[j], torque[j], diagonal[j] = law.at(float(x[j]))
+            energies[j], torque[j], diagonal[j] = law.evaluate(float(x[j]))
         return Evaluation(float(energies.sum()), torque, np.diag(diagonal))
 
     def replaced(self, stiffness: Array, rest: Array) -> JointSprings:
         """The same springs with other stiffnesses and rest positions."""
         return replace(self, stiffness=stiffness, rest=rest)
 
-    def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> JointSprings:
+    def with_rest_balancing(
+        self, posture: Posture, gradient: Array, every: bool = False
+    ) -> JointSprings:
         """The same springs with rest positions at which they exert torques at a posture.
 
         Parameters
@@ -347,7 +336,7 @@ class CoupledSprings(Potential):
         hessian[np.ix_(at, at)] = self.matrix
         return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
 
-    def remarks(self, posture: Posture) -> list[Note]:
+    def diagnostics(self, posture: Posture) -> list[Note]:
         """Compression that would matter in a cantilever with the same compliance.
 
         Its length l and its axis follow from where a pure force turns the far side: the cross

@@ -106,7 +106,7 @@ def at_rest_with(
     if not isinstance(elastic.springs, FlexureStruts):
         return stiffness(q), ()
     if not elastic.springs.is_complete:
-        at_home = elastic.balanced(home).springs
+        at_home = elastic.with_rest_balancing(home).springs
         moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]
         elastic = elastic.with_springs(rest=at_home.rest + moved)  # type: ignore[union-attr]
     try:

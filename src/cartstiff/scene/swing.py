@@ -67,12 +67,12 @@ def swing_of(modes: Modes, number: int, share: float = 0.05, count: int = 17) ->
     mechanism, q, elastic = modes.elastic.mechanism, modes.q, modes.elastic
     rest = extent(elastic, modes.posture)
     size = float(np.ptp(rest, axis=0).max()) or modes.posture.length
-    a_little = extent(elastic, mechanism.at(mechanism.moved(q, _STEP * shape)))
+    a_little = extent(elastic, mechanism.at(mechanism.displaced(q, _STEP * shape)))
     most = float(np.linalg.norm(a_little - rest, axis=1).max()) / _STEP
     reach = _TURN if most == 0.0 else min(_TURN, share * size / most)
     postures: list[MechanismPosture] = []
     for phase in np.linspace(-1.0, 1.0, count + 1 - count % 2):
-        there = mechanism.moved(q, phase * reach * shape)
+        there = mechanism.displaced(q, phase * reach * shape)
         if isinstance(mechanism, Chain) and mechanism.closures:
             try:  # closures bend the motion
                 postures.append(mechanism.closed(there))

@@ -64,7 +64,7 @@ def commanded(
     elastic, posture = elastic.placed(q)
     at = posture.q
     steps = checked_command(elastic, command)
-    elastic = elastic.balanced(at)
+    elastic = elastic.with_rest_balancing(at)
     springs = elastic.springs
     if not isinstance(springs, (JointSprings, LineSprings)):
         raise InputError(f"{elastic.name} has no springs to command", where="command")

@@ -185,7 +185,7 @@ class LoadPath:
             If the way back to the curve is not found.
         """
         direction = start.direction if direction is None else direction
-        q = self.system.moved(start.point, size * direction[:-1])
+        q = self.system.displaced(start.point, size * direction[:-1])
         factor = start.factor + size * direction[-1] * self.span
         return self.corrected(q, factor, direction)
 
@@ -215,7 +215,7 @@ class LoadPath:
             motion = balance.motion(solved[:-1])
             largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
             share = min(1.0, _LARGEST / max(largest, numerics.TINY))
-            q = system.retracted(system.moved(point, share * motion))
+            q = system.retracted(system.displaced(point, share * motion))
             factor = factor + share * float(solved[-1]) * self.span
         raise ConvergenceError(
             "the curve of equilibria is lost", iterations=_CORRECTIONS, residual=best
@@ -589,7 +589,7 @@ def load_curve(
     elastic, posture = elastic.placed(q0, "q0")
     refuse_springs_far_apart(elastic)
     limits = contact_limits(elastic, posture)
-    elastic, q = elastic.balanced(posture), posture.q
+    elastic, q = elastic.with_rest_balancing(posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
@@ -796,7 +796,7 @@ def _collected(
 ) -> LoadCurve:
     factors = np.array([s.factor for s in states])
     conservative = all(s.is_conservative for s in states)
-    new = seed.elastic.remarks(max(states, key=lambda s: abs(s.factor)).point.posture)
+    new = seed.elastic.diagnostics(max(states, key=lambda s: abs(s.factor)).point.posture)
     if not conservative:
         new = [*new, UNDAMPED if all(s.vibrations for s in states) else MASSLESS]
     notes = [*(n for n in seed.notes if n.code not in {m.code for m in new}), *new]

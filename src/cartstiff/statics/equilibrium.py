@@ -143,7 +143,7 @@ def equilibrium(
     original, start = checked_elastic(elastic).placed(q0, "q0")
     refuse_springs_far_apart(original)
     q = start.q
-    elastic = original.balanced(start)
+    elastic = original.with_rest_balancing(start)
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(start)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)

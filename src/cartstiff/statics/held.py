@@ -20,7 +20,7 @@ from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
-from cartstiff.potentials.contract import Map
+from cartstiff.potentials.contract import SecondOrderMap
 
 #: Names of the components, rotations first.
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
@@ -109,7 +109,7 @@ class Held:
         """The same with all displacements multiplied."""
         return replace(self, values={n: factor * v for n, v in self.values.items()})
 
-    def constraint(self, posture: MechanismPosture) -> tuple[Array, Map, Array]:
+    def constraint(self, posture: MechanismPosture) -> tuple[Array, SecondOrderMap, Array]:
         """Residual (k,), its map of the coordinates, and its Jacobian (k, 6) on body twists."""
         T, to_pose = posture.relative("world", self.frame)
         reference = T if self.reference is None else self.reference
@@ -124,7 +124,7 @@ class Held:
             mu[rows] = multipliers
             return J.T @ second(mu) @ J + to_pose.curvature(D.T @ mu)
 
-        return displacement[rows] - wanted, Map(select @ J, curvature), select
+        return displacement[rows] - wanted, SecondOrderMap(select @ J, curvature), select
 
 
 def displacement_between(T_F_a: ArrayLike, T_F_b: ArrayLike) -> Array:

@@ -343,7 +343,7 @@ class _Iteration:
         system, contacts, share = self.system, self.contacts, 1.0
         try:
             for _ in range(len(system.limits) + 1):
-                q = system.moved(self.point, share * step)
+                q = system.displaced(self.point, share * step)
                 if not np.isfinite(q).all():
                     return None
                 point = system.at(system.retracted(q, contacts))

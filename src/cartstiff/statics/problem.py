@@ -38,7 +38,7 @@ from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.contract import Evaluation, Map, Potential
+from cartstiff.potentials.contract import Evaluation, Potential, SecondOrderMap
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import JointSprings
@@ -312,7 +312,7 @@ def bound(limits: Limits, contact: Contact) -> float:
 
 def constraint(
     limits: Limits, posture: MechanismPosture, contacts: Sequence[Contact]
-) -> tuple[Array, Map]:
+) -> tuple[Array, SecondOrderMap]:
     """Distances (k,) from the touched bounds, and their map of the coordinates."""
     where = [c.quantity for c in contacts]
     values = limits.values(posture.q, posture.pose)[where]
@@ -326,11 +326,11 @@ def constraint(
             np.add.at(weights, columns, multipliers)
             return second_derivative(lines, points, weights)
 
-        return residual, Map(lines.lines[columns], curvature)
+        return residual, SecondOrderMap(lines.lines[columns], curvature)
     n = posture.motion.jacobian.shape[1]
     rows = np.zeros((len(where), n))
     rows[np.arange(len(where)), columns] = 1.0
-    return residual, Map(rows, lambda _: np.zeros((n, n)))
+    return residual, SecondOrderMap(rows, lambda _: np.zeros((n, n)))
 
 
 #: Lines g (m, 6) that hold a body, their stiffnesses (m,), the rest of the Hessian.
@@ -441,9 +441,9 @@ class System:
 
     def constraints(
         self, posture: MechanismPosture, contacts: Sequence[Contact]
-    ) -> tuple[Array, Map, Array] | None:
+    ) -> tuple[Array, SecondOrderMap, Array] | None:
         """Residual (m,), map, and natural size (m,) of closures, held components, contacts."""
-        parts: list[tuple[Array, Map]] = []
+        parts: list[tuple[Array, SecondOrderMap]] = []
         units: list[Array] = []
         if posture.closure is not None and posture.residual is not None:
             parts.append((posture.residual, posture.closure))
@@ -471,7 +471,7 @@ class System:
 
         jacobian = np.concatenate([m.jacobian for _, m in parts])
         residuals = np.concatenate([residual for residual, _ in parts])
-        return residuals, Map(jacobian, curvature), np.concatenate(units)
+        return residuals, SecondOrderMap(jacobian, curvature), np.concatenate(units)
 
     def balance(self, point: Point, contacts: Sequence[Contact] = ()) -> Balance:
         """Forces and stiffness on the motions that keep the constraints."""
@@ -645,9 +645,9 @@ class System:
             return np.asarray(se3.log(se3.inverse(start.posture.pose) @ end.posture.pose) / lengths)
         return np.asarray((end.q - start.q) / lengths)
 
-    def moved(self, point: Point, step: Array) -> Array:
+    def displaced(self, point: Point, step: Array) -> Array:
         """Coordinates after a step in natural units, before the constraints are restored."""
-        return self.elastic.mechanism.moved(point.q, step * point.posture.coordinate_lengths)
+        return self.elastic.mechanism.displaced(point.q, step * point.posture.coordinate_lengths)
 
     def retracted(self, q: Array, contacts: Sequence[Contact] = ()) -> Array:
         """Coordinates near q that satisfy all constraints, by Newton's method with least effort.
@@ -682,7 +682,7 @@ class System:
             largest = float(np.abs(step).max(initial=0.0))
             if not np.isfinite(largest) or largest < numerics.SMALLEST_STEP:
                 break
-            q = mechanism.moved(q, columns * step * min(1.0, _PULL / largest))
+            q = mechanism.displaced(q, columns * step * min(1.0, _PULL / largest))
         if size <= numerics.REACHED:
             return q
         kinds = ("closures", posture.closure), ("held displacement", self.held)

@@ -120,7 +120,7 @@ def motion_by_compliance(
             springs = elements.elastic.springs
             x = float(posture.q[j] - getattr(springs, "rest")[j])  # noqa: B009 - it has a law
             x0 = 0.0 if chosen is None else float(chosen.deflections[j])
-            lost = x**power - x0**power * law.at(x)[2] / law.at(x0)[2]
+            lost = x**power - x0**power * law.evaluate(x)[2] / law.evaluate(x0)[2]
             forces[j, p] -= lost * (-(law.coefficients[0] ** 2) if power == 1 else 1.0)
     return motion_under_forces(posture, balance, forces)
 
@@ -158,10 +158,10 @@ def state_of_rest(
     unresolved = _unresolved(point, balance, start)
     known = [n.values.get("largest") for n in unresolved]
     is_anywhere = any(isinstance(x, float) and x >= 1.0 for x in known)
-    stable, squares, remarks = (
+    stable, squares, diagnostics = (
         _by_energy(balance, is_anywhere) if conservative else _by_vibrations(system, point, balance)
     )
-    notes += remarks
+    notes += diagnostics
     if stages > 1:
         notes.append(
             Note(
@@ -175,7 +175,7 @@ def state_of_rest(
     if not len(system.limits) or len(beside) > len(system.limits):
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
     notes += force_notes(system.elastic, point.posture)
-    notes += system.elastic.remarks(point.posture)
+    notes += system.elastic.diagnostics(point.posture)
     if system.elastic.gravity is not None:
         notes += gravity_loads(system.elastic).notes
     # At an unstable one nothing stays; a sign of a determinant says nothing of where it is.

@@ -303,7 +303,7 @@ def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:
     Springs whose rest position is open carry gravity there; the others are at rest themselves.
     """
     posture = elastic.mechanism.at(q)
-    rest, balanced = _idle_rest(elastic, posture), elastic.balanced(posture).springs
+    rest, balanced = _idle_rest(elastic, posture), elastic.with_rest_balancing(posture).springs
     if elastic.springs is None or balanced is None:  # refused at the start
         raise InputError(f"{elastic.name} has no springs")
     return np.where(np.isnan(elastic.springs.rest), balanced.rest, rest)
@@ -314,7 +314,7 @@ def _idle_rest(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
     if elastic.springs is None:  # refused at the start
         raise InputError(f"{elastic.name} has no springs")
     n = posture.motion.jacobian.shape[1]
-    return elastic.springs.balanced(posture, np.zeros(n), every=True).rest
+    return elastic.springs.with_rest_balancing(posture, np.zeros(n), every=True).rest
 
 
 def _balancing_rest(
@@ -351,7 +351,7 @@ def _balancing_rest(
             code="not-compensable",
             values={"point": index + 1, "unbalanced": missed},
         )
-    return springs.balanced(posture, wanted / columns, every=True).rest
+    return springs.with_rest_balancing(posture, wanted / columns, every=True).rest
 
 
 def _commanded(elastic: ElasticMechanism, rest: Array) -> ElasticMechanism:

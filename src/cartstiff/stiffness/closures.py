@@ -12,7 +12,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Map
+from cartstiff.potentials.contract import SecondOrderMap
 
 #: Forms below this share of the largest vanish: they are sums of products of closures that are met
 #: to about 1e-14, and of motions found from these.
@@ -40,7 +40,7 @@ class Closures(NamedTuple):
         return lam
 
 
-def decomposed(closure: Map, columns: Array) -> Closures:
+def decomposed(closure: SecondOrderMap, columns: Array) -> Closures:
     """Decompose the Jacobian of closures, over their sizes and in natural sizes of coordinates."""
     matrix = closure.jacobian * columns
     return decompose(matrix if closure.sizes is None else matrix / closure.sizes[:, None])
@@ -54,7 +54,7 @@ def decompose(matrix: Array) -> Closures:
 
 
 def irregular(
-    closure: Map, values: Array, rank: int, lost: Array, N: Array, columns: Array
+    closure: SecondOrderMap, values: Array, rank: int, lost: Array, N: Array, columns: Array
 ) -> Note | None:
     """Name closures whose lost rank matters; None for redundant ones that are harmless.
 
@@ -65,7 +65,7 @@ def irregular(
 
     Parameters
     ----------
-    closure : Map
+    closure : SecondOrderMap
         Jacobian (m, n) with curvature.
     values : ndarray
         Singular values of the scaled Jacobian.

@@ -18,7 +18,7 @@ from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, SecondOrderMap
 from cartstiff.stiffness.reduction import Reduction
 
 
@@ -95,7 +95,11 @@ def flat_chart(
 
 
 def _hessian_in(
-    chart: Map, to_chart: Array, rates: Array, closure: Map | None, energy: Evaluation
+    chart: SecondOrderMap,
+    to_chart: Array,
+    rates: Array,
+    closure: SecondOrderMap | None,
+    energy: Evaluation,
 ) -> Array:
     """Hessian (n, n) in the chart's coordinates, carried to those of the mechanism."""
     mu = np.linalg.solve(to_chart.T, rates.T.dot(energy.gradient))

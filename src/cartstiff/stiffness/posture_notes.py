@@ -27,7 +27,7 @@ def notes_on_posture(
         *(near_serial(posture, reduction.singular_values) if reduction.rank == 6 else ()),
         *near_type_2(posture, reduction.motions),
         *near_constraint(reduction),
-        *elastic.remarks(posture),
+        *elastic.diagnostics(posture),
         *limit_notes(elastic.mechanism, posture),
         *force_notes(elastic, posture),
         *(() if elastic.gravity is None else gravity_loads(elastic).notes),
@@ -193,10 +193,12 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     """A warning where the actuators do not hold the free motions (n, f), or hardly."""
     if posture.actuation is None:
         return []
-    return hardly_held(posture.actuation, posture.coordinate_lengths, posture.length, free)
+    return near_actuation_singularity(
+        posture.actuation, posture.coordinate_lengths, posture.length, free
+    )
 
 
-def hardly_held(
+def near_actuation_singularity(
     actuation: Array, coordinate_lengths: Array, length: float, free: Array | None = None
 ) -> list[Note]:
     """`near_type_2` of rates of the actuators by the coordinates, (m, n)."""

@@ -36,7 +36,7 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 from cartstiff.stiffness.closures import decomposed, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.rounding import force_roundoff, norm, symmetric_part, zero_roundoff
@@ -153,9 +153,9 @@ def _without(some: Array, count: int) -> list[int]:
 
 
 def reduce_to(
-    output: Map,
+    output: SecondOrderMap,
     energy: Evaluation,
-    closure: Map | None,
+    closure: SecondOrderMap | None,
     length: float,
     coordinate_lengths: Array,
     force: Array | None = None,
@@ -166,11 +166,11 @@ def reduce_to(
 
     Parameters
     ----------
-    output : Map
+    output : SecondOrderMap
         Jacobian (6, n) of the output with its curvature. Rows 0..2 are angles and 3..5 lengths.
     energy : Evaluation
         Energy, gradient and Hessian in the n coordinates.
-    closure : Map or None
+    closure : SecondOrderMap or None
         Closure residual's Jacobian (m, n) with curvature.
     length : float
         Characteristic length of the mechanism, in its unit.
@@ -189,9 +189,9 @@ def reduce_to(
 
 
 def _reduced(
-    output: Map,
+    output: SecondOrderMap,
     energy: Evaluation,
-    closure: Map | None,
+    closure: SecondOrderMap | None,
     rows: Array,
     columns: Array,
     force: Array | None,

@@ -611,7 +611,7 @@ def _plain(
             K = 0.5 * (K + K.T) if _is_symmetric(D) else K
             noise = _noise(force, natural, W, posture)
             terms = terms + np.abs(bent) + np.abs(J.T) @ np.abs(D) @ np.abs(J) + noise
-            rested = elastic.balanced(posture, W)
+            rested = elastic.with_rest_balancing(posture, W)
     rested = rested or elastic.at_rest(posture.q.copy())
     return _solved(
         rested, posture, np.diag(columns), K, terms, elastic.terms(), elastic.units, held=later

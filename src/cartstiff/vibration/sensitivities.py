@@ -119,7 +119,7 @@ class Home:
         elastic = self.parameters.mechanism(values)
         if elastic.springs is not None and not elastic.springs.is_complete:
             chosen = self.parameters.posture_of(elastic, self.state.start.q)
-            elastic = elastic.balanced(elastic.mechanism.closed(chosen))
+            elastic = elastic.with_rest_balancing(elastic.mechanism.closed(chosen))
         return again(self.state, elastic, start)
 
     def row(self, name: str, modes: Modes | None) -> Row:
