@@ -103,7 +103,7 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
 
 
 def test_links_that_give_are_bent_by_machine_code_too(monkeypatch):
-    """Numbers, coordinates, notes and diagnostics of a delta under loads, also of one far too large."""
+    """Numbers, coordinates and notes of a delta under loads, also of one far too large."""
     monkeypatch.setattr(single, "COMPILED_AT", 5)
     monkeypatch.setattr(single, "BENT_COMPILED_AT", 5)
     elastic = cartstiff.load("delta")

@@ -395,7 +395,7 @@ def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCod
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool:
     """Whether nothing of it can change, and no energy has a remark on a posture."""
-    # What a closed chain has of these is not bent where its code answers, or is asked for diagnostics.
+    # Code bends a closed chain's own, or asks them for diagnostics.
     silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)
     if elastic.gravity is not None and elastic.gravity.flags.writeable:
         return False

@@ -551,7 +551,7 @@ class ElasticMechanism(ShownInLines):
     def _balanced_with_evaluation(
         self, posture: MechanismPosture, wrench: Array | None
     ) -> tuple[ElasticMechanism, Evaluation]:
-        """`with_rest_balancing` and its `evaluate` at a posture; the other potentials are evaluated once."""
+        """`with_rest_balancing` and its `evaluate`; the other potentials are evaluated once."""
         others = self._evaluate_others(posture)
         springs, exerted = self._balanced_springs(posture, wrench, others)
         elastic = self if springs is self.springs else replace(self, springs=springs)

@@ -40,7 +40,7 @@ from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.at_pose import COORDINATES, solve
+from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.many.postures import tensions_of_many
 from cartstiff.mechanisms.chain import Chain
@@ -88,7 +88,7 @@ class LegMargins:
         names = [f"{self.limits.names[i]}, least" for i in self._lower]
         names += [f"{self.limits.names[i]}, most" for i in self._upper]
         self.length = float(chain.at(elastic.q).length)
-        q, self.free = solve(elastic, self.coordinates(pose[None]))
+        q, self.free = at_poses(elastic, self.coordinates(pose[None]))
         names += [f"reach of leg{i + 1}" for i in range(len(chain.legs))] + ["reach"]
         self.sign = 0.0
         rates = None if through else self.rates(q)
@@ -113,7 +113,7 @@ class LegMargins:
 
     def at(self, poses: Array) -> Array:
         """Margins (N, k) at poses (N, 4, 4) of M."""
-        q, _ = solve(self.elastic, self.coordinates(poses))
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
         known = np.isfinite(q).all(axis=1)
         margins = np.full((len(q), len(self.names)), np.inf)
         values = self.limits.values(q, poses)
@@ -135,7 +135,7 @@ class LegMargins:
 
     def inside(self, poses: Array) -> NDArray[np.bool_]:
         """Which poses (N,) are within all limits."""
-        q, _ = solve(self.elastic, self.coordinates(poses))
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
         values = self.limits.values(q, poses)
         with np.errstate(invalid="ignore"):
             inside = np.isfinite(q).all(axis=1)
@@ -169,7 +169,7 @@ class LegMargins:
 
     def determinants(self, poses: Array) -> Array:
         """Of `rates` (N,); NaN where the legs do not reach."""
-        q, _ = solve(self.elastic, self.coordinates(poses))
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
         determinants, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
         if known.any() and (rates := self.rates(q[known])) is not None:
             determinants[known] = numerics.determinants(rates)
@@ -177,7 +177,7 @@ class LegMargins:
 
     def ratios(self, poses: Array) -> Array | None:
         """Smallest over largest singular value of `rates` (N,); None where these do not exist."""
-        q, _ = solve(self.elastic, self.coordinates(poses))
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
         ratios = np.full(len(q), np.inf)
         known = np.isfinite(q).all(axis=1)
         rates = self.rates(q[known])
