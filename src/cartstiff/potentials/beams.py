@@ -48,8 +48,8 @@ _TERMS = 20
 # to a bound than _NEAR stand on it: bisection has brought them there.
 _FLOOR, _NEAR = 0.999, numerics.ROUNDING
 _STEPS = 100
-# From which share of the clamped buckling load, and which turn against the chord (rad), on notes ask
-# for more segments.
+# From which share of the clamped buckling load, and which turn against the chord (rad), on notes
+# ask for more segments.
 _COMPRESSED, _BENT = 0.75, 0.4
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, real_array
+from cartstiff.arrays import checked_array, read_only, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -261,7 +261,7 @@ class JointSprings(Potential):
         x = posture.q - self.rest
         torque = self.stiffness * x
         if not self.laws:
-            return Evaluation(0.5 * float(torque @ x), torque, np.diag(self.stiffness))
+            return Evaluation(0.5 * float(torque @ x), torque, read_only(np.diag(self.stiffness)))
         energies, diagonal = 0.5 * torque * x, self.stiffness.copy()
         for j, law in self.laws.items():
             energies[j], torque[j], diagonal[j] = law.evaluate(float(x[j]))
