@@ -188,7 +188,7 @@ def test_refused_options(run, seam, arguments, expected):
         ("0,0,0,0,0,nan\n", "line 1: not a finite number"),
         ("x,y,z,roll,pitch,roll\n", "column named twice"),
         ("x,y,z,roll,pitch,jaw\n0,0,0,0,0,0\n", "unknown column"),
-        ("x,y,z\n0,0,0\n", "columns give no pose"),
+        ("x,y,z\n0,0,0\n", "columns define no pose"),
         ("x,y,z,roll,pitch\n0,0,0,0,0\n", "columns are missing"),
         ("x,y,z,ax,ay,az\n0,0,0,0,0,1\n", "--free-axis"),
     ],

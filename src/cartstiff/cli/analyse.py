@@ -93,8 +93,8 @@ _reading_options = option_group(
     option(
         "--inertia",
         type=Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
-        help="Rigid body with its mass centre at the point, in kg and kg m^2: gives natural "
-        "frequencies, and its radius of gyration as the characteristic length.",
+        help="Rigid body with its mass centre at the point, in kg and kg m^2; adds natural "
+        "frequencies and takes its radius of gyration as the characteristic length.",
     ),
     option(
         "--tolerance",
@@ -112,8 +112,9 @@ _reading_options = option_group(
         "--target",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help="Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint "
-        "stiffness that gives it under the load. A .json may name its order, units and frame.",
+        help="Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the "
+        "joint stiffness that produces it under the load. A .json may name its order, units and "
+        "frame.",
     ),
     click.option(
         "--target-order",
@@ -126,7 +127,7 @@ _reading_options = option_group(
 
 @dataclass(frozen=True)
 class AnalysisRequest:
-    """What `analysis_options` say, checked."""
+    """Values of `analysis_options`, checked."""
 
     level: str
     connection: str | None

@@ -21,7 +21,7 @@ Examples:
 @click.argument("first", metavar="FIRST.zarr", type=click.Path(path_type=Path))
 @click.argument("second", metavar="SECOND.zarr", type=click.Path(path_type=Path))
 @click.option(
-    "--quantity", metavar="NAME", help="What is compared; default the first that both maps hold."
+    "--quantity", metavar="NAME", help="Quantity to compare; default the first that both maps hold."
 )
 @click.option(
     "--difference",

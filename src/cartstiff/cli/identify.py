@@ -294,7 +294,7 @@ def _deviations(spreads: dict[str, float], elastic: Any) -> dict[str, float]:
 
     if not spreads:
         raise InputError(
-            "what is to be measured, and how well?",
+            "no measured column is named",
             where="--sd",
             expected="COLUMN=VALUE for each column, such as d=0.005mm",
         )
@@ -351,8 +351,8 @@ _about_the_fit = option_group(
         "--unknown",
         metavar="NAME",
         multiple=True,
-        help="What is to be found: a spring, leg or line by name; joints (the default), lines, "
-        "links; a link that gives: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.",
+        help="Unknown stiffness: a spring, leg or line by name; joints (the default), lines, "
+        "links; a compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.",
     ),
     click.option("--tie", metavar="A=B", multiple=True, help="Springs that are equal."),
     click.option(
@@ -367,8 +367,8 @@ _about_the_fit = option_group(
     click.option(
         "--offsets",
         type=click.Choice(["rigid", "translation", "none"]),
-        help="What is unknown of the measuring frame in each session of a table with positions: "
-        "position and rotation (rigid, the default), position alone, or nothing.",
+        help="Unknown placement of the measuring frame in each session of a table with "
+        "positions: position and rotation (rigid, the default), position alone, or none.",
     ),
     click.option(
         "--loaded",
@@ -380,7 +380,7 @@ _about_the_fit = option_group(
         type=click.Choice(["plain", "robust"]),
         default="plain",
         show_default=True,
-        help="Which fit's estimates come first.",
+        help="Fit whose estimates come first.",
     ),
     option(
         "--reject",
@@ -409,7 +409,7 @@ _about_a_plan = option_group(
     option(
         "--criterion",
         type=click.Choice(["worst", "all", "posture"]),
-        help="What the plan makes best: the widest interval (worst, the default), the "
+        help="Quantity that the plan minimises: the widest interval (worst, the default), the "
         "determinant of all compliances (D-optimal), or the deflection at the posture --q under "
         "--load.",
     ),
@@ -468,7 +468,7 @@ _about_a_plan = option_group(
 
 @dataclass(frozen=True)
 class _Request:
-    """What the options about table and fit say."""
+    """Values of the options for table and fit."""
 
     point: list[float] | None
     load_at: list[float] | None
@@ -504,7 +504,7 @@ class _Request:
         return {k: u for k, u in (self.units or {}).items() if k in kinds} or None
 
     def of_unknowns(self, elastic: Any) -> dict[str, Any]:
-        """Keywords about what is to be found."""
+        """Keywords for the unknowns."""
         known = in_own_units(stiffnesses_of(self.known, "--known", 1), given_length(), elastic)
         priors = in_own_units(stiffnesses_of(self.prior, "--prior", 2), given_length(), elastic)
         return {
@@ -638,7 +638,7 @@ def _check_written(robot: MechanismRequest) -> None:
 def _write(
     result: Any, robot: MechanismRequest, table: Path, output: Path | None, plot: Path | None
 ) -> None:
-    """The files that were asked for."""
+    """Write the requested files."""
     from cartstiff.identify.result import mechanism_file
     from cartstiff.report.output import write_files
 

@@ -22,11 +22,11 @@ _COMMANDS = {
     "analyse": ("cartstiff.cli.analyse", "Stiffness matrices of a mechanism at a posture."),
     "equilibrium": (
         "cartstiff.cli.equilibrium",
-        "Where a mechanism comes to rest under load, and how stiff it is there.",
+        "Equilibrium of a mechanism under load, and its stiffness there.",
     ),
     "assemble": (
         "cartstiff.cli.reach.assemble",
-        "All poses in which the same leg lengths, or actuators, hold a mechanism.",
+        "All assembly modes: poses with the same leg lengths or actuator positions.",
     ),
     "map": (
         "cartstiff.cli.map",
@@ -36,7 +36,7 @@ _COMMANDS = {
         "cartstiff.cli.compare",
         "Ratio or difference of two maps: two arms, two mountings.",
     ),
-    "export": ("cartstiff.cli.export", "The page of `view` as one file for any browser."),
+    "export": ("cartstiff.cli.export", "Write the page of `view` as one file for any browser."),
     "path": (
         "cartstiff.cli.path",
         "The stiffest postures along a path, and where to put the workpiece.",
@@ -51,14 +51,20 @@ _COMMANDS = {
         "cartstiff.cli.modes",
         "Natural frequencies and modes at a posture, under its load.",
     ),
-    "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
+    "models": ("cartstiff.cli.models", "Names that can be given as MECHANISM."),
     "poses": ("cartstiff.cli.poses", "A table of postures as robot controllers show them."),
-    "report": ("cartstiff.cli.report", "One file to send on: the answer, pictures, numbers."),
+    "report": (
+        "cartstiff.cli.report",
+        "Write a report: the answer, pictures, numbers in one HTML file.",
+    ),
     "workspace": (
         "cartstiff.cli.reach.workspace",
-        "Where a platform or cable robot can be, and what limits it.",
+        "Workspace of a platform or cable robot, and what limits it.",
     ),
-    "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
+    "view": (
+        "cartstiff.cli.view",
+        "Open a page in the browser: move the mechanism, see its stiffness.",
+    ),
 }
 
 
@@ -175,7 +181,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _open_closed_streams() -> None:
-    """Give streams that the caller has closed a place, or the next file would get their number."""
+    """Open streams that the caller has closed; otherwise the next file would get their number."""
     for number, name in ((1, "stdout"), (2, "stderr")):
         if getattr(sys, name) is None:
             null = os.open(os.devnull, os.O_WRONLY)

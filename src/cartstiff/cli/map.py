@@ -77,7 +77,7 @@ sampling_options = option_group(
         "--random",
         type=click.IntRange(1, _MOST),
         metavar="N",
-        help="N random postures within the limits of the joints; links that give start unbent.",
+        help="N random postures within the limits of the joints; compliant links start unbent.",
     ),
     repeated_option(
         "--range",
@@ -95,8 +95,8 @@ sampling_options = option_group(
         "told",
         type=Axes("NAME=LOW:HIGH:COUNT", single=True),
         help="How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
-        "--q, leg1/slide=0.001 holds at every posture of a map. The map holds what is true "
-        "where the machine comes to rest.",
+        "--q, leg1/slide=0.001 holds at every posture of a map. The map is "
+        "computed at the equilibrium for these positions.",
     ),
     option(
         "--trajectory",
@@ -176,7 +176,7 @@ def sampling_from_options(
     orientation: Any,
     **search: Any,
 ) -> tuple[Sampling, dict[str, float]]:
-    """The sampling that the options ask for, and what drives are told at all of its postures.
+    """The sampling that the options ask for, and the actuator positions at all of its postures.
 
     q is the base posture or None.
     """
@@ -363,7 +363,8 @@ _options = option_group(
     click.option(
         "--connection",
         type=click.Choice(OF_MANY),
-        help="The matrix that is read; default where a load can act: load, the tangent stiffness "
+        help="Matrix that the quantities are read from; default where a load can act: load, the "
+        "tangent stiffness "
         "under it (see --load-kind, --load-at). Without a load all but F are the same.",
     ),
     option(
@@ -408,7 +409,7 @@ _options = option_group(
         "--below",
         type=Amount("VALUE[UNIT]"),
         help="Print the share of the reached places at which the first quantity is at most this "
-        "(0.2mm), by the best branch of each place; a heat map gets a line there.",
+        "(0.2mm), by the best branch of each place; a heat map has a line there.",
     ),
     option("--above", type=Amount("VALUE[UNIT]"), help="The same for at least this value."),
     click.option(
@@ -520,7 +521,7 @@ def command(
         raise InputError("give --workers or --scheduler, not both")
     if profile and (workers is not None or scheduler is not None):
         raise InputError(
-            "what other processes do is not counted",
+            "the time of other processes is not counted",
             where="--profile",
             expected="neither --workers nor --scheduler",
         )

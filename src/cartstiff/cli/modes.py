@@ -229,12 +229,12 @@ _options = option_group(
     option(
         "--compare",
         metavar="NAMES",
-        help="Also print the frequencies that a 6x6 stiffness and a mass at the tip would give: "
+        help="Also print the frequencies computed from a 6x6 stiffness and a mass at the tip: "
         "some of A,B,K,F,load,energy.",
     ),
     sensitivities_option,
     tolerance_option(
-        "an interval for each frequency (measured springs give one without this "
+        "an interval for each frequency (measured springs have one without this "
         "option) and what contributes most to it"
     ),
     option(
@@ -282,8 +282,8 @@ _options = option_group(
         "--impedance",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help="Stiffness that a controller shall give at the body frame (6x6; .json, .csv or "
-        ".npy). The answer has the damping by double diagonalisation with the masses at the "
+        help="Stiffness that a controller shall produce at the body frame (6x6; .json, .csv or "
+        ".npy). The answer holds the damping by double diagonalisation with the masses at the "
         "posture, in the order and along the axes of the file, and joint-space gains.",
     ),
     click.option(
@@ -399,7 +399,7 @@ def _more(
     wanted: bool,
     tolerance: list[float] | None,
 ) -> list[str]:
-    """Adds what was asked for to the JSON object, and gives it as lines."""
+    """Adds the requested parts to the JSON object, and returns them as lines."""
     from cartstiff.report.modes import describe_comparison
 
     lines: list[str] = []

@@ -120,7 +120,7 @@ stiffness_option = option(
 )
 
 
-#: What the drives are told, for `MechanismRequest.command`.
+#: Commanded actuator positions, for `MechanismRequest.command`.
 command_option = option(
     "--actuate",
     "told",
@@ -133,7 +133,7 @@ command_option = option(
 
 @dataclass(frozen=True)
 class LoadRequest:
-    """What `load_options` say."""
+    """Values of `load_options`."""
 
     load_at: list[float] | None
     world: bool
@@ -158,7 +158,7 @@ class LoadRequest:
         return "world" if self.world else "body"
 
     def check_load(self, is_given: bool) -> None:
-        """Refuse what is said of a load where there is none."""
+        """Refuse options of a load where there is none."""
         for name, is_said in (
             ("--load-at", self.load_at is not None),
             ("--load-kind", self.load_kind != "dead"),
@@ -175,7 +175,7 @@ class LoadRequest:
 
 @dataclass(frozen=True)
 class MechanismRequest:
-    """What `mechanism_options` say."""
+    """Values of `mechanism_options`."""
 
     mechanism: str
     q: Values | None = None
@@ -218,7 +218,7 @@ class MechanismRequest:
         return elastic.with_springs(stiffness, rest), q
 
     def command(self, told: Values, elastic: Any) -> dict[str, float]:
-        """What --actuate tells each drive."""
+        """Commanded displacement of each drive by --actuate."""
         values = told.of(elastic.spring_names)
         if isinstance(values, dict):
             return values
@@ -466,7 +466,7 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
             type=click.Choice(list(LOAD_KINDS)),
             default="dead",
             show_default=True,
-            help="What the load does while the body moves. dead: force and moment keep "
+            help="Behaviour of the load while the body moves. dead: force and moment keep "
             "their direction in the room; follower: they turn with the body; "
             "conservative: the force keeps its direction, the moment turns by half.",
         ),
@@ -532,7 +532,7 @@ def add_sensitivities(
 def add_accuracy(
     subject: Any, numbers: list[float], data: dict[str, Any], given: Sensitivities | None = None
 ) -> list[str]:
-    """Adds what the tolerances leave to the JSON object, and gives it as lines."""
+    """Adds the deviations from the tolerances to the JSON object, and returns them as lines."""
     from cartstiff.analysis.tolerances import Tolerances
     from cartstiff.report.modes import describe_accuracy
     from cartstiff.vibration.sensitivities import accuracy

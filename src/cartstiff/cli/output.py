@@ -1,4 +1,4 @@
-"""What commands print: text, and JSON that holds numbers only."""
+"""Output of commands: text, and JSON that holds numbers only."""
 
 from __future__ import annotations
 

@@ -85,13 +85,14 @@ _options = option_group(
         default="deflection",
         show_default=True,
         metavar="NAME",
-        help="Quantity to make best: deflection, along_free, translation_free_min, isotropy, ...: "
+        help="Quantity to optimise: deflection, along_free, translation_free_min, isotropy, ...: "
         "those of `cartstiff map`.",
     ),
     click.option(
         "--connection",
         type=click.Choice(OF_MANY),
-        help="The stiffness that is read; default with --loaded: load, the tangent under the load "
+        help="Stiffness that the criterion is read from; default with --loaded: load, the "
+        "tangent under the load "
         "(see --load-kind, --load-at). Without a load all but F are the same.",
     ),
     click.option(

@@ -325,7 +325,7 @@ def read_path_file(
             return ToolPath(poses, wrenches, directions, axes or "path")  # type: ignore[arg-type]
         if free not in ("x", "y", "z"):
             raise InputError(
-                "the tool's axis alone gives no pose", expected="--free-axis x, y or z"
+                "the tool's axis alone does not define a pose", expected="--free-axis x, y or z"
             )
         return ToolPath.from_axes(
             columns(_POSITION),
@@ -351,7 +351,7 @@ def _check_names(names: tuple[str, ...], where: str) -> None:
             raise InputError("columns are missing", where=where, expected=", ".join(group))
     if "x" not in names or ("roll" in names) == ("ax" in names):
         raise InputError(
-            "columns give no pose",
+            "columns define no pose",
             where=where,
             expected="x, y, z and either roll, pitch, yaw or ax, ay, az",
         )

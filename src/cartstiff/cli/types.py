@@ -1,4 +1,4 @@
-"""What options take, and how they are declared: the same way on every command.
+"""Types of options, and their declaration: the same way on every command.
 
 Text that cannot be used is an `InputError` that names the option.
 """
@@ -249,7 +249,7 @@ class JointValues(OptionType):
         return replace(value, numbers=[x * sizes[n] for x, n in zip(numbers, names, strict=True)])
 
     def parsed(self, text: str, where: str) -> Values:
-        """What was given, not yet compared with the mechanism."""
+        """Values as given, not yet compared with the mechanism."""
         if "=" not in text:
             return Values(where, parse_numbers(text, where, rigid=self.stiffness))
         values: dict[str, float] = {}

@@ -173,8 +173,8 @@ Examples:
 def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **texts: Any) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
 
-    Up to three OTHER mechanisms stand beside it, with the same options: their numbers as ratios,
-    their pictures at one scale and under one camera.
+    Up to three OTHER mechanisms are shown beside it, with the same options: their numbers as
+    ratios, their pictures at one scale and under one camera.
 
     The page needs no network and loads nothing from outside. The address that is printed holds a
     secret, without which nothing is answered. MECHANISM is a bundled name (see

@@ -112,7 +112,7 @@ def command(
     as_json: bool,
     strict: bool,
 ) -> None:
-    """Where the platform, cable robot or body on legs MECHANISM can be within all its limits.
+    """Workspace of MECHANISM (a platform, cable robot or body on legs) within all its limits.
 
     The answer has the volume and its slices for one orientation, the rotations at one position,
     the share of the boundary that each limit cuts, the largest sphere and cube inside, and the
