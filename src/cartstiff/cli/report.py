@@ -56,7 +56,7 @@ def command(
     map_path: Path | None,
     quantity: str | None,
 ) -> None:
-    """Write a report to send on: motion of the tip, the joints that contribute most, a better posture.
+    """Write a report to send on: how far the tip moves, which joints contribute, what is better.
 
     One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
     that was assumed; it opens without a network and prints on paper.
