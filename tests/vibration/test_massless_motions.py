@@ -123,3 +123,20 @@ def test_static_condensation_in_fifty_digits(seed):
     assert found.following.shape[1] == f - bodies
     X = found.vectors
     assert np.abs(X.T @ M @ X - np.eye(bodies)).max() <= 1e-9
+
+
+def test_massless_motions_of_an_unsymmetric_tangent_may_be_singular():
+    """det K = 0 although its symmetric part has an inverse: a load that turns with the body."""
+    K = np.array([[1.0, 2.0], [0.0, 0.0]])
+    found = spectrum_of(K, np.zeros((2, 2)), np.abs(K) + np.eye(2))
+    assert found.squares.size == 0
+    assert np.abs(K @ found.loose).max() < 1e-14
+    assert found.following.shape == found.loose.shape == (2, 1)
+    assert not found.coupled
+    # The second row leaves the third motion no force without mass that could turn it: no modes.
+    K = np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 3.0]])
+    assert spectrum_of(K, np.diag([0.0, 0.0, 2.0]), np.abs(K) + np.eye(3)).coupled
+    K[1, 2] = 0.0
+    free = spectrum_of(K, np.diag([0.0, 0.0, 2.0]), np.abs(K) + np.eye(3))
+    assert not free.coupled
+    assert free.squares == pytest.approx([1.5])

@@ -296,6 +296,36 @@ def test_a_platform_gets_advice_that_it_can_follow():
         assert 100 * (1 - moved(q) / moved(elastic.q)) == pytest.approx(float(less), abs=1.0)
 
 
+def test_advice_keeps_the_limits_of_legs(tmp_path):
+    """A better height that is beyond the shortest or longest leg is no advice."""
+    layout = (
+        "kind: stewart-gough\nlayout: {base: {radius: 0.5, half_angle: 0.1}, platform: "
+        "{radius: 0.25, half_angle: 0.1}, height: 0.6}\nlegs: {stiffness: 1.0e6%s}\n"
+    )
+    found = {}
+    for name, limits in (("free", ""), ("tight", ", limits: [0.66, 0.72]")):
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(layout % limits)
+        elastic = cartstiff.load(file)
+        said = words(report_page(elastic, wrench=[0, 0, 0, 200.0, 0, 0], load_axes="world"))
+        advice = re.search(r"changed\): (\w+) at (-?[\d.e-]+) (deg|m) instead", said)
+        if advice is None:
+            assert "No single coordinate" in said
+            found[name] = None
+            continue
+        coordinate, at, unit = advice.groups()
+        q = elastic.q.copy()
+        q[elastic.names.index(coordinate)] = np.radians(float(at)) if unit == "deg" else float(at)
+        T, platform = elastic.mechanism.at(q).pose, elastic.mechanism
+        ends = platform.points @ T[:3, :3].T + T[:3, 3]
+        found[name] = np.linalg.norm(ends - platform.anchors, axis=1)
+    assert found["free"] is not None
+    assert found["free"].min() < 0.66 or found["free"].max() > 0.72
+    assert found["tight"] is None or (
+        found["tight"].min() > 0.6599 and found["tight"].max() < 0.7201
+    )
+
+
 def test_a_closed_chain_is_drawn_link_by_link():
     """Every point that a closure ties is the end of a line, on both of its sides."""
     five = cartstiff.load("five-bar")

@@ -22,7 +22,7 @@ from cartstiff.many.postures import analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.limits import beyond_limits
+from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
@@ -335,7 +335,9 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
     if getattr(mechanism, "closures", None) or load.added is None or load.held is not None:
         return sweeps
     added = load.added if load.axes == "world" else R @ load.added
-    length, virtual = mechanism.at(start).length, _links(elastic)
+    posture, virtual = mechanism.at(start), _links(elastic)
+    limits, length = limits_of(mechanism), posture.length
+    limits = limits.leaving_out(limits.side(limits.values(posture.q, posture.pose), length))
     for j, c in enumerate(mechanism.coordinates[:40]):
         if c.name in virtual:
             continue
@@ -360,6 +362,9 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
         C = np.where(known[:, None, None], C, 0.0)
         values = np.linalg.eigvalsh((C + C.swapaxes(1, 2)) / 2)
         held = known & (values[:, 0] >= -numerics.ROUNDING * values[:, -1])
+        if limits.legs is not None:  # coordinates are within theirs, legs need not be
+            poses = np.array([mechanism.at(q).pose for q in Q])
+            held &= ~limits.exceeded(limits.values(Q, poses))
         sweeps[c.name] = x, np.where(held, moved, np.nan)
     return sweeps
 

@@ -62,6 +62,8 @@ from cartstiff.stiffness.compute import SCHEMA
 
 _CORRECTIONS = 25
 _LARGEST = 0.5
+# Where no next point is found.
+_LOST = (ConvergenceError, UndefinedError, np.linalg.LinAlgError)
 
 
 @dataclass(slots=True, eq=False)
@@ -329,7 +331,7 @@ def _onset(
             break
         try:
             state = path.step(start, middle)
-        except ConvergenceError:
+        except _LOST:
             break
         if is_beyond(state):
             b, end = middle, state
@@ -368,7 +370,7 @@ def _located(
             middle = min(max(secant, a + margin), b - margin)
         try:
             state = path.step(start, middle)
-        except ConvergenceError:
+        except _LOST:
             break  # at a crossing of curves the way back is ambiguous; `best` is next to it
         value = measure(state)
         if abs(value) < abs(measure(best)):
@@ -667,10 +669,12 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
         try:
             first = curve._path.step(critical._state, size, along)
             break
-        except ConvergenceError:
+        except _LOST as error:
             size *= 0.5
             if size < _SMALLEST:
-                raise
+                raise ConvergenceError(
+                    "no branch can be entered here", iterations=0, residual=np.inf
+                ) from error
     return _trace(curve, [critical._state, first], points)
 
 
@@ -750,7 +754,7 @@ def _advance(path: LoadPath, here: CurvePoint, size: float) -> tuple[CurvePoint,
     while size >= _SMALLEST:
         try:
             there = path.step(here, size)
-        except (ConvergenceError, UndefinedError, np.linalg.LinAlgError):
+        except _LOST:
             size *= 0.5
             continue
         if float(there.direction @ here.direction) >= _COSINE or size < 4 * _SMALLEST:
@@ -769,7 +773,7 @@ def _land(
     try:
         near = path.step(here, share * size)
         landed = path.corrected(near.point.q, goal, hold)
-    except (ConvergenceError, UndefinedError, np.linalg.LinAlgError):
+    except _LOST:
         return None
     if float(landed.direction @ here.direction) < 0.0:
         landed.direction *= -1.0

@@ -237,23 +237,18 @@ def spectrum_of(
     """
     f = len(mass)
     T, Z = _massive(stiffness, terms, mass, np.abs(mass) if mass_terms is None else mass_terms)
-    loose, coupled = np.zeros((f, 0)), False
+    loose, coupled, back = np.zeros((f, 0)), False, T
     quick = np.zeros((f, f))
     if Z.shape[1]:
-        Z, loose = _held(stiffness, terms, Z)
+        Z, loose, unmoved, quick = _held(stiffness, terms, Z)
         if loose.shape[1] and T.shape[1]:
             # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
             size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(T), terms, np.abs(T)))
             least = np.sqrt(numerics.IDLE * float(np.diag(terms).max())) * size
-            coupled = bool((np.abs(T.T @ stiffness @ loose) > least[:, None]).any())
+            across = np.hstack([T.T @ stiffness @ loose, T.T @ stiffness.T @ unmoved])
+            coupled = bool((np.abs(across) > least[:, None]).any())
         if Z.shape[1]:
-            inner = np.linalg.inv(Z.T @ stiffness @ Z)
-            quick = Z @ inner @ Z.T
             back, T = T - quick.T @ stiffness.T @ T, T - quick @ stiffness @ T
-        else:
-            back = T
-    else:
-        back = T
     reduced = back.T @ stiffness @ T
     if numerics.is_symmetric(stiffness):
         squares, y, lost = _symmetric_pairs(reduced, stiffness, mass, T)
@@ -303,15 +298,19 @@ def _metric(stiffness: Array, terms: Array) -> Array:
     return axes / np.sqrt(np.where(values > numerics.IDLE, values, 1.0)) / size[:, None]
 
 
-def _held(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array]:
-    """Motions without mass that stiffness holds, and those that nothing holds."""
+def _held(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, Array, Array]:
+    """Motions without mass that stiffness holds, those that nothing holds, and two more.
+
+    These are the motions along which none of Z exerts a force, the same where K is symmetric; and
+    the compliance of the motions that are held.
+    """
     size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(Z), terms, np.abs(Z)))
     Z = Z / np.where(size > 0.0, size, 1.0)
-    block = Z.T @ stiffness @ Z
-    values, axes = np.linalg.eigh(0.5 * (block + block.T))
-    idle = np.abs(values) <= numerics.IDLE
-    loose = Z @ axes[:, idle]
-    return Z @ axes[:, ~idle], loose / np.linalg.norm(loose, axis=0)
+    U, values, Vt = np.linalg.svd(Z.T @ stiffness @ Z)
+    left, right, idle = Z @ U, Z @ Vt.T, values <= numerics.IDLE
+    quick = (right[:, ~idle] / values[~idle]) @ left[:, ~idle].T
+    loose, unmoved = (own[:, idle] / np.linalg.norm(own[:, idle], axis=0) for own in (right, left))
+    return right[:, ~idle], loose, unmoved, quick
 
 
 def _symmetric_pairs(
