@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
 
+from cartstiff.cli.main import main
 from cartstiff.loading.catalogue import example_robots
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
@@ -66,6 +67,22 @@ def test_comparison_tells_same_from_different(expected, got, same):
 
 
 # -- lists that must be complete ----------------------------------------------------------------
+
+
+def test_commands_in_the_readme_s_table_are_answered(tmp_path, monkeypatch):
+    """Those without a file of the user's and without an ellipsis, as they stand there."""
+    pytest.importorskip("example_robot_data")
+    table = (ROOT / "README.md").read_text("utf-8").partition("## What it answers")[2]
+    commands = re.findall(r"`cartstiff (\w+ ur5[^`]*)`", table.partition("\n## ")[0])
+    monkeypatch.chdir(tmp_path)
+    answered = 0
+    for command in commands:
+        if "..." not in command and command.split()[0] not in ("view", "path"):
+            with pytest.raises(SystemExit) as end:
+                main(command.replace(":41", ":3").split())
+            assert end.value.code == 0, command
+            answered += 1
+    assert answered >= 4
 
 
 def test_every_bibliography_key_resolves():
