@@ -217,7 +217,7 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
             )
             beyond.append((name, x, units[is_angle], limits.lower[i], limits.upper[i]))
             degrees |= is_angle and abs(x) > _TURN
-        notes.append(_note_beyond("beyond-limits", what, beyond, _DEGREES * degrees))
+        notes.append(_note_beyond(what, beyond, _DEGREES * degrees, code="beyond-limits"))
     if turned:
         words = [f"{name} is at {x:.6g} rad" for name, x in turned.items()]
         notes.append(
@@ -270,10 +270,10 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
         (f"force of leg{i + 1}", float(tensions[i]), platform.units.force, *bounds[i])
         for i in np.flatnonzero(forces_beyond(bounds, tensions))
     ]
-    return [_note_beyond("force-limits", "", beyond)] if beyond else []
+    return [_note_beyond("", beyond, code="force-limits")] if beyond else []
 
 
-def _note_beyond(code: str, what: str, beyond: list[_Beyond], more: str = "") -> Note:
+def _note_beyond(what: str, beyond: list[_Beyond], more: str = "", *, code: str) -> Note:
     words = [
         f"{name} is at {x:.6g} {unit}, its limits are {low:.6g} and {high:.6g}"
         for name, x, unit, low, high in beyond
