@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inputs.refusals import rows
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
@@ -257,27 +258,7 @@ def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [
-        (("--analysis", "long"), ("--analysis", "long")),
-        (("--connection", "Z"), ("--connection", "Z")),
-        (("--report-at", "1,2"), ("--report-at", "3 numbers")),
-        (("--report-at", "1,2,nan"), ("--report-at", "not a finite number")),
-        (("--direction", "0,0,0"), ("--direction", "zero")),
-        (("--added-load", "1,2,3"), ("--added-load", "6 numbers")),
-        (("--length", "0"), ("--length", "above zero")),
-        (("--length", "1", "--length", "2"), ("--length", "more than once")),
-        (("--inertia", "1,1,1"), ("--inertia", "4 numbers")),
-        (("--inertia", "1,1,1,-1"), ("--inertia", "above zero")),
-        (("--tolerance", "-0.1"), ("--tolerance", "zero or more")),
-        (("--tolerance", "0"), ("--tolerance", "not all zero")),
-        (("--tolerance", "1,1,1,1"), ("--tolerance", "REL[,LENGTH[,ANGLE]]")),
-        (("--samples", "10"), ("--samples", "--tolerance")),
-        (("--tolerance", "0.1", "--samples", "1"), ("--samples", "2 and more")),
-        (("--tolerance", "0.1", "--samples", "-1"), ("--samples",)),
-        (("--target", "missing.csv"), ("--target missing.csv", "cannot be read")),
-        (("--target", "matrix.txt"), ("--target", "unknown file ending")),
-        (("--target-order", "angular-linear"), ("--target-order", "is for --target")),
-    ],
+    rows("analyse: analysis"),
 )
 def test_refusals(
     refused: Callable[..., str], arguments: tuple[str, ...], words: tuple[str, ...]

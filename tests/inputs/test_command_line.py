@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inputs.refusals import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 Refused = Callable[..., str]
@@ -25,99 +26,10 @@ ARM = """<robot name="arm"><link name="a"/><link name="b"/><link name="c"/>
 SIX = "0,0,0,0,0,0"
 
 #: Arguments of `analyse`, and words of the answer.
-BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
-    "q too few": (["arm.urdf", "--q", "1"], ("--q", "2 numbers (j1, j2)", "got 1")),
-    "q too many": (["arm.urdf", "--q", "1,2,3"], ("--q", "wrong count", "got 3")),
-    "q empty": (["arm.urdf", "--q", ""], ("--q", "not a finite number", "''")),
-    "q only commas": (["arm.urdf", "--q", ","], ("--q", "not a finite number")),
-    "q trailing comma": (["arm.urdf", "--q", "1,2,"], ("--q", "not a finite number")),
-    "q NaN": (["arm.urdf", "--q", "1,nan"], ("--q", "finite", "'nan'")),
-    "q infinite": (["arm.urdf", "--q", "1,-inf"], ("--q", "finite", "'-inf'")),
-    "q beyond numbers": (["arm.urdf", "--q", "1,1e999"], ("--q", "finite", "'1e999'")),
-    "q too large": (["arm.urdf", "--q", "1,1e300"], ("--q", "too large", "1e+30", "1e300")),
-    "q text": (["arm.urdf", "--q", "1,up"], ("--q", "'up'")),
-    "q underscore": (["arm.urdf", "--q", "1,1_0"], ("--q", "'1_0'")),
-    "q hexadecimal": (["arm.urdf", "--q", "1,0x1"], ("--q", "'0x1'")),
-    "q with spaces": (["arm.urdf", "--q", "1 2"], ("--q", "'1 2'")),
-    "q in brackets": (["arm.urdf", "--q", "[1,2]"], ("--q", "'[1'")),
-    "q mixed": (["arm.urdf", "--q", "j1=1,2"], ("--q", "mixes", "'2'")),
-    "q mixed, number first": (["arm.urdf", "--q", "1,j2=2"], ("--q", "mixes", "'1'")),
-    "q unknown joint": (["arm.urdf", "--q", "j3=1"], ("--q", "unknown joint", "j1", "'j3'")),
-    "q no name": (["arm.urdf", "--q", "=1"], ("--q", "unknown joint", "''")),
-    "q no value": (["arm.urdf", "--q", "j1="], ("--q j1", "a number", "''")),
-    "q two values": (["arm.urdf", "--q", "j1=1=2"], ("--q j1", "a number", "'1=2'")),
-    "q joint twice": (["arm.urdf", "--q", "j1=1,j1=2"], ("--q", "twice", "'j1'")),
-    "q twice": (["arm.urdf", "--q", "1,2", "--q", "1,2"], ("--q", "more than once")),
-    "q of a platform too few": (["cubic", "--q", "1,2,3"], ("--q", "6 numbers (x, y", "got 3")),
-    "q without value": (["arm.urdf", "--q"], ("--q", "requires an argument")),
-    "pose of an arm": (["arm.urdf", "--pose", SIX], ("--pose", "platforms", "q for serial")),
-    "pose and q": (["cubic", "--pose", SIX, "--q", SIX], ("--q or --pose",)),
-    "pose of five": (["cubic", "--pose", "0,0,0,0,0"], ("--pose", "6 numbers", "got 5")),
-    "pose NaN": (["cubic", "--pose", "0,0,0,0,0,nan"], ("--pose", "'nan'")),
-    "pose twice": (["cubic", "--pose", SIX, "--pose", SIX], ("--pose", "more than once")),
-    "load of five": (["arm.urdf", "--load", "0,0,0,0,0"], ("--load", "6 numbers", "got 5")),
-    "load of seven": (["arm.urdf", "--load", SIX + ",0"], ("--load", "6 numbers", "got 7")),
-    "load empty": (["arm.urdf", "--load", ""], ("--load", "''")),
-    "load NaN": (["arm.urdf", "--load", "0,0,0,0,0,nan"], ("--load", "'nan'")),
-    "load text": (["arm.urdf", "--load", "0,0,0,0,0,1N"], ("--load", "'1N'")),
-    "load too large": (["arm.urdf", "--load", "0,0,0,0,0,1e308"], ("--load", "1e+30")),
-    "load with names": (["arm.urdf", "--load", "fz=1"], ("--load", "'fz=1'")),
-    "load and rest": (["arm.urdf", "--load", SIX, "--rest", "0,0"], ("--load or --rest",)),
-    "load twice": (["arm.urdf", "--load", SIX, "--load", SIX], ("--load", "more than once")),
-    "rest too few": (["arm.urdf", "--rest", "0"], ("--rest", "2 numbers", "got 1")),
-    "rest NaN": (["arm.urdf", "--rest", "0,nan"], ("--rest", "'nan'")),
-    "rest unknown joint": (["arm.urdf", "--rest", "j3=0"], ("--rest", "'j3'")),
-    "rest length negative": (["cubic", "--rest", "leg2=-1"], ("--rest", "zero or more", "-1")),
-    "rest of an unknown leg": (["cubic", "--rest", "leg7=1"], ("--rest", "leg6", "'leg7'")),
-    "stiffness negative": (
-        ["arm.urdf", "--stiffness", "-1"],
-        ("--stiffness", "zero or more", "-1"),
-    ),
-    "one stiffness negative": (["arm.urdf", "--stiffness", "1,-1"], ("--stiffness", "got -1")),
-    "stiffness NaN": (["arm.urdf", "--stiffness", "nan"], ("--stiffness", "'nan'")),
-    "stiffness too large": (["arm.urdf", "--stiffness", "1e308"], ("--stiffness", "1e+30")),
-    "stiffness too small": (["arm.urdf", "--stiffness", "1e-308"], ("--stiffness", "too small")),
-    "stiffness too many": (["arm.urdf", "--stiffness", "1,2,3"], ("--stiffness", "got 3")),
-    "stiffness unknown joint": (["arm.urdf", "--stiffness", "j3=1"], ("--stiffness", "'j3'")),
-    "stiffness twice": (
-        ["arm.urdf", "--stiffness", "1", "--stiffness", "2"],
-        ("--stiffness", "more than once"),
-    ),
-    "leg stiffness zero": (["cubic", "--stiffness", "0"], ("--stiffness", "above zero", "got 0")),
-    "one leg stiffness zero": (["cubic", "--stiffness", "leg3=0"], ("--stiffness", "above zero")),
-    "frame unknown": (["arm.urdf", "--frame", "d"], ("unknown frame", "'d'")),
-    "frame of other case": (["ur5", "--frame", "TOOL0"], ("unknown frame", "'TOOL0'")),
-    "frame close": (["ur5", "--frame", "tool"], ("unknown frame", "closest: tool0", "'tool'")),
-    "frame empty": (["arm.urdf", "--frame", ""], ("unknown frame", "''")),
-    "frame of the base": (["arm.urdf", "--frame", "a"], ("no joint moves", "'a'")),
-    "frame of a platform": (["cubic", "--frame", "tool0"], ("unknown frame", "platform")),
-    "frame twice": (["arm.urdf", "--frame", "c", "--frame", "c"], ("--frame", "more than once")),
-    "output to nowhere": (
-        ["arm.urdf", "-o", "none/result.json"],
-        ("none/result.json", "no such folder"),
-    ),
-    "output to a folder": (["arm.urdf", "-o", "folder.json"], ("folder.json", "directory")),
-    "output below a file": (["arm.urdf", "-o", "arm.urdf/x.json"], ("arm.urdf/x.json",)),
-    "output of another kind": (
-        ["arm.urdf", "-o", "result.txt"],
-        ("--output", ".npz", "result.txt"),
-    ),
-    "output without ending": (["arm.urdf", "--output", "result"], ("--output", ".json")),
-    "output without name": (["arm.urdf", "-o", ""], ("--output", ".json")),
+BAD = commands("analyse: options") | {
     "output too long": (["arm.urdf", "-o", "x" * 5000 + ".json"], ("File name too long",)),
-    "unknown option": (["arm.urdf", "--posture", "1"], ("--posture",)),
-    "unknown short option": (["arm.urdf", "-x"], ("-x",)),
-    "flag with a value": (["arm.urdf", "--json=yes"], ("--json",)),
-    "no mechanism": ([], ("MECHANISM",)),
-    "two mechanisms": (["arm.urdf", "ur5"], ("ur5",)),
-    "mechanism empty": ([""], ("no name",)),
-    "mechanism blank": (["  "], ("no name",)),
-    "mechanism unknown": (["stewart"], ("unknown mechanism", "stewart-gough", "'stewart'")),
     "mechanism far too long": (["x" * 100_000], ("File name too long",)),
-    "mechanism a folder": (["."], ("is a directory",)),
-    "mechanism at no home": (["~nosuchuser/arm.urdf"], ("home directory",)),
     "mechanism of lines": (["a\nb\x1b[31m"], ("unknown mechanism",)),
-    "mechanism an option": (["--", "--json"], ("unknown mechanism", "'--json'")),
 }
 
 

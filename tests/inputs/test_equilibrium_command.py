@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inputs.refusals import commands
 
 import cartstiff
 from cartstiff.cli.main import main
@@ -346,65 +347,7 @@ def test_a_payload_without_gravity_weighs_alike_everywhere(answer: Any) -> None:
 LOAD = ["--load", "0,0,0,0,0,-10"]
 CURVE = [*LOAD, "--curve", "1"]
 PATH = [*LOAD, "--path", "path.csv"]
-BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
-    "two kinds": ([*LOAD, "--load-kind", "dead", "--follower"], ("--follower or --load-kind",)),
-    "curve and path": ([*CURVE, "--path", "path.csv"], ("--curve or --path",)),
-    "csv without curve": ([*LOAD, "--csv", "a.csv"], ("--csv", "--curve or --path")),
-    "plot without curve": ([*LOAD, "--plot", "a.png"], ("--plot", "--curve or --path")),
-    "empty csv": ([*LOAD, "--csv", ""], ("--csv", ".csv")),
-    "csv ending": ([*CURVE, "--csv", "a.txt"], ("--csv", ".csv", "a.txt")),
-    "plot ending": ([*CURVE, "--plot", "a.gif"], ("--plot", ".png or .svg or .pdf", "a.gif")),
-    "csv in no folder": ([*CURVE, "--csv", "no/a.csv"], ("no/a.csv", "cannot be written")),
-    "plot in no folder": (
-        [*CURVE, "--csv", "a.csv", "--plot", "no/a.png"],
-        ("no/a.png", "cannot be written"),
-    ),
-    "csv twice": ([*CURVE, "--csv", "a.csv", "--csv", "b.csv"], ("--csv", "more than once")),
-    "load of five": (["--load", "0,0,0,0,1"], ("--load", "6 numbers", "got 5")),
-    "load of text": (["--load", "0,0,0,0,0,x"], ("--load", "'x'")),
-    "load too large": (["--load", "0,0,0,0,0,1e300"], ("--load", "too large")),
-    "load twice": ([*LOAD, *LOAD], ("--load", "more than once")),
-    "payload of two": (["--payload", "1,2"], ("--payload", "MASS[,X,Y,Z]", "got 2")),
-    "payload negative": (["--payload", "-1"], ("payload mass", "-1")),
-    "payload NaN": (["--payload", "nan"], ("--payload", "finite")),
-    "hold of no name": (["--hold", "0.1"], ("--hold", "NAME=VALUE", "'0.1'")),
-    "hold of an unknown name": (["--hold", "w=1"], ("--hold", "rx, ry, rz, x, y, z", "'w=1'")),
-    "hold twice": (["--hold", "z=1,z=2"], ("--hold", "each once", "'z=2'")),
-    "hold without value": (["--hold", "z="], ("--hold", "a number", "''")),
-    "hold infinite": (["--hold", "z=inf"], ("--hold", "finite")),
-    "hold turned too far": (["--hold", "rx=4"], ("held rotation", "3.1 rad")),
-    "hold empty": (["--hold", ""], ("--hold", "NAME=VALUE")),
-    "hold out of reach": (["--hold", "z=50"], ("held displacement", "cannot be met")),
-    "curve of zero": ([*LOAD, "--curve", "0"], ("--curve", "not 0")),
-    "curve of NaN": ([*LOAD, "--curve", "nan"], ("--curve", "'nan'")),
-    "curve of text": ([*LOAD, "--curve", "up"], ("--curve", "'up'")),
-    "curve without load": (["--curve", "1"], ("a curve needs a load", "--payload")),
-    "curve twice": ([*CURVE, "--curve", "2"], ("--curve", "more than once")),
-    "curve without limits": ([*CURVE, "--no-limits"], ("--no-limits",)),
-    "path without load": (["--path", "path.csv"], ("a path needs a load", "--payload")),
-    "path and posture": ([*PATH, "--q", "0,0,0.75,0,0,0"], ("--q or --path",)),
-    "path and pose": ([*PATH, "--pose", "0,0,0.75,0,0,0"], ("--pose or --path",)),
-    "path and hold": ([*PATH, "--hold", "z=0"], ("--hold or --path",)),
-    "place of no load": (["--load-at", "0,0,1"], ("--load-at", "is for --load")),
-    "kind of no load": (["--load-kind", "follower"], ("--load-kind", "is for --load")),
-    "place of no load on a path": (
-        ["--path", "path.csv", "--payload", "2", "--load-at", "0,0,1"],
-        ("--load-at",),
-    ),
-    "missing path": ([*LOAD, "--path", "none.csv"], ("none.csv",)),
-    "path is a folder": ([*LOAD, "--path", "."], (".",)),
-    "empty path": ([*LOAD, "--path", "empty.csv"], ("empty.csv", "no postures")),
-    "short path": (
-        [*LOAD, "--path", "short.csv"],
-        ("short.csv, line 1", "6 numbers (x, y", "got 3"),
-    ),
-    "ragged path": ([*LOAD, "--path", "ragged.csv"], ("ragged.csv, line 2", "got 7")),
-    "path of text": (
-        [*LOAD, "--path", "text.csv"],
-        ("text.csv, line 1", "do not fit", "x, r"),
-    ),
-    "wrenches twice": ([*LOAD, "--path", "wrenches.csv"], ("--load or in the path file",)),
-}
+BAD = commands("equilibrium: options")
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inputs.refusals import rows
 
 import cartstiff
 from cartstiff.cli.main import main
@@ -193,106 +194,7 @@ def test_quantities_are_listed(run: Run) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [
-        ((*CUBIC, "-o", "m.zarr"), ("where the map looks", "--grid")),
-        ((*CUBIC, *GRID, "--random", "5", "-o", "m.zarr"), ("where the map looks",)),
-        ((*CUBIC, *GRID), ("--output",)),
-        (("map", "cubic", *GRID, "-o", "m.zarr"), ("--quantity", "--list-quantities")),
-        ((*CUBIC, *GRID, "-o", "m.nc"), ("m.nc", ".zarr")),
-        ((*CUBIC, *GRID, "-o", "none/m.zarr"), ("no such folder",)),
-        ((*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.bmp"), ("--picture", ".png")),
-        ((*CUBIC, "--grid", "x=0:1", "-o", "m.zarr"), ("--grid", "NAME=LOW:HIGH:COUNT")),
-        ((*CUBIC, "--grid", "x=0:1:2.5", "-o", "m.zarr"), ("--grid x", "whole number", "2.5")),
-        ((*CUBIC, "--grid", "x=0:1:0", "-o", "m.zarr"), ("--grid x", "1 or more")),
-        ((*CUBIC, "--grid", "x=1:0:3", "-o", "m.zarr"), ("--grid x", "low < high")),
-        ((*CUBIC, "--grid", "x=0:nan:3", "-o", "m.zarr"), ("--grid x", "not a finite number")),
-        ((*CUBIC, "--grid", "elbow=0:1:3", "-o", "m.zarr"), ("unknown coordinate", "elbow")),
-        ((*CUBIC, "--grid", "x=0:1:2,x=0:1:2", "-o", "m.zarr"), ("--grid", "given twice")),
-        ((*CUBIC, *GRID, "--below", "2N", "-o", "m.zarr"), ("--below", "does not fit")),
-        ((*CUBIC, *GRID, "--below", "soft", "-o", "m.zarr"), ("--below", "not a finite")),
-        ((*CUBIC, *GRID, "--above", "1 furlong", "-o", "m.zarr"), ("does not fit",)),
-        ((*CUBIC, *GRID, "--above", "1", "--below", "1", "-o", "m.zarr"), ("not both",)),
-        ((*CUBIC, "--cartesian", "w=0:1:2", "-o", "m.zarr"), ("unknown axis", "'w'")),
-        (
-            (*CUBIC, "--cartesian", "x=0:1:2", "--orientation", "1,2", "-o", "m.zarr"),
-            ("--orientation", "3 numbers"),
-        ),
-        ((*CUBIC, "--random", "5", "-o", "m.zarr"), ("--range", "no limits")),
-        ((*CUBIC, *GRID, "--range", "x=0:1", "-o", "m.zarr"), ("--range goes with --random",)),
-        ((*CUBIC, *GRID, "--free", "none", "-o", "m.zarr"), ("--free: goes with --cartesian",)),
-        ((*CUBIC, *GRID, "--starts", "3", "-o", "m.zarr"), ("--starts: goes with --cartesian",)),
-        ((*CUBIC, *GRID, "--seed", "3", "-o", "m.zarr"), ("--seed: goes with --random or",)),
-        ((*CUBIC, "--trajectory", "none.csv", "-o", "m.zarr"), ("none.csv",)),
-        (
-            ("map", "cubic", "--quantity", "softness", *GRID, "-o", "m.zarr"),
-            ("unknown quantity", "softness"),
-        ),
-        (("map", "cubic", "--quantity", "along_free", *GRID, "-o", "m.zarr"), ("direction",)),
-        (("map", "cubic", "--quantity", "deflection", *GRID, "-o", "m.zarr"), ("wrench",)),
-        (
-            (
-                "map",
-                "cubic",
-                "--quantity",
-                "along_free",
-                "--direction",
-                "0,0,0",
-                *GRID,
-                "-o",
-                "m.zarr",
-            ),
-            ("direction", "zero"),
-        ),
-        ((*CUBIC, *GRID, "--length", "-1", "-o", "m.zarr"), ("positive length",)),
-        ((*CUBIC, *GRID, "--load", "1,2", "-o", "m.zarr"), ("--load", "6 numbers")),
-        ((*CUBIC, *GRID, "--slice", "z=0", "-o", "m.zarr"), ("--slice", "unknown axis")),
-        ((*CUBIC, *GRID, "--slice", "x=9", "-o", "m.zarr"), ("--slice x", "outside the map")),
-        (
-            (*CUBIC, *GRID, "--workers", "1", "--scheduler", "tcp://x", "-o", "m.zarr"),
-            ("--workers or --scheduler",),
-        ),
-        (
-            (
-                "map",
-                "five-bar",
-                "--quantity",
-                "manipulability",
-                "--grid",
-                "left_motor=2:2.2:2",
-                "-o",
-                "m.zarr",
-            ),
-            ("closures",),
-        ),
-        (
-            (*CUBIC, "--grid", "x=0:0.1:2", "-o", "m.zarr", "--picture", "m.png", "--kind", "heat"),
-            ("--kind heat", "2 dimension", "x"),
-        ),
-        (
-            (*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--kind", "heat", "--by", "w"),
-            ("--by", "unknown axis of the map"),
-        ),
-        (
-            ("map", "cubic", "--quantity", "force", *GRID, "-o", "m.zarr", "--best", "1"),
-            ("neither end of force",),
-        ),
-        (
-            (
-                "map",
-                "cubic",
-                "--quantity",
-                "force",
-                "--cartesian",
-                "x=0:0.1:2",
-                "--redundancy",
-                "best",
-                "-o",
-                "m.zarr",
-            ),
-            ("neither end of force",),
-        ),
-        (("map", "grasp", *GRID, "--quantity", "condition", "-o", "m.zarr"), ("coordinate", "'x'")),
-    ],
+    rows("map: options"),
 )
 def test_refused_in_one_line(
     refused: Refused, arguments: tuple[str, ...], words: tuple[str, ...]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inputs.refusals import texts
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -84,91 +85,12 @@ def test_bad_number_is_refused_with_line_and_key(text: str, refused: Refused) ->
 
 # -- one change to a good platform ----------------------------------------------------------------
 
-PLATFORMS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "no kind": (changed("kind: stewart-gough\n", ""), ("key kind", "unknown kind", "no key")),
-    "unknown kind": (changed("kind: stewart-gough", "kind: hexapod"), ("line 4", "'hexapod'")),
-    "kind is a list": (changed("kind: stewart-gough", "kind: [serial]"), ("unknown kind",)),
-    "kind is a number": (changed("kind: stewart-gough", "kind: 3"), ("unknown kind", "got 3")),
-    "five base points": (changed("  - [0, 0, 0]\n", ""), ("key base: wrong count", "got 5")),
-    "seven base points": (changed("  - [0, 0, 0]\n", "  - [0, 0, 0]\n" * 2), ("got 7",)),
-    "two coordinates": (changed("[0, 0, 0]", "[0, 0]"), ("line 10, key base.1", "3, got 2")),
-    "four coordinates": (changed("[0, 0, 0]", "[0, 0, 0, 0]"), ("line 10", "3, got 4")),
-    "a point is a number": (changed("[0, 0, 0]", "0"), ("key base.1", "a list, got 0")),
-    "base is text": (changed("base:\n", "base: here\nmore:\n"), ("line 10", "unknown key", "more")),
-    "two stiffnesses": (
-        changed("[10, 20, 30, 40, 50, 60]", "[10, 20]"),
-        ("line 24, key legs.stiffness: wrong count", "6, one per leg, got 2"),
-    ),
-    "stiffness zero": (
-        changed("[10, 20, 30, 40, 50, 60]", "0"),
-        ("line 24", "above zero", "got 0"),
-    ),
-    "one stiffness zero": (changed("ss: [10, ", "ss: [0, "), ("legs.stiffness.1", "above zero")),
-    "stiffness negative": (changed("ss: [10, ", "ss: [-10, "), ("legs.stiffness.1", "got -10")),
-    "stiffness too small": (changed("ss: [10, ", "ss: [1e-300, "), ("legs.stiffness.1", "1e-30")),
-    "stiffness too large": (changed("ss: [10, ", "ss: [1e300, "), ("legs.stiffness.1", "1e+30")),
-    "stiffness text": (changed("ss: [10, ", "ss: [stiff, "), ("legs.stiffness.1", "'stiff'")),
-    "stiffness nested": (changed("ss: [10, ", "ss: [[10], "), ("legs.stiffness.1", "a number")),
-    "stiffness empty": (changed("[10, 20, 30, 40, 50, 60]", "[]"), ("legs.stiffness", "got []")),
-    "stiffness mapping": (changed("[10, 20, 30, 40, 50, 60]", "{leg1: 10}"), ("legs.stiffness",)),
-    "stiffness missing": (
-        changed("  stiffness: [10, 20, 30, 40, 50, 60]\n", ""),
-        ("line 23, key legs", "'stiffness' is missing"),
-    ),
+PLATFORMS = texts("platform files", changed) | {
     "legs missing": (PLATFORM.partition(LEGS)[0], ("key legs", "'legs' is missing")),
     "legs is a list": (
         PLATFORM.partition(LEGS)[0] + "legs: [1, 2, 3, 4, 5, 6]\n",
         ("line 23, key legs", "a mapping of keys"),
     ),
-    "rest length negative": (changed("[11, ", "[-11, "), ("legs.rest_length.1", "zero or more")),
-    "rest length and preload": (
-        changed("  rest_length", "  preload: 1\n  rest_length"),
-        ("line 23, key legs", "rest_length or preload, not both"),
-    ),
-    "five preloads": (
-        changed("  rest_length: [11, 12, 13, 14, 15, 16]", "  preload: [1, 1, 1, 1, 1]"),
-        ("line 25, key legs.preload: wrong count", "got 5"),
-    ),
-    "one limit": (
-        changed("  rest_length", "  limits: [[1, 2]]\n  rest_length"),
-        ("line 25, key legs.limits: wrong count", "got 1"),
-    ),
-    "limits reversed": (
-        changed("  rest_length", f"  limits: [{'[1, 2], ' * 5}[2, 1]]\n  rest_length"),
-        ("line 25, key legs.limits.6", "wrong way round", "got [2.0, 1.0]"),
-    ),
-    "limits negative": (
-        changed("  rest_length", f"  limits: [{'[-1, 2], ' * 6}]\n  rest_length"),
-        ("line 25, key legs.limits.1.1", "above zero"),
-    ),
-    "limit of one number": (
-        changed("  rest_length", f"  limits: [{'[1], ' * 6}]\n  rest_length"),
-        ("legs.limits.1: wrong count",),
-    ),
-    "leg of zero length": (
-        changed("[14.041, 8.041, 16.041]", "[0, 0, 0]"),
-        ("file.yaml", "leg 1 has zero length"),
-    ),
-    "unknown key": (changed(LEGS, "lges: 1\n" + LEGS), ("line 23, key lges: unknown key", "legs")),
-    "key of another kind": (changed(LEGS, "springs: {}\n" + LEGS), ("line 23", "unknown key")),
-    "key named as a kind": (
-        changed(LEGS, "stewart-gough: 1\n" + LEGS),
-        ("line 23, key stewart-gough: unknown key",),
-    ),
-    "unknown key in legs": (
-        changed("  rest_length", "  restlength: 1\n  rest_length"),
-        ("line 25, key legs.restlength: unknown key", "closest: rest_length"),
-    ),
-    "unknown key like a type": (
-        changed("  rest_length", "  list[x]: 1\n  rest_length"),
-        ("line 25, key legs.list[x]: unknown key",),
-    ),
-    "unknown key in units": (changed("force: N", "force: N, mass: kg"), ("line 7", "units.mass")),
-    "unknown unit": (
-        changed("length: cm", "length: furlong"),
-        ("line 7", "units.length", "'furlong'"),
-    ),
-    "units are text": (changed("{length: cm, force: N}", "cm"), ("line 7, key units", "'cm'")),
     "pose of two numbers": (PLATFORM + "pose: {xyz: [0, 0]}\n", ("line 26, key pose.xyz", "got 2")),
     "pose is a list": (PLATFORM + "pose: [0, 0, 0, 0, 0, 0]\n", ("line 26, key pose",)),
     "frame is text": (PLATFORM + "frame: tool\n", ("line 26, key frame", "'tool'")),
@@ -182,48 +104,9 @@ PLATFORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "name is a number": (PLATFORM + "name: 7\n", ("line 26, key name", "text, got 7")),
     "name is empty": (PLATFORM + 'name: ""\n', ("line 26, key name", "text, got nothing")),
     "name is endless": (PLATFORM + f"name: {'x' * 5000}\n", ("at most 4000 characters",)),
-    "key twice": (changed(LEGS, "kind: springs\n" + LEGS), ("line 23: key stands twice", "'kind'")),
-    "nested key twice": (changed("force: N", "force: N, length: m"), ("line 7", "twice")),
-    "alias without anchor": (changed("[0, 0, 0]", "*p"), ("line 10", "undefined alias")),
-    "merged text": (changed(LEGS, "<<: x\n" + LEGS), ("line 23", "cannot be merged")),
-    "merged unknown key": (changed(LEGS, "<<: {nam: x}\n" + LEGS), ("line 23", "unknown key")),
-    "merged twice": (
-        changed(LEGS, "<<: {name: x}\n<<: {name: y}\n" + LEGS),
-        ("line 24", "key stands twice"),
-    ),
-    "key is a list": (changed(LEGS, "? [a, b]\n: 1\n" + LEGS), ("line 23", "keys must be plain")),
-    "key is a mapping": (
-        changed(LEGS, "? {a: b}\n: 1\n" + LEGS),
-        ("line 23", "keys must be plain"),
-    ),
-    "key is a number": (changed(LEGS, "1: 2\n" + LEGS), ("line 23, key 1: unknown key",)),
-    "key is nothing": (changed(LEGS, "~: 2\n" + LEGS), ("line 23", "unknown key")),
-    "object tag": (
-        changed("[0, 0, 0]", "[!!python/object/apply:os.system [id], 0, 0]"),
-        ("line 10", "YAML tags", "os.system"),
-    ),
-    "object tag on a key": (
-        changed(LEGS, "!!python/name:os.system name: x\n" + LEGS),
-        ("line 23", "YAML tags"),
-    ),
-    "own tag": (changed("length: cm", "length: !cm cm"), ("line 7", "YAML tags", "!cm")),
-    "omap": (changed(LEGS, "payload: !!omap [mass: 1]\n" + LEGS), ("line 23", "YAML tags")),
-    "tab": (changed("  stiffness", "\tstiffness"), ("line 24", "not valid YAML", r"'\t'")),
     "two documents": (PLATFORM + "---\n" + PLATFORM, ("one YAML document", "several")),
     "YAML 1.1": ("%YAML 1.1\n---\n" + PLATFORM, ("line 1", "directives", "%YAML 1.1")),
     "tag directive": ("# c\n%TAG ! tag:x,2000:\n---\n" + PLATFORM, ("line 2", "directives")),
-    "bracket left open": (changed("[0, 0, 0]", "[0, 0, 0"), ("not valid YAML", "line")),
-    "quote left open": (changed("cm, ", '"cm, '), ("not valid YAML",)),
-    "reserved character": (changed("[0, 0, 0]", "@"), ("line 10", "not valid YAML", "'@'")),
-    "yes for true": (
-        changed("stewart-gough", "springs\nunilateral: yes"),
-        ("line 5, key unilateral", "true or false, got 'yes'"),
-    ),
-    "tag makes no truth": (
-        changed("stewart-gough", "springs\nunilateral: !!bool abc"),
-        ("line 5, key unilateral", "'abc'"),
-    ),
-    "one for true": (changed("stewart-gough", "springs\nunilateral: 1"), ("unilateral", "got 1")),
     "fewer platform points": (
         changed("stewart-gough", "springs").replace("  - [10, 4, 12]\n", "", 1),
         ("line 16, key platform: wrong count", "6, one per leg, got 5"),
@@ -240,78 +123,8 @@ def test_bad_platform_is_refused_with_line_and_key(case: str, refused: Refused) 
 # -- one change to a good arm ---------------------------------------------------------------------
 
 SPRINGS = "springs: {j1: {stiffness: 10}, j2: {stiffness: 10}}\n"
-ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "model missing": ("kind: serial\nframe: c\n", ("line 1, key model", "'model' is missing")),
-    "model empty": ('kind: serial\nmodel: ""\n', ("line 2, key model", "nothing")),
-    "model a number": ("kind: serial\nmodel: 3\n", ("line 2, key model", "text, got 3")),
-    "model a list": ("kind: serial\nmodel: [a]\n", ("line 2, key model", "text")),
-    "model not there": ("kind: serial\nmodel: three.urdf\n", ("three.urdf", "No such file")),
-    "model unknown name": ("kind: serial\nmodel: nosuchrobot\n", ("nosuchrobot",)),
-    "model a folder": ("kind: serial\nmodel: .\n", ("model", "'.'")),
-    "model with a zero byte": ('kind: serial\nmodel: "a\\0b.urdf"\n', ("null",)),
-    "model of half a character": ('kind: serial\nmodel: "\\ud800.urdf"\n', ("cannot be read",)),
+ARMS = texts("arm files", changed) | {
     "model far too long": (f"kind: serial\nmodel: {'x' * 3000}.urdf\n", ("File name too long",)),
-    "model at no home": ("kind: serial\nmodel: ~nosuchuser/x.urdf\n", ("line 2", "home directory")),
-    "model is no XML": ("kind: serial\nmodel: file.yaml\n", ("file.yaml", "not valid XML")),
-    "frame unknown": ("kind: serial\nmodel: two.urdf\nframe: d\n", ("unknown frame", "'d'")),
-    "frame a number": ("kind: serial\nmodel: two.urdf\nframe: 3\n", ("line 3, key frame",)),
-    "frame a list": ("kind: serial\nmodel: two.urdf\nframe: [c]\n", ("line 3, key frame",)),
-    "frame at the base": ("kind: serial\nmodel: two.urdf\nframe: a\n", ("no joint moves", "'a'")),
-    "springs for unknown joint": (ARM + "springs: {j3: {stiffness: 1}}\n", ("key springs", "'j3'")),
-    "springs for one joint": (ARM + "springs: {j1: {stiffness: 1}}\n", ("'j2' has no spring",)),
-    "springs a list": (ARM + "springs: [1, 2]\n", ("line 4, key springs", "a mapping")),
-    "spring a number": (ARM + "springs: {j1: 1, j2: 1}\n", ("line 4, key springs.j1", "got 1")),
-    "spring empty": (ARM + "springs: {j1: {}, j2: {}}\n", ("key springs.j1", "exactly one of")),
-    "spring negative": (ARM + SPRINGS.replace("10", "-10"), ("springs.j1.stiffness", "got -10")),
-    "spring NaN": (ARM + SPRINGS.replace("10", ".nan"), ("springs.j1.stiffness", "finite")),
-    "spring rest text": (
-        ARM + SPRINGS.replace("10}", "10, rest: low}"),
-        ("springs.j1.rest", "'low'"),
-    ),
-    "spring unknown key": (
-        ARM + SPRINGS.replace("10}", "10, stifness: 1}"),
-        ("springs.j1.stifness",),
-    ),
-    "spring two laws": (ARM + SPRINGS.replace("10}", "10, polynomial: [1]}"), ("exactly one of",)),
-    "polynomial empty": (ARM + SPRINGS.replace("stiffness: 10", "polynomial: []"), ("polynomial",)),
-    "table of one point": (ARM + SPRINGS.replace("stiffness: 10", "table: [[0, 0]]"), ("got 1",)),
-    "table falls back": (
-        ARM + SPRINGS.replace("stiffness: 10", "table: [[1, 0], [0, 1]]"),
-        ("increase",),
-    ),
-    "table of triples": (
-        ARM + SPRINGS.replace("stiffness: 10", "table: [[0, 0, 0], [1, 1, 1]]"),
-        ("springs.j1.table.1", "got 3"),
-    ),
-    "passive unknown": (ARM + "passive: [j3]\n", ("key passive", "'j3'")),
-    "passive is text": (ARM + "passive: j1\n", ("line 4, key passive", "a list")),
-    "passive with spring": (ARM + SPRINGS + "passive: [j1]\n", ("passive and has a spring",)),
-    "locked unknown": (ARM + "locked: {j3: 0}\n", ("key locked", "'j3'")),
-    "locked NaN": (ARM + "locked: {j1: .nan}\n", ("line 4, key locked.j1", "finite")),
-    "locked a list": (ARM + "locked: [j1]\n", ("line 4, key locked", "a mapping")),
-    "all locked": (ARM + "locked: {j1: 0, j2: 0}\n", ("no joint moves",)),
-    "q unknown": (ARM + "q: {j3: 0}\n", ("key q", "'j3'")),
-    "q of a locked joint": (ARM + "locked: {j1: 0}\nq: {j1: 0}\n", ("key q", "'j1'")),
-    "q a list": (ARM + "q: [0, 0]\n", ("line 4, key q", "a mapping")),
-    "q text": (ARM + "q: {j1: up}\n", ("line 4, key q.j1", "'up'")),
-    "q true": (ARM + "q: {j1: true}\n", ("line 4, key q.j1", "True")),
-    "offset a list": (ARM + "offset: [0, 0, 1]\n", ("line 4, key offset", "a mapping")),
-    "offset unknown key": (
-        ARM + "offset: {xyz: [0, 0, 1], quat: [1, 0, 0, 0]}\n",
-        ("line 4, key offset.quat: unknown key",),
-    ),
-    "offset infinite": (ARM + "offset: {xyz: [0, 0, .inf]}\n", ("line 4, key offset.xyz.3",)),
-    "units of an arm": (ARM + "units: {length: mm}\n", ("line 4, key units: unknown key",)),
-    "legs of an arm": (ARM + LEGS + "  stiffness: 1\n", ("line 4, key legs: unknown key",)),
-    "flexible and stiff": (ARM + "flexible: {b: {}}\n", ("line 4, key flexible.b", "exactly one")),
-    "beam without length": (
-        ARM + "flexible: {b: {beam: {E: 1, G: 1}}}\n",
-        ("line 4, key flexible.b.beam", "missing"),
-    ),
-    "line of one frame": (
-        ARM + "lines: [{frames: [c], points: [[0, 0, 0], [0, 0, 1]], stiffness: 1}]\n",
-        ("line 4, key lines.1.frames", "got 1"),
-    ),
 }
 
 

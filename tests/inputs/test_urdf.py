@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inputs.refusals import texts
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -65,23 +66,13 @@ def place(text: str | bytes, name: str = "arm.urdf") -> str:
 
 ORIGIN, AXIS = 'xyz="0.1 0.2 0.3"', '<axis xyz="0 0 1"/>'
 LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
-BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
-    "empty": ("", ("file is empty",)),
-    "white space": (" \n\t ", ("file is empty",)),
+BAD = texts("URDF", changed) | {
     "binary": (bytes(range(256)), ("not UTF-8",)),
     "zero bytes": (bytes(1000), ("zero byte",)),
     "Latin-1": (ARM.replace("arm", "Stäubli").encode("latin-1"), ("not UTF-8",)),
     "UTF-16": (ARM.encode("utf-16"), ("not UTF-8",)),
-    "text": ("kind: serial", ("not valid XML",)),
-    "cut off": (ARM[:300], ("not valid XML", "line")),
     "two roots of XML": (ARM + "<robot/>", ("not valid XML", "junk after document")),
-    "tag not closed": (changed('<link name="a"/>', '<link name="a">'), ("not valid XML",)),
-    "undefined entity": (changed('"arm"', '"&arm;"'), ("not valid XML", "entity")),
     "DOCTYPE": ("<!DOCTYPE robot>" + ARM, ("document types",)),
-    "entity of a file": (
-        '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
-        ("document types and entities",),
-    ),
     "billion laughs": (
         '<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "lol">'
         + "".join(
@@ -90,86 +81,11 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         + ']><robot name="&i;"/>',
         ("document types and entities",),
     ),
-    "SDF": (
-        '<sdf version="1.6"><model name="x"/></sdf>',
-        ("SDF files are not read", "expected URDF or MJCF"),
-    ),
-    "HTML": ("<html><body/></html>", ("a web page, not a robot",)),
-    "another namespace": (changed("<robot ", '<robot xmlns="http://x" '), ("not a robot",)),
-    "xacro expression": (changed(ORIGIN, 'xyz="${x} 0 0"'), ("'j1'", "origin xyz", "${x}")),
-    "robot without name": (changed(' name="arm"', ""), ("robot has no name",)),
-    "no links": ('<robot name="r"/>', ("no links",)),
-    "no joints": ('<robot name="r"><link name="a"/></robot>', ("no movable joints",)),
-    "only fixed joints": (changed("revolute", "fixed", 3), ("no movable joints",)),
-    "link without name": (changed('<link name="a"/>', "<link/>"), ("a link has no name",)),
-    "link with empty name": (changed('<link name="a"/>', '<link name=""/>'), ("link has no name",)),
-    "two links of a name": (changed('<link name="c"/>', '<link name="b"/>'), ("two links", "'b'")),
-    "joint without name": (changed('name="j2" ', ""), ("a joint has no name",)),
-    "two joints of a name": (changed('"j2"', '"j1"'), ("two joints", "'j1'")),
-    "no type": (changed(' type="revolute"', ""), ("'j1'", "unknown type", "got none")),
-    "unknown type": (changed("revolute", "hinge"), ("'j1'", "unknown type", "prismatic", "hinge")),
-    "type of SDF": (changed("revolute", "ball"), ("'j1'", "unknown type", "got ball")),
-    "no parent": (changed('<parent link="a"/>', ""), ("'j1'", "no parent link")),
-    "parent without link": (changed('<parent link="a"/>', "<parent/>"), ("'j1'", "no parent")),
-    "no child": (changed('<child link="b"/>', ""), ("'j1'", "no child link")),
-    "unknown parent": (
-        changed('<parent link="a"/>', '<parent link="x"/>'),
-        ("'j1'", "parent", "'x'"),
-    ),
-    "unknown child": (changed('<child link="b"/>', '<child link="x"/>'), ("'j1'", "child", "'x'")),
-    "two parents in a joint": (changed(AXIS, AXIS + '<parent link="c"/>'), ("several <parent>",)),
-    "to itself": (changed('<child link="b"/>', '<child link="a"/>'), ("'j1'", "'a' to itself")),
-    "cycle of all": (changed("<link", joint("j0", "d", "a") + "<link"), ("cycle",)),
-    "cycle beside a tree": (
-        changed(
-            "</robot>",
-            '<link name="x"/><link name="y"/>'
-            + joint("j8", "x", "y")
-            + joint("j9", "y", "x")
-            + "</robot>",
-        ),
-        ("cycle", "x", "y"),
-    ),
-    "two parent joints": (
-        changed("</robot>", '<link name="x"/>' + joint("j4", "x", "c") + "</robot>"),
-        ("link 'c' has two parent joints",),
-    ),
-    "two roots": (changed("</robot>", '<link name="x"/></robot>'), ("one root link", "a, x")),
-    "axis without numbers": (changed(AXIS, "<axis/>"), ("'j1'", "axis has no xyz")),
-    "axis in an element": (changed(AXIS, "<axis><xyz>0 0 1</xyz></axis>"), ("'j1'", "<xyz>")),
-    "an origin outside its tag": (
-        changed(AXIS, AXIS + ' xyz="0 0 1" '),
-        ("'j1' holds text", "attributes only", "xyz="),
-    ),
-    "a joint's text": (
-        changed('<parent link="a"/>', "rpy = '0 0 1' <parent link=\"a\"/>"),
-        ("'j1' holds text", "rpy ="),
-    ),
-    "text of a limit": (
-        changed('velocity="1"/>', 'velocity="1">lower="0"</limit>'),
-        ("limit holds text",),
-    ),
-    "text of the robot": (changed(J1, J1 + 'xyz="1 2 3"'), ("robot 'arm' holds text",)),
-    "axis as text": (changed(AXIS, "<axis>0 0 1</axis>"), ("'j1'", "axis holds text", "0 0 1")),
-    "slip in axis": (changed('<axis xyz="0 0 1"', '<axis xzy="0 0 1"'), ("'j1'", "xyz", "xzy")),
-    "slip in origin": (changed("<origin xyz", "<orgin xyz", 2), ("origin", "<orgin>")),
-    "slip in rpy": (changed('rpy="0.3', 'ryp="0.3'), ("'j1'", "unknown attribute", "ryp")),
-    "capital letter": (changed("<axis", "<Axis"), ("'j1'", "expected axis", "<Axis>")),
     "slip in inertial": (
         ARM.replace("inertial>", "inertail>"),
         ("'b'", "expected inertial", "<inertail>"),
     ),
-    "slip in limit": (changed('lower="-2"', 'lowr="-2"'), ("'j1'", "lower", "lowr")),
-    "slip in joint": (changed(J3, J3.replace("joint", "jiont")), ("expected joint", "<jiont>")),
-    "limits in other words": (
-        changed('lower="-2" upper="2"', 'min="-2" max="2"'),
-        ("'j1'", "no lower", "min, max"),
-    ),
     "mimic of another": (mimic("j1", '<mimic joint="j2" ratio="2"/>'), ("'j1'", "ratio")),
-    "quaternion in URDF 1.0": (
-        changed('rpy="0.3 0.1 -0.2"', 'quat_xyzw="0 0 0 1"'),
-        ("'j1'", "needs URDF 1.1"),
-    ),
     "quaternion and angles": (
         changed(ORIGIN, f'{ORIGIN} quat_xyzw="0 0 0 1"').replace("<robot", '<robot version="1.1"'),
         ("'j1'", "both rpy and quat_xyzw"),
@@ -180,37 +96,6 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ),
         ("'j1'", "quat_xyzw is zero"),
     ),
-    "unknown version": (changed("<robot ", '<robot version="2.0" '), ("version", "1.1", "'2.0'")),
-    "zero axis": (changed(AXIS, '<axis xyz="0 0 0"/>'), ("'j1'", "zero axis")),
-    "tiny axis": (changed(AXIS, '<axis xyz="0 0 1e-12"/>'), ("'j1'", "zero axis")),
-    "axis of two": (changed(AXIS, '<axis xyz="0 1"/>'), ("axis xyz is not 3", "'0 1'")),
-    "axis NaN": (changed(AXIS, '<axis xyz="0 0 nan"/>'), ("axis xyz", "'0 0 nan'")),
-    "axis with commas": (changed(AXIS, '<axis xyz="0,0,1"/>'), ("axis xyz", "'0,0,1'")),
-    "two axes": (changed(AXIS, AXIS + AXIS), ("'j1' has several <axis>",)),
-    "origin infinite": (changed(ORIGIN, 'xyz="0 0 inf"'), ("origin xyz", "'0 0 inf'")),
-    "origin beyond numbers": (changed(ORIGIN, 'xyz="0 0 1e999"'), ("origin xyz",)),
-    "axis that overflows": (
-        changed(AXIS, '<axis xyz="1e200 1e200 0"/>'),
-        ("axis xyz is too large", "1e+30"),
-    ),
-    "origin too large": (changed(ORIGIN, 'xyz="0 0 1e200"'), ("origin xyz is too large", "1e+30")),
-    "origin of two": (changed(ORIGIN, 'xyz="0 0"'), ("origin xyz", "'0 0'")),
-    "origin text": (changed(ORIGIN, 'xyz="a b c"'), ("origin xyz", "'a b c'")),
-    "origin empty": (changed(ORIGIN, 'xyz=""'), ("origin xyz",)),
-    "origin underscores": (changed(ORIGIN, 'xyz="0 0 1_0"'), ("origin xyz", "1_0")),
-    "rpy NaN": (changed('rpy="0.3', 'rpy="nan'), ("origin rpy", "nan")),
-    "limit NaN": (changed('lower="-2"', 'lower="nan"'), ("limit lower", "nan")),
-    "limit infinite": (changed('upper="2"', 'upper="inf"'), ("limit upper", "inf")),
-    "limit text": (changed('effort="1"', 'effort="strong"'), ("limit effort", "strong")),
-    "limits reversed": (changed('lower="-2"', 'lower="3"'), ("'j1'", "wrong way round", "3, 2")),
-    "mass negative": (changed('<mass value="2"/>', '<mass value="-2"/>'), ("'b'", "mass", "-2")),
-    "mass NaN": (changed('<mass value="2"/>', '<mass value="nan"/>'), ("'b'", "mass", "nan")),
-    "mass infinite": (changed('<mass value="2"/>', '<mass value="inf"/>'), ("'b'", "mass", "inf")),
-    "mass text": (changed('<mass value="2"/>', '<mass value="heavy"/>'), ("mass", "heavy")),
-    "mass missing": (changed('<mass value="2"/>', ""), ("'b'", "no mass")),
-    "mass empty": (changed('<mass value="2"/>', "<mass/>"), ("'b'", "no mass")),
-    "mass centre of two": (changed('xyz="0 0 0.1"', 'xyz="0 0"'), ("'b'", "origin xyz")),
-    "two inertials": (changed(INERTIAL, INERTIAL * 2), ("several <inertial>",)),
     "mimics itself": (mimic("j1", '<mimic joint="j1"/>'), ("follow each other", "j1 -> j1")),
     "mimics in a ring": (
         mimic("j1", '<mimic joint="j2"/>').replace(
