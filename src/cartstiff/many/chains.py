@@ -114,7 +114,7 @@ def is_recorded(law: SpringLaw) -> bool:
 def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Energy, torque and tangent stiffness at a deflection."""
     if isinstance(law, TabulatedLaw):
-        return law._on(_piece(law, x, law.deflections), x)
+        return law.on_piece(_piece(law, x, law.deflections), x)
     energy: Scalar = 0.0
     torque: Scalar = 0.0
     stiffness: Scalar = 0.0

@@ -146,7 +146,11 @@ class TabulatedLaw(SpringLaw):
 
         The energy is zero at the first point.
         """
-        piece = self._pieces[np.searchsorted(self._cubic[0], x, side="right")].T
+        return self.on_piece(self._pieces[np.searchsorted(self._cubic[0], x, side="right")].T, x)
+
+    @staticmethod
+    def on_piece(piece: Any, x: Any) -> tuple[Any, Any, Any]:
+        """`evaluate` on one piece: knot, energy, torque, slope and two coefficients there."""
         knot, energy, torque, slope, second, third = piece
         d = x - knot
         return (
