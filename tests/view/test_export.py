@@ -15,7 +15,7 @@ import umsgpack
 from tests.view.conftest import unpacked
 
 import cartstiff
-from cartstiff.page.export import Pictures, compacted, export_page, in_order
+from cartstiff.page.export import compacted, export_page, in_order
 from cartstiff.page.files import page_script
 from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
@@ -111,9 +111,10 @@ def test_meshes_are_kept_on_a_fine_grid():
     result = cartstiff.analyse(cartstiff.load("ur5"))
     picture.draw(result, ViewState(q=result.q.tolist()))
     key = ("set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", "")
-    packed = picture.everything_by_path()[key]
+    packed = picture.by_path()[key]
     sent = umsgpack.unpackb(packed)["object"]["geometries"][0]["data"]
-    table, parts = compacted({0: (key, packed)}, [[0]])
+    table, parts, lists = compacted([[(key, packed)], []])
+    assert lists == [[0], []]
     (facts,), planes = table["meshes"], parts[1]
     points, corners = facts["counts"]
     assert len(planes) < 0.9 * len(packed) + 6 * points + 2 * corners
@@ -142,36 +143,12 @@ def test_the_file_of_an_arm_computes():
     assert page == export_page(Source(cartstiff.load("ur5")))
 
 
-def test_states_of_pictures_are_whole():
-    """Merged changes: what a viewer holds after each, deletions included."""
-    pictures = Pictures()
-    pictures.merge({("set_object", "/a", ""): b"object a", ("set_transform", "/a", ""): b"at 1"})
-    first = pictures.state()
-    pictures.merge({("set_transform", "/a", ""): b"at 2", ("set_object", "/a/b", ""): b"object b"})
-    second = pictures.state()
-    pictures.merge({("delete", "/a/b", ""): b"no b"})
-    third = pictures.state()
-    assert ("set_object", "/a/b", "") not in third
-    assert ("delete", "/a/b", "") in third
-    pictures.merge({("set_object", "/a/b", ""): b"object b"})
-    assert pictures.state() == second
-    assert first != second
-    names = {n: packed for n, (_, packed) in pictures.commands.items()}
-    order = [names[n] for n in in_order(third, set(third))]
-    assert order == [b"no b", b"object a", b"at 2"]
-
-
-def test_unused_commands_are_left_out_and_lists_renumbered():
-    commands = {
-        0: (("set_property", "/a", "visible"), b"first"),
-        1: (("set_property", "/b", "visible"), b"unused"),
-        2: (("set_property", "/c", "visible"), b"third"),
-    }
-    lists = [[2, 0], [2]]
-    table, parts = compacted(commands, lists)
+def test_each_command_is_kept_once_in_an_order_that_a_viewer_takes():
+    first, second = {("set_property", "/a", "visible"): b"first"}, {("set_object", "/c", ""): b"c"}
+    table, parts, lists = compacted([in_order(first | second), in_order(first)])
     assert table == {"paths": [], "transforms": [], "labels": [], "meshes": []}
-    assert parts == [b"", b"first", b"third"]
-    assert lists == [[1, 0], [1]]
+    assert parts == [b"", b"c", b"first"]
+    assert lists == [[0, 1], [1]]
 
 
 def test_the_modules_fit_into_one_script():

@@ -1,6 +1,12 @@
-"""Commands of a picture in little room: transforms as single-precision numbers, labels as text.
+"""The page as one file that opens anywhere without a network.
 
-Meshes are kept as steps between corners on a fine grid, byte planes one after the other.
+The file of an arm or of a body on line legs computes: it holds their arithmetic as JavaScript
+(`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their file holds
+one posture, its numbers and its picture, and says so. Nothing in either depends on when or where it
+was made. A live page gets the same data, so that it goes on without its server.
+
+Commands of a picture are kept in little room: transforms as single-precision numbers, labels as
+text, meshes as steps between corners on a fine grid, byte planes one after the other.
 Only pictures lose digits (five are left of a transform, a grid of 1/4096 of a link's size of its
 mesh); the page's numbers are never touched.
 """
@@ -9,7 +15,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +26,7 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.errors import imported
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.page.browser_program import browser_program
+from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_document
 from cartstiff.page.messages import Answer, ViewState
 from cartstiff.page.picture import PageScene
@@ -32,52 +38,14 @@ from cartstiff.version import __version__
 
 #: Kind of a command, path, property.
 Key = tuple[str, str, str]
+Command = tuple[Key, bytes]
 
 _ORDER = {"delete": 0, "set_object": 1, "set_transform": 2, "set_property": 3, "set_animation": 4}
 
 
-class Pictures:
-    """What a viewer would show after each of a sequence of changes.
-
-    A scene sends what has changed. Here changes are merged into the whole state of the viewer, and
-    states are kept as numbers of distinct commands.
-    """
-
-    def __init__(self) -> None:
-        self.commands: dict[int, tuple[Key, bytes]] = {}
-        self._numbers: dict[bytes, int] = {}
-        self._state: dict[Key, int] = {}
-
-    def merge(self, changes: Mapping[Key, bytes]) -> None:
-        """Take over what has changed."""
-        for key, packed in changes.items():
-            kind, path, _ = key
-            if kind == "delete":
-                below = path + "/"
-                for known in [k for k in self._state if k[1] == path or k[1].startswith(below)]:
-                    del self._state[known]
-            elif kind == "set_object":
-                self._state.pop(("delete", path, ""), None)
-            self._state[key] = self.number(key, packed)
-
-    def number(self, key: Key, packed: bytes) -> int:
-        """The number of a command."""
-        number = self._numbers.get(packed)
-        if number is None:
-            number = self._numbers[packed] = len(self.commands)
-            self.commands[number] = (key, packed)
-        return number
-
-    def state(self) -> dict[Key, int]:
-        """The viewer's state now: numbers of commands."""
-        return dict(self._state)
-
-
-def in_order(state: Mapping[Key, int], keys: set[Key]) -> list[int]:
-    """Numbers of the commands of some keys, in an order in which a viewer can take them."""
-    chosen = [key for key in state if key in keys]
-    chosen.sort(key=lambda key: _ORDER.get(key[0], 9))
-    return [state[key] for key in chosen]
+def in_order(state: Mapping[Key, bytes]) -> list[Command]:
+    """Commands by their keys, in an order in which a viewer can take them."""
+    return sorted(state.items(), key=lambda command: _ORDER.get(command[0][0], 9))
 
 
 _MATRIX = struct.Struct(">" + "Bd" * 16)
@@ -90,16 +58,14 @@ _GRID = 12
 
 
 def compacted(
-    commands: Mapping[int, tuple[Key, bytes]], lists: Iterable[list[int]]
-) -> tuple[dict[str, Any], list[bytes]]:
-    """A table of commands, and its binary parts; the numbers in `lists` are rewritten to it.
+    lists: Sequence[Sequence[Command]],
+) -> tuple[dict[str, Any], list[bytes], list[list[int]]]:
+    """A table of all commands, each once, its binary parts, and the lists as numbers in it.
 
     Parameters
     ----------
-    commands : mapping
-        Key and packed command by number.
-    lists : iterable of list of int
-        Every list of numbers there is; changed in place.
+    lists : sequence of sequences
+        Keys with packed commands.
 
     Returns
     -------
@@ -109,28 +75,25 @@ def compacted(
     list of bytes
         The transforms' numbers, byte planes one after the other (they zip better so), those of each
         mesh, and the commands that are none of these.
+    list of list of int
+        As many as there are lists.
     """
-    lists = list(lists)
-    used = sorted({number for numbers in lists for number in numbers})
     transforms, labels, meshes, others = [], [], [], []
-    for number in used:
-        (kind, path, _), packed = commands[number]
+    for command in dict.fromkeys(command for one in lists for command in one):
+        (kind, path, _), packed = command
         if kind == "set_transform" and len(packed) > _MATRIX.size:
-            transforms.append((path, number, _MATRIX.unpack(packed[-_MATRIX.size :])[1::2]))
+            transforms.append((path, _MATRIX.unpack(packed[-_MATRIX.size :])[1::2], command))
         elif packed[:1] == b"{":  # a label
             label = json.loads(packed)
             del label["type"]
-            labels.append((label, number))
+            labels.append((label, command))
         elif kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
-            meshes.append((mesh, number))
+            meshes.append((mesh, command))
         else:
-            others.append((packed, number))
-    transforms.sort(key=lambda entry: entry[:2])
-    order = [n for _, n, _ in transforms] + [n for _, n in (*labels, *meshes, *others)]
-    renamed = {number: i for i, number in enumerate(order)}
-    for numbers in lists:
-        numbers[:] = [renamed[number] for number in numbers]
-    matrices = np.array([m for _, _, m in transforms]).reshape(-1, 16)[:, _KEPT]
+            others.append((packed, command))
+    transforms.sort(key=lambda entry: entry[0])
+    numbers = {row[-1]: i for i, row in enumerate([*transforms, *labels, *meshes, *others])}
+    matrices = np.array([m for _, m, _ in transforms]).reshape(-1, 16)[:, _KEPT]
     single = (np.ascontiguousarray(matrices, "<f4").view("<u4") & _MASK).view(np.uint8)
     paths = sorted({path for path, _, _ in transforms})
     table = {
@@ -140,7 +103,8 @@ def compacted(
         "meshes": [facts for (facts, _), _ in meshes],
     }
     planes = np.ascontiguousarray(single.T).tobytes()
-    return table, [planes, *(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
+    parts = [planes, *(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
+    return table, parts, [[numbers[command] for command in one] for one in lists]
 
 
 def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
@@ -227,35 +191,35 @@ def export_page(
     elastic = source.elastic if elastic is None else elastic
     with np.errstate(all="ignore"):
         session, shown = _session(source, elastic, state, picture)
-        hello = session.hello().data
         base = session.result(shown)
         shown = shown.model_copy(update={"moved": None, "q": base.q.tolist()})
         program = browser_program(session.elastic, base)
-        if isinstance(program, str):
-            data, lists, pictures = _picture_of(session, shown, base, is_whole=False)
-            at_modes = shown.model_copy(update={"mode": 1})
-            data["posture"] = {
-                "numbers": session.numbers(base, at_modes),
-                "result": base.as_dict(),
-                "why": program,
-            }
-        else:
-            shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
-            data, lists, pictures = _picture_of(session, shown, base)
-            data["program"] = program.data
-        data["hello"] = hello | {
-            "state": shown.model_dump(),
-            "address": address,
-            "bounds": session.picture.bounds(base),
-        }
+        data, commands = client_data(session, shown, base, program)
+        data["hello"]["address"] = address
         data["analysis"] = _analysis(base, shown, elastic)
-    data["made"] = {
-        "by": f"cartstiff {__version__}",
-        "state": shown.model_dump(exclude_defaults=True),
-    }
-    data["commands"], binary = compacted(pictures.commands, lists)
     script = "" if isinstance(program, str) else program.script
-    return page_document(Answer(data, binary).pack(), f"{elastic.name} · cartstiff", script)
+    return page_document(Answer(data, commands).pack(), f"{elastic.name} · cartstiff", script)
+
+
+def client_data(
+    session: Session, shown: ViewState, base: PostureStiffness, program: BrowserProgram | str
+) -> tuple[dict[str, Any], list[bytes]]:
+    """What a page needs to answer by itself, with the picture's commands.
+
+    It computes with the program of its mechanism; without one (then a text says why) it has the
+    numbers of one posture.
+    """
+    hello = session.hello().data
+    if isinstance(program, str):
+        numbers = session.numbers(base, shown.model_copy(update={"mode": 1}))
+        own = {"posture": {"numbers": numbers, "result": base.as_dict(), "why": program}}
+    else:
+        shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
+        own = {"program": program.data}
+    picture, commands = _picture_of(session, shown, base, is_whole="program" in own)
+    facts = {"state": shown.model_dump(), "bounds": session.picture.bounds(base)}
+    made = {"by": f"cartstiff {__version__}", "state": shown.model_dump(exclude_defaults=True)}
+    return picture | own | {"hello": hello | facts, "made": made}, commands
 
 
 def _session(
@@ -289,34 +253,32 @@ def _analysis(
 
 
 def _picture_of(
-    session: Session, shown: ViewState, base: PostureStiffness, *, is_whole: bool = True
-) -> tuple[dict[str, Any], list[list[int]], Pictures]:
+    session: Session, shown: ViewState, base: PostureStiffness, *, is_whole: bool
+) -> tuple[dict[str, Any], list[bytes]]:
     """One picture in both themes; a whole one has every part that another state needs."""
-    pictures, picture = Pictures(), session.picture
-    states: dict[str, dict[Key, int]] = {}
-    other = "light" if shown.theme == "dark" else "dark"
-    assets = None
-    for theme in (shown.theme, other):
+    picture, assets = session.picture, None
+    states = dict[str, dict[Key, bytes]]()
+    for theme in (shown.theme, "light" if shown.theme == "dark" else "dark"):
         look = shown.model_copy(update={"theme": theme})
         if is_whole:  # the file copies the links of a ghost
             assets = picture.assets(base, look.model_copy(update={"ghost": None}))
         else:
             picture.draw(base, look)
-        pictures.merge(picture.changes_by_path() if states else picture.everything_by_path())
-        states[theme] = pictures.state()
-    here, there = states[shown.theme], states[other]
+        states[theme] = picture.by_path()
+    here, there = states.values()
     differing = {
         key
-        for key, number in there.items()
-        if number != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
+        for key, packed in there.items()
+        if packed != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
     }
-    start = in_order(here, set(here))
-    themes = {theme: in_order(state, differing) for theme, state in states.items()}
+    changes = [{k: x for k, x in state.items() if k in differing} for state in states.values()]
+    table, commands, (start, *lists) = compacted([in_order(one) for one in (here, *changes)])
     legend = session.with_colour_bar(picture.draw(base, shown))
     units, trajectory = session.elastic.units, session.source.trajectory
-    data = {
+    return {
+        "commands": table,
         "start": start,
-        "themes": themes,
+        "themes": dict(zip(states, lists, strict=True)),
         "assets": assets,
         "legend": legend,
         "scene": {
@@ -325,8 +287,7 @@ def _picture_of(
             "notes": legend["notes"],
         },
         "trajectory": None if trajectory is None else trajectory.q.tolist(),
-    }
-    return data, [start, *themes.values()], pictures
+    }, commands
 
 
 def client_program(session: Session, number: int) -> tuple[Answer, str]:
@@ -339,16 +300,13 @@ def client_program(session: Session, number: int) -> tuple[Answer, str]:
     str
         The script that it needs.
     """
-    source = replace(session.source, elastic=session.elastic, reload=None)
-    fresh = type(session)(source, session.make_picture)
-    state = fresh.start
-    base = fresh.result(state)
+    fresh = Session(
+        replace(session.source, elastic=session.elastic, reload=None), session.make_picture
+    )
+    base = fresh.result(fresh.start)
     program = browser_program(session.elastic, base)
     message: dict[str, Any] = {"id": number, "do": "program"}
     if isinstance(program, str):
         return Answer(message | {"why": program}), ""
-    hello = fresh.hello().data
-    data, lists, pictures = _picture_of(fresh, state.model_copy(update={"mode": None}), base)
-    data["commands"], binary = compacted(pictures.commands, lists)
-    data |= message | {"program": program.data, "hello": hello}
-    return Answer(data, binary), program.script
+    data, commands = client_data(fresh, fresh.start, base, program)
+    return Answer(data | message, commands), program.script

@@ -85,13 +85,8 @@ class PageScene:
         """Commands since the last call."""
         return self._window.take()
 
-    def changes_by_path(self) -> dict[tuple[str, str, str], bytes]:
-        """As `changes`, by (kind, path, property)."""
-        return self._window.take_by_path()
-
-    def everything_by_path(self) -> dict[tuple[str, str, str], bytes]:
-        """The whole picture by (kind, path, property); nothing is left to hand over."""
-        self._window.take()
+    def by_path(self) -> dict[tuple[str, str, str], bytes]:
+        """Commands that make the whole picture, by (kind, path, property)."""
         return self._window.by_path()
 
     def whole(self) -> list[bytes]:

@@ -219,12 +219,6 @@ class RecordingWindow:
         self._pending.clear()
         return taken
 
-    def take_by_path(self) -> dict[tuple[str, str, str], bytes]:
-        """As `take`, by (kind, path, property)."""
-        taken = {key: self._pack(data) for key, data in self._pending.items()}
-        self._pending.clear()
-        return taken
-
     def by_path(self) -> dict[tuple[str, str, str], bytes]:
         """The whole picture by (kind, path, property), without deletions."""
         kept: dict[tuple[str, str, str], bytes] = {}
