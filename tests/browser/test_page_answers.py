@@ -47,23 +47,18 @@ SHOWN = """() => {
 
 
 @pytest.fixture(params=["live", "file"])
-def opened(request, serve, pages, tmp_path):
-    """A function that opens a mechanism's page from a server, or from a file."""
-    done = []
+def opened(request, serve, pages, tmp_path_factory):
+    """A function that gives a mechanism's page from a server, or from a file."""
 
     def open_page(name):
         if request.param == "live":
-            url = serve(name).url
-        else:
-            file = tmp_path / f"{name}.html"
+            return pages.shared(serve(name).url)
+        file = tmp_path_factory.getbasetemp() / f"{name}.html"
+        if not file.exists():
             file.write_text(export_page(Source(cartstiff.load(name))), encoding="utf-8")
-            url = file.as_uri()
-        done.append(pages.open(url))
-        return done[-1]
+        return pages.shared(file.as_uri())
 
-    yield open_page
-    for page in done:
-        page.context.close()
+    return open_page
 
 
 # The page's own curves may be asked for meanwhile: of two sweeps the newer is answered.
@@ -124,7 +119,7 @@ def test_titles_are_of_the_answer_that_is_shown(opened):
 def test_what_is_wished_for_names_nothing_that_is_shown(opened):
     """Connection, point, axes and held freedoms, too; and a plot's words are of its rows."""
     page = opened("ur5")
-    page.wait_for_selector("#strip svg.plot path", state="attached")
+    page.wait_for_selector("#strip svg.plot[aria-label^='Principal stiffness']", state="attached")
     before = page.evaluate(SHOWN)
     label = page.get_attribute("#strip svg.plot", "aria-label")
     read = "() => ['.place', '.badge'].map((one) => document.querySelector(one).textContent)"
@@ -278,7 +273,7 @@ def test_curves_of_a_spring_loaded_platform_are_of_its_load_before_anything_is_m
 
 
 def test_a_sweep_that_moves_another_motor_has_gaps_with_the_reason(serve, pages):
-    page = pages.open(serve("five-bar").url)
+    page = pages.shared(serve("five-bar").url)
     page.wait_for_selector("#strip svg.plot path", state="attached")
     found = swept(page, 0, 61)
     other = cartstiff.load("five-bar").q[2]
@@ -291,7 +286,6 @@ def test_a_sweep_that_moves_another_motor_has_gaps_with_the_reason(serve, pages)
     box = page.locator("#strip svg.plot:not(.heat)").bounding_box()
     page.mouse.move(box["x"] + 54, box["y"] + box["height"] / 2)
     page.wait_for_selector(".reading:has-text('right_motor moves from')")
-    page.context.close()
 
 
 ARROWS = """() => ["force", "moment"].map((kind) => {
@@ -304,7 +298,7 @@ ARROWS = """() => ["force", "moment"].map((kind) => {
 def test_a_larger_load_has_a_longer_arrow(opened):
     page = opened("ur5")
     before = np.zeros(2)
-    for size in (0.01, 0.9, 1.1, 4.9, 5.1, 9, 11, 49, 51, 99, 101, 501, 1100):
+    for size in (0.01, 0.9, 1.1, 4.9, 5.1, 99, 101, 1100):
         page.evaluate("(f) => window.cartstiff.change({ load: [0, f / 10, 0, 0, 0, -f] })", size)
         settled(page)
         arrows = np.array(page.evaluate(ARROWS))

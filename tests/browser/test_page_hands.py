@@ -14,7 +14,7 @@ from cartstiff.page.shown import shown_numbers
 
 @pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])
 def test_the_tool_follows_the_hand(serve, pages, name):
-    page = pages.open(serve(name).url)
+    page = pages.shared(serve(name).url)
     settled(page)
     before = page.evaluate("() => window.cartstiff.numbers.result")
     box = page.locator("#pane canvas").bounding_box()
@@ -44,12 +44,10 @@ def test_the_tool_follows_the_hand(serve, pages, name):
     page.keyboard.press("u")
     settled(page)
     assert page.evaluate("() => window.cartstiff.state.q") == before["q"]
-    page.context.close()
 
 
 def test_a_leg_is_as_long_as_its_slider_says(serve, pages):
-    page = pages.open(serve("hexapod").url)
-    settled(page)
+    page = pages.shared(serve("hexapod").url)
     before = [leg["length"] for leg in page.evaluate("() => window.cartstiff.numbers.legs")]
     wanted = 1.01 * before[2]
     page.evaluate(
@@ -64,7 +62,6 @@ def test_a_leg_is_as_long_as_its_slider_says(serve, pages):
     after = [leg["length"] for leg in page.evaluate("() => window.cartstiff.numbers.legs")]
     before[2] = wanted
     assert after == pytest.approx(before, rel=1e-5)  # of the slider's digits
-    page.context.close()
 
 
 @pytest.mark.parametrize("name", ["ur5", "hexapod"])
@@ -95,7 +92,8 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
 
 
 def test_two_coordinates_are_a_map_of_colours(serve, pages):
-    page = pages.open(serve("ur5").url + "#load=0,0,0,0,0,-100")
+    page = pages.shared(serve("ur5").url)
+    changed(page, load=[0, 0, 0, 0, 0, -100])
     page.wait_for_function("() => window.cartstiff.source.local")
     page.select_option("select[aria-label='Values of']", "deflection")
     page.select_option("select[aria-label='And along what']", "1")
@@ -115,7 +113,6 @@ def test_two_coordinates_are_a_map_of_colours(serve, pages):
     assert float(said.split(": ")[1].split(" ")[0]) == pytest.approx(
         1e3 * np.linalg.norm(moved), rel=1e-4
     )
-    page.context.close()
 
 
 # Places on the screen, from -1 to 1, half around the ring of that radius; null if hidden.
@@ -144,7 +141,8 @@ AROUND = """(radius) => {
 
 
 def test_the_moment_is_turned_by_its_ring(serve, pages):
-    page = pages.open(serve("ur5").url + "#load=0,0,0,0,0,-100&load_axes=inertial")
+    page = pages.shared(serve("ur5").url)
+    changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="inertial")
     page.keyboard.press("g")
     settled(page)
     box = page.locator("#pane canvas").bounding_box()
@@ -180,7 +178,7 @@ def test_the_moment_is_turned_by_its_ring(serve, pages):
     page.keyboard.press("u")
     settled(page)
     assert page.evaluate("() => window.cartstiff.state.load") == load
-    page.context.close()
+    page.keyboard.press("g")
 
 
 # Rings at the ends of ranges that are shown: where the middle is in the mechanism, and the colour.
@@ -201,7 +199,7 @@ ENDS = """() => {
 
 
 def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
-    page = pages.open(serve("ur5").url)
+    page = pages.shared(serve("ur5").url)
     arm = cartstiff.load("ur5")
     near = [0.3, -1.1, np.pi - 0.1, -0.7, 0.9, 0.2]
     changed(page, q=near, moved=None)
@@ -227,12 +225,11 @@ def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
     page.mouse.up()
     settled(page)
     assert page.evaluate(ENDS) == []
-    page.context.close()
 
 
 def test_curves_are_zoomed_by_wheel_and_by_keys(serve, pages, tmp_path):
-    page = pages.open(serve("ur5").url)
-    page.wait_for_selector("#strip .plot .curve-2")
+    page = pages.shared(serve("ur5").url)
+    page.wait_for_selector("#strip .plot:not(.computing) .curve-2")
 
     def ends() -> list[float]:
         words = page.locator("#strip .plot text").all_text_contents()
@@ -266,4 +263,3 @@ def test_curves_are_zoomed_by_wheel_and_by_keys(serve, pages, tmp_path):
     assert high - low == pytest.approx(360 / 1.25, rel=0.01)
     page.keyboard.press("-")
     assert ends() == pytest.approx([-180, 180], abs=0.1)
-    page.context.close()

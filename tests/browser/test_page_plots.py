@@ -44,8 +44,8 @@ def saved(page, kind: str, path):
     ("name", "i", "has_legs"), [("ur5", 2, False), ("cubic", 2, True), ("6-ups", 8, False)]
 )
 def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i, has_legs):
-    page = pages.open(serve(name).url + f"#load={','.join(map(str, LOAD))}")
-    settled(page)
+    page = pages.shared(serve(name).url)
+    page.evaluate("(load) => window.cartstiff.change({ load })", LOAD)
     elastic = cartstiff.load(name)
     state = ViewState(load=LOAD)
     page.select_option(ALONG, f"sweep:{i}")
@@ -68,7 +68,6 @@ def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i
         row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), state)
         expected = np.array(row[key]) * SHOWN.get(key, 1.0)
         assert table[near, 1:] == pytest.approx(expected, rel=1e-6), key
-    page.context.close()
 
 
 @pytest.mark.parametrize(("name", "i"), [("ur5", 2), ("cubic", 2)])
@@ -105,8 +104,7 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
 def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
     """Curves follow a change by a third of a second; a file that is asked for waits for them."""
     elastic = cartstiff.load("ur5")
-    page = pages.open(serve("ur5").url)
-    page.wait_for_selector("#strip .plot .curve-2")
+    page = pages.shared(serve("ur5").url)
     page.select_option(QUANTITY, "condition")
     for i, load in ((1, (0, 0, 0, 0, 0, -100)), (3, LOAD)):
         page.evaluate("(load) => window.cartstiff.change({ load })", load)
@@ -131,7 +129,6 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
         ViewState(load=(0, 0, 0, 0, 0, -300)),
     )
     assert table[200, 2] == pytest.approx(expected["condition"][0], rel=1e-6)
-    page.context.close()
 
 
 def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):

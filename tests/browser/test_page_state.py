@@ -459,9 +459,9 @@ def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_
     assert close(matrix(page), cartstiff.analyse(softer).compliances["B"])
 
 
-def test_load_and_weight_are_typed_into_their_fields(serve, pages):
+def test_load_and_weight_are_typed_into_their_fields(ur5):
     """Wrench along the room's axes at a point of its own, gravity, a mass and its centre."""
-    page = pages.open(serve("ur5").url)
+    page = ur5
     page.click("summary:has-text('Load')")
 
     def typed(**numbers):

@@ -22,9 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.analysis.posture import analyse_posture
 from cartstiff.errors import imported
-from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_document
@@ -32,7 +30,6 @@ from cartstiff.page.messages import Answer, ViewState
 from cartstiff.page.picture import PageScene
 from cartstiff.page.session import PictureMaker, Session
 from cartstiff.page.source import Source
-from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
 
@@ -196,7 +193,9 @@ def export_page(
         program = browser_program(session.elastic, base)
         data, commands = client_data(session, shown, base, program)
         data["hello"]["address"] = address
-        data["analysis"] = _analysis(base, shown, elastic)
+        analysis, at = session.analysis(base, shown), ", ".join(f"{x:.6g}" for x in base.q)
+        analysis["title"] += f" in the posture of the file, q = {at}"
+        data["analysis"] = analysis
     script = "" if isinstance(program, str) else program.script
     return page_document(Answer(data, commands).pack(), f"{elastic.name} · cartstiff", script)
 
@@ -241,15 +240,6 @@ def _session(
     else:
         return session, first
     return Session(here, picture), first.model_copy(update=_PLAIN | update)
-
-
-def _analysis(
-    base: PostureStiffness, shown: ViewState, elastic: ElasticMechanism
-) -> dict[str, str]:
-    at = ", ".join(f"{x:.6g}" for x in base.q)
-    answer = analyse_posture(base, connection=shown.connection, at=se3.pose(np.eye(3), shown.point))
-    title = f"Analysis of K^{shown.connection} in the posture of the file, q = {at}"
-    return {"title": title, "text": summary_text(answer, elastic.units, "full")}
 
 
 def _picture_of(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,10 @@ from cartstiff.scene.scene import Scene
 from cartstiff.scene.viewer import RecordingWindow, ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
+
+# What a state and an appearance call by the same name.
+_ALIKE = {f.name for f in fields(Appearance)} & set(ViewState.model_fields)
+_ALIKE -= {"axes", "ghost", "measures"}
 
 
 class PageScene:
@@ -100,21 +105,9 @@ def _appearance(state: ViewState, nodal: tuple[int, float, Screw] | None = None)
     measures = state.measures
     kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}
     return Appearance(
-        connection=state.connection,
-        quantity=state.quantity,
-        others=state.others,
-        translation=state.translation,
-        rotation=state.rotation,
-        scale=state.scale,
+        **{name: getattr(state, name) for name in _ALIKE},
         axes=state.labels,
-        labels=state.labels,
-        wrench=state.wrench,
-        deflection=state.deflection,
-        screws=state.screws,
-        centres=state.centres,
         ghost=None if state.ghost is None else tuple(state.ghost),
-        point=state.point,
-        theme=state.theme,
         nodal=nodal,
         measures=kept,
     )

@@ -6,10 +6,10 @@ take many postures are generators, `work`, which a server can interrupt between 
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from functools import partial
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -65,11 +65,8 @@ _REACHED = numerics.CLOSE
 _FINEST = 64
 
 
-class PictureMaker(Protocol):
-    """What draws; `cartstiff.page.picture.PageScene` unless a test brings its own."""
-
-    def __call__(self, elastic: ElasticMechanism) -> Any:
-        """A picture of a mechanism, without a posture yet."""
+#: Makes the picture of a mechanism, without a posture yet.
+PictureMaker = Callable[[ElasticMechanism], Any]
 
 
 def refusal(error: CartstiffError, number: int, do: str | None = None) -> Answer:
@@ -193,25 +190,27 @@ class Session:
         with np.errstate(all="ignore"):  # what is not finite is refused as a whole
             if isinstance(message, Draw):
                 return self._drawn(message)
-            if isinstance(message, Numbers):
-                numbers = self.numbers(self.result(message.state), message.state)
-                return Answer({"id": message.id, "do": "numbers", "numbers": numbers})
-            if isinstance(message, Result):
-                whole = self.result(message.state).as_dict()
-                return Answer({"id": message.id, "do": "result", "result": whole})
-            if isinstance(message, Bounds):
-                room = self.picture.bounds(self.result(message.state))
-                return Answer({"id": message.id, "do": "bounds", "bounds": room})
-            if isinstance(message, Swing):
-                return self._swing(message)
-            if isinstance(message, Response):
-                curves = response_curves(self.result(message.state), message.state, message.ratio)
-                return Answer({"id": message.id, "do": "response", **curves})
             if isinstance(message, Frame):
                 return self._other_frame(message)
-            if isinstance(message, Analysis):
-                return self._analysis(message)
-        raise InputError("this question takes many postures", expected="`work`", got=message.do)
+            if isinstance(message, Swing):
+                return self._swing(message)
+            result = self.result(message.state)
+            facts: dict[str, Any]
+            if isinstance(message, Numbers):
+                facts = {"numbers": self.numbers(result, message.state)}
+            elif isinstance(message, Result):
+                facts = {"result": result.as_dict()}
+            elif isinstance(message, Bounds):
+                facts = {"bounds": self.picture.bounds(result)}
+            elif isinstance(message, Response):
+                facts = response_curves(result, message.state, message.ratio)
+            elif isinstance(message, Analysis):
+                facts = self.analysis(result, message.state)
+            else:
+                raise InputError(
+                    "this question takes many postures", expected="`work`", got=message.do
+                )
+        return Answer({"id": message.id, "do": message.do, **facts})
 
     def work(self, message: Sweep | Series) -> _Work:
         """Answer a question that takes many postures, yielding between them.
@@ -353,16 +352,12 @@ class Session:
             [command for one in pictures for command in one],
         )
 
-    def _analysis(self, message: Analysis) -> Answer:
-        result = self.result(message.state)
-        answer = analyse_posture(
-            result,
-            connection=message.state.connection,
-            at=se3.pose(np.eye(3), message.state.point),
-        )
+    def analysis(self, result: PostureStiffness, state: ViewState) -> dict[str, str]:
+        """The analysis of the shown matrix at the reference point, as text."""
+        at = se3.pose(np.eye(3), state.point)
+        answer = analyse_posture(result, connection=state.connection, at=at)
         text = summary_text(answer, self._elastic.units, "full")
-        title = f"Analysis of K^{message.state.connection}"
-        return Answer({"id": message.id, "do": "analysis", "title": title, "text": text})
+        return {"title": f"Analysis of K^{state.connection}", "text": text}
 
     def _sweep(self, message: Sweep) -> _Work:
         i, n = message.coordinate, len(self._q)

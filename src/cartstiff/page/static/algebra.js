@@ -53,9 +53,12 @@ export function inverse(A, sizes = A.map(() => 1)) {
   return work.map((row, i) => row.slice(n).map((x, j) => x * sizes[i] * sizes[j]));
 }
 
+/** The same, measured by the roots of its diagonal. */
+export const scaledInverse = (A) => inverse(A, A.map((row, i) => 1 / Math.sqrt(Math.abs(row[i]))));
+
 /** To which share of its largest entry an inverse can be known: entries of the matrix, and elimination, each cost what `cartstiff.numerics.invert` expects. */
 export function sureOfInverse(C) {
-  const K = inverse(C, C.map((row, i) => 1 / Math.sqrt(Math.abs(row[i]))));
+  const K = scaledInverse(C);
   if (!K) return 1;
   const sizes = K.map((row, i) => Math.sqrt(Math.abs(row[i])));
   const norm = (M, by) => Math.sqrt(squares(M.map((row, i) => row.map((x, j) => by(x, sizes[i] * sizes[j])))));

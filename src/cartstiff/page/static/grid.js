@@ -17,6 +17,19 @@ export function lettered(x, y, text, anchor, kind = "") {
   return svg("text", { x, y, "text-anchor": anchor, class: kind }, text);
 }
 
+/** The size of a drawing, which is drawn anew when it changes: asking for it each time has the whole page laid out. */
+export function sized(plot, draw) {
+  const size = { width: 0, height: 0 };
+  new ResizeObserver(() => {
+    [size.width, size.height] = [plot.clientWidth, plot.clientHeight];
+    draw();
+  }).observe(plot);
+  return size;
+}
+
+/** A path through points [x, y]; null interrupts it. */
+export const through = (points) => points.map((point, i) => (point ? `${points[i - 1] ? "L" : "M"}${point[0].toFixed(1)},${point[1].toFixed(1)}` : "")).join("");
+
 /** From `bottom` to `top` in decades, and between two ends; `atText` says a place in words. */
 export function grid(plot, { width, height, margin }, [bottom, top], placeY, [first, last], placeX, atText, unit) {
   const decades = top - bottom;

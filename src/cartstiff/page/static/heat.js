@@ -1,6 +1,7 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
 import { SUPERSEDED, clamp, download, el, short } from "./dom.js";
+import { lettered, sized, svg } from "./grid.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
 // Values of the second coordinate, and steps of each sweep.
@@ -26,20 +27,15 @@ const hue = (share) => {
   return `rgb(${STOPS[k].map((x, i) => Math.round(x + (at - k) * (STOPS[k + 1][i] - x))).join(" ")})`;
 };
 
-/** `what` says what is drawn: {svg, shown, along, key, busy}, and is told: {choose, zoom, toggle, read, computed}. */
+/** `what` says what is drawn: {shown, along, key, busy}, and is told: {choose, zoom, toggle, read, computed}. */
 export function heat(store, what) {
-  const { svg } = what;
   const select = el("select", { "aria-label": "And along what", title: "A second coordinate: the values become colours", onchange: () => what.choose(select.value) });
   const plot = svg("svg", { role: "img", class: "plot heat", "aria-label": "no values yet" });
   let map = null; // {key, state, first, second, xs, ys, rows}
   let asked = null;
   let timer = null;
-  let [width, height] = [0, 0];
   plot.style.display = "none";
-  new ResizeObserver(() => {
-    [width, height] = [plot.clientWidth, plot.clientHeight];
-    draw();
-  }).observe(plot);
+  const size = sized(plot, () => draw());
 
   const on = () => select.value !== "" && what.along() !== null;
   const second = () => Number(select.value);
@@ -144,6 +140,7 @@ export function heat(store, what) {
   }
 
   function draw() {
+    const { width, height } = size;
     if (!on() || !map || width < 120 || height < 50) return;
     const grid = values();
     const all = grid.flat().filter((x) => x !== null);
@@ -157,11 +154,7 @@ export function heat(store, what) {
       svg("rect", { x: EDGE.left, y: EDGE.top, width: width - EDGE.left - EDGE.right, height: height - EDGE.top - EDGE.bottom }))));
     const cells = svg("g", { "clip-path": "url(#seen-cells)" });
     plot.append(cells);
-    const text = (x, y, words, anchor = "start", kind = "") => {
-      const node = svg("text", { x, y, "text-anchor": anchor, class: kind });
-      node.textContent = words;
-      plot.append(node);
-    };
+    const text = (x, y, words, anchor = "start", kind = "") => plot.append(lettered(x, y, words, anchor, kind));
     grid.forEach((line, j) => line.forEach((x, i) => {
       if (i + 1 <= x0 || i >= x1 || j + 1 <= y0 || j >= y1) return;
       const cell = svg("rect", { x: EDGE.left + (i - x0) * across, y: height - EDGE.bottom - (j + 1 - y0) * down, width: across + 0.4, height: down + 0.4 });
@@ -194,6 +187,7 @@ export function heat(store, what) {
   /** The row of the grid under a pointer. */
   function under(event) {
     if (!map) return null;
+    const { width, height } = size;
     const box = plot.getBoundingClientRect();
     const [x0, x1, y0, y1] = ends();
     const across = (event.clientX - box.left - EDGE.left) / (width - EDGE.left - EDGE.right);

@@ -1,7 +1,7 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
 import { SUPERSEDED, byId, el, short } from "./dom.js";
-import { svg } from "./grid.js";
+import { lettered, sized, svg, through } from "./grid.js";
 import { CLOSE } from "./numerics.js";
 import { MARGIN } from "./strip.js";
 
@@ -229,11 +229,7 @@ function responseStrip(store) {
   const node = byId("response");
   node.append(el("div", { class: "row" }, el("span", { class: "dim", title: "Motion of the reference point per force at it, along the body's axes" }, "Over frequency"), label,
     el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input, el("span", { class: "dim" }, "%"))), plot);
-  let [width, height] = [0, 0];
-  new ResizeObserver(() => {
-    [width, height] = [plot.clientWidth, plot.clientHeight];
-    draw();
-  }).observe(plot);
+  const size = sized(plot, () => draw());
 
   async function request() {
     if (node.hidden || !store.source.live || !store.numbers) return;
@@ -252,17 +248,12 @@ function responseStrip(store) {
     draw();
   }
 
-  function text(x, y, words, anchor, kind = "") {
-    const made = svg("text", { x, y, "text-anchor": anchor, class: kind });
-    made.textContent = words;
-    return made;
-  }
-
   function draw() {
+    const { width, height } = size;
     if (!answer || width < 80 || height < 30) return;
     plot.replaceChildren();
     if (answer.missing) {
-      plot.append(text(width / 2, height / 2, answer.missing, "middle", "nothing"));
+      plot.append(lettered(width / 2, height / 2, answer.missing, "middle", "nothing"));
       return;
     }
     const { frequencies: f, curves, modes, unit } = answer;
@@ -275,7 +266,7 @@ function responseStrip(store) {
     for (let d = Math.ceil(bottom); d <= top; d++) {
       const y = placeY(10 ** d);
       plot.append(svg("line", { class: "grid", x1: MARGIN.left, x2: width - MARGIN.right, y1: y, y2: y }),
-        text(MARGIN.left - 5, y + 3.5, `1e${d}`.replace("-", "\u2212"), "end"));
+        lettered(MARGIN.left - 5, y + 3.5, `1e${d}`.replace("-", "\u2212"), "end"));
     }
     let last = -Infinity;
     modes.forEach((x, i) => {
@@ -284,18 +275,12 @@ function responseStrip(store) {
       const words = `${short(x, 3)} Hz`;
       if (at - last < 52) return;
       last = at;
-      plot.append(text(Math.min(at, width - 30), height - 4, words, "middle"));
+      plot.append(lettered(Math.min(at, width - 30), height - 4, words, "middle"));
     });
     Object.entries(curves).forEach(([name, sizes], k) => {
-      let [path, pen] = ["", "M"];
-      sizes.forEach((x, i) => {
-        if (!(x > 0)) return void (pen = "M");
-        path += `${pen}${placeX(f[i]).toFixed(1)},${placeY(x).toFixed(1)}`;
-        pen = "L";
-      });
-      plot.append(svg("path", { d: path, class: `curve response curve-${k}`, "data-axis": name }));
+      plot.append(svg("path", { d: through(sizes.map((x, i) => (x > 0 ? [placeX(f[i]), placeY(x)] : null))), class: `curve response curve-${k}`, "data-axis": name }));
     });
-    plot.append(text(MARGIN.left + 4, MARGIN.top + 10, `${unit}: x solid, y dashed, z dotted`, "start", "unit"));
+    plot.append(lettered(MARGIN.left + 4, MARGIN.top + 10, `${unit}: x solid, y dashed, z dotted`, "start", "unit"));
     let peak = ["", 0, 0];
     for (const [name, sizes] of Object.entries(curves)) sizes.forEach((x, i) => { if (x > peak[1]) peak = [name, x, f[i]]; });
     label.textContent = label.title = `largest ${short(peak[1], 3)} ${unit} along ${peak[0]} at ${short(peak[2], 3)} Hz`;

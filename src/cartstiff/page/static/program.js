@@ -3,7 +3,7 @@
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
 import { adjoint, angles, back, block, blocks, changed, cholesky, clean, congruence, cross, dot, eigen, general, identity,
-  inverse, largest, motion, moved, place, plus, product, rotation, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
+  inverse, largest, motion, moved, place, plus, product, rotation, scaledInverse, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
 import { EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
@@ -101,7 +101,7 @@ export class Program {
 
   /** J H^-1 J^T. */
   softness(m, H) {
-    const found = inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i]))));
+    const found = scaledInverse(H);
     if (!found) throw new Error(NOT_PLAIN);
     this.refuseLost(H, found);
     return congruence(transposed(m.J), found);
@@ -238,15 +238,14 @@ export class Program {
     };
   }
 
-  /** What the load adds to the springs in the joints. */
-  coupled(m) {
-    return congruence(m.J, m.changes.load);
+  /** How far the load moves the coordinates. */
+  way(m) {
+    return times(scaledInverse(plus(m.L, congruence(m.J, m.changes.load))), times(transposed(m.J), m.W));
   }
 
   shares(m, twist, shift, energy, point) {
     if (this.data.platform) return m.lines.map((line, i) => (energy ? (0.5 * m.stiffness[i] * dot(line, twist) ** 2) / energy : null));
-    const H = plus(m.L, this.coupled(m));
-    const way = times(inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i])))), times(transposed(m.J), m.W));
+    const way = this.way(m);
     const size = dot(shift, shift);
     return transposed(m.J).map((column, a) => {
       const arm = cross(column.slice(0, 3), point);

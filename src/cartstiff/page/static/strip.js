@@ -4,7 +4,7 @@ import { CURVES, plotted } from "./curves.js";
 import { LOST, SUPERSEDED, byId, clamp, download, el, short, toast } from "./dom.js";
 import { CLOSER, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
-import { grid, lettered, svg } from "./grid.js";
+import { grid, lettered, sized, svg, through } from "./grid.js";
 import { player } from "./player.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
@@ -34,7 +34,7 @@ export function strip(store) {
   const quantity = el("select", { "aria-label": "Values of", title: "What the curves show", onchange: () => showPlot({ of: quantity.value }) },
     ...CURVES.map(({ key, words }) => el("option", { value: key }, words)));
   const map = heat(store, {
-    svg, shown: now, zoom: (seen) => showPlot({ seen }), choose: (and) => showPlot({ and, seen: null }),
+    shown: now, zoom: (seen) => showPlot({ seen }), choose: (and) => showPlot({ and, seen: null }),
     along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
     key: (state) => OF.map((name) => state[name]), busy: () => asked !== null,
     toggle: (on) => { plot.style.display = on ? "none" : ""; }, computed: () => write(),
@@ -78,12 +78,7 @@ export function strip(store) {
     read(event);
   });
   plot.addEventListener("pointerleave", () => { reading.hidden = true; });
-  // Asking for a size after a change has the whole page laid out: it is kept instead.
-  let [width, height] = [0, 0];
-  new ResizeObserver(() => {
-    [width, height] = [plot.clientWidth, plot.clientHeight];
-    draw();
-  }).observe(plot);
+  const size = sized(plot, () => draw());
 
   /** The values under a pointer, in words. */
   function read(event) {
@@ -279,12 +274,12 @@ export function strip(store) {
     const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
     label.textContent = atText(exact);
     const [first, last] = ends();
-    const x = placeX(clamp(exact, first, last), width);
+    const x = placeX(clamp(exact, first, last), size.width);
     cursor.style.display = exact < first || exact > last ? "none" : "";
     cursor.setAttribute("x1", x);
     cursor.setAttribute("x2", x);
     cursor.setAttribute("y1", MARGIN.top);
-    cursor.setAttribute("y2", height - MARGIN.bottom);
+    cursor.setAttribute("y2", size.height - MARGIN.bottom);
   }
 
   function placeX(x, width) {
@@ -293,6 +288,7 @@ export function strip(store) {
   }
 
   function draw() {
+    const { width, height } = size;
     if (!series || width < 80 || height < 40) return;
     const { values: valuesOf, unit, why, title: heading, lines: names } = now();
     const curves = names.map((_, k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
@@ -305,8 +301,7 @@ export function strip(store) {
       .flatMap(([at, values]) => values.filter((x, i) => x !== null && x > 0 && isSeen(at, i)));
     plot.replaceChildren();
     if (!positive.length) {
-      plot.append(svg("text", { x: width / 2, y: height / 2, class: "nothing", "text-anchor": "middle" }));
-      plot.lastChild.textContent = why(series.rows.find((row) => row.q) ?? series.rows[0]);
+      plot.append(lettered(width / 2, height / 2, why(series.rows.find((row) => row.q) ?? series.rows[0]), "middle", "nothing"));
       plot.append(cursor);
       return showCursor();
     }
@@ -331,19 +326,10 @@ export function strip(store) {
         width: middle(i, i + 1) - x, height: height - MARGIN.top - MARGIN.bottom }));
     });
     const line = (values, at, kind) => {
-      let path = "";
-      let pen = "M";
-      let last = null;
-      values.forEach((x, i) => {
-        if (x === null || x <= 0 || !isSeen(at, i)) pen = "M";
-        else {
-          last = [placeX(at[i], width), clamp(placeY(x), MARGIN.top, height - MARGIN.bottom)];
-          path += `${pen}${last[0].toFixed(1)},${last[1].toFixed(1)}`;
-          pen = "L";
-        }
-      });
-      plot.append(svg("path", { d: path, class: `curve ${kind}`, "clip-path": "url(#seen)" }));
-      return last;
+      const points = values.map((x, i) => (x === null || x <= 0 || !isSeen(at, i) ? null
+        : [placeX(at[i], width), clamp(placeY(x), MARGIN.top, height - MARGIN.bottom)]));
+      plot.append(svg("path", { d: through(points), class: `curve ${kind}`, "clip-path": "url(#seen)" }));
+      return points.findLast(Boolean);
     };
     curves.forEach((values, k) => line(values, series.at, `${store.plot.of} curve-${k}`));
     for (const { title, at, values } of overlaid) {

@@ -1,6 +1,6 @@
 // The mechanism sways between its rest without the load and the posture under it, enlarged by a stated factor.
 
-import { cross, identity, inverse, motion, plus, product, times, transposed } from "./algebra.js";
+import { cross, identity, motion, product, times } from "./algebra.js";
 import { el, short, toast } from "./dom.js";
 import { Drawing, growing } from "./drawing.js";
 
@@ -21,8 +21,7 @@ function along(program, m, share) {
     });
     return { pose: product(m.pose, motion(R, twist.slice(3))), frames: m.frames };
   }
-  const H = plus(m.L, program.coupled(m));
-  const way = times(inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i])))), times(transposed(m.J), m.W));
+  const way = program.way(m);
   return program.place(m.q.map((x, i) => x - share * way[i]));
 }
 
