@@ -128,7 +128,7 @@ def measured(row: Row, count: int, rounds: int) -> str:
     under = f"{row.load:g}" if row.load else "none"
     made = first - one * count / 1e6
     return (
-        f"| {row.title} | {under} | {one:.3g} | {two:.3g} | {found.by_engine} | {slow:.0f} | "
+        f"| {row.title} | {under} | {one:.3g} | {two:.3g} | {found.fallback} | {slow:.0f} | "
         f"{slow / min(one, two):.0f} | {made:.1f} | {asked} |"
     )
 

@@ -80,7 +80,7 @@ def compared(name: str, loaded: bool, given: argparse.Namespace) -> dict[str, fl
         seen["differ"] += int((states[0] != states[1]).sum())
         usual = "fewer-than-six-freedoms" if elastic.q.size < 6 else "regular"
         seen["irregular"] += int((states[1] != usual).sum())
-        seen["by engine"] += fast.by_engine
+        seen["by engine"] += fast.fallback
         with np.errstate(all="ignore"):
             J = np.nan_to_num(engine["jacobian"])
             values = np.linalg.svd(J, compute_uv=False)

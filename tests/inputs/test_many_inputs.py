@@ -142,7 +142,7 @@ def test_what_the_engine_computed_is_counted():
     arm = cartstiff.load("ur5")
     q = np.vstack([np.zeros(6), np.linspace(0.2, 1.2, 12).reshape(2, 6)])
     found = analyse_many(arm, q, outputs=["K"], path="portable")
-    assert found.by_engine == 1
+    assert found.fallback == 1
     assert "portable, 1 by the engine" in repr(found)
-    assert analyse_many(arm, q, path="engine").by_engine == len(q)
-    assert analyse_many(arm, q[1:], path="portable").by_engine == 0
+    assert analyse_many(arm, q, path="engine").fallback == len(q)
+    assert analyse_many(arm, q[1:], path="portable").fallback == 0

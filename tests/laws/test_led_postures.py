@@ -113,7 +113,7 @@ def test_all_ways_lead_to_the_same_posture():
     q[:, motors] += rng.uniform(-1.0, 1.0, (150, 3))
     engine = np.array([elastic.mechanism.closed(row).q for row in q[:25]])
     many = cartstiff.analyse_many(elastic, q)
-    assert many.by_engine < 5
+    assert many.fallback < 5
     np.testing.assert_allclose(many.q[:25], engine, atol=CLOSE)
     single = Assembler(elastic, elastic.q, [], "auto", 64).together(q)
     assert single[1].all()

@@ -100,7 +100,7 @@ def test_every_kind_of_closure_and_load(case):
     q = starts(elastic, 0.02)
     assert_same(elastic, q, "portable", outputs=RECORDED, **load)
     found = analyse_many(elastic, q, path="portable", **load)
-    assert found.by_engine == 0
+    assert found.fallback == 0
     for given, at in zip(q, found.q, strict=True):
         np.testing.assert_allclose(at, elastic.mechanism.closed(given).q, rtol=0, atol=ASSEMBLED)
 
@@ -122,7 +122,7 @@ def test_far_from_home(name, count):
     q = starts(elastic, 1.0, count)
     assert_same(elastic, q, "portable", outputs=("pose", "compliance_B"))
     found, engine = (analyse_many(elastic, q, path=path) for path in ("portable", "engine"))
-    assert 0 < found.by_engine < len(q)
+    assert 0 < found.fallback < len(q)
     np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=100 * ASSEMBLED)
 
 
@@ -131,7 +131,7 @@ def test_more_motors_than_motions_far_from_home():
     elastic = cartstiff.load("4-rrr")
     q = starts(elastic, 0.6, 24)
     found, engine = (analyse_many(elastic, q, path=path) for path in ("portable", "engine"))
-    assert found.by_engine <= 1
+    assert found.fallback <= 1
     np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=100 * ASSEMBLED)
     assert not Closer(elastic, "portable", len(q))(q)[1].any()
 
@@ -149,7 +149,7 @@ def test_links_that_are_bent_go_to_the_engine():
     q = starts(elastic, 0.02, 3)
     q[1, sorted(elastic.mechanism.virtual)[0]] = 1e-4
     found = analyse_many(elastic, q, path="portable")
-    assert found.by_engine == 1
+    assert found.fallback == 1
 
 
 def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
@@ -163,7 +163,7 @@ def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
     found, engine = (
         analyse_many(elastic, q, path=path, outputs=("pose",)) for path in ("portable", "engine")
     )
-    assert found.by_engine == 1
+    assert found.fallback == 1
     np.testing.assert_allclose(found["pose"], engine["pose"], rtol=0, atol=100 * ASSEMBLED)
     assert found.codes[found.state[0]] == engine.codes[engine.state[0]]
 
@@ -197,7 +197,7 @@ def test_few_postures_are_not_worth_recording():
     q = starts(elastic, 0.02, 120)
     assert analyse_many(elastic, q[:99]).path == "engine"
     found = analyse_many(elastic, q)
-    assert (found.path, found.by_engine) == ("portable", 0)
+    assert (found.path, found.fallback) == ("portable", 0)
 
 
 def test_closed_alone():

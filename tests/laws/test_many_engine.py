@@ -281,7 +281,7 @@ def test_closed_chains_have_nonlinear_springs():
     q[:, motors] += 0.01 * np.random.default_rng(3).uniform(-1, 1, (120, 6))
     for load in (None, [1.0, 2.0, -1.0, 100.0, 200.0, -150.0]):
         many = analyse_many(curved, q, wrench=load, outputs=("energy", "stiffness_A"))
-        assert many.by_engine == 0
+        assert many.fallback == 0
         for i in range(0, 120, 30):
             one = cartstiff.analyse(curved, q[i], wrench=load)
             np.testing.assert_allclose(many["energy"][i], one.energy, rtol=1e-9, atol=1e-9)

@@ -85,7 +85,7 @@ def assert_the_engines(elastic, q, path, **load):
     fast, engine = (
         analyse_many(elastic, q, outputs=OUTPUTS, path=p, **load) for p in (path, "engine")
     )
-    assert fast.by_engine == 0
+    assert fast.fallback == 0
     assert [fast.codes[s] for s in fast.state] == [engine.codes[s] for s in engine.state]
     for name, known in engine.arrays.items():
         found = fast[name]
@@ -131,7 +131,7 @@ def test_a_line_between_points_that_meet_is_left_to_the_engine():
     meeting = line(("world", "body"), (T[:3, 3], [0, 0, 0]), 1e3, 0.1)
     elastic = replace(elastic, potentials=(meeting,))
     fast, engine = (analyse_many(elastic, q, path=path) for path in ("portable", "engine"))
-    assert fast.by_engine == 1
+    assert fast.fallback == 1
     assert fast.counts() == engine.counts() == {"regular": COUNT - 1, "zero-length-line": 1}
 
 

@@ -92,7 +92,7 @@ def test_links_are_bent_as_by_the_engine(case, arms):
     q = postures(elastic)
     assert_same(elastic, q, "portable", outputs=RECORDED, **load)
     found, engine = (analyse_many(elastic, q, path=path, **load) for path in ("portable", "engine"))
-    assert found.by_engine == 0
+    assert found.fallback == 0
     np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=1e-13)
     assert np.abs(found.q - q)[:, sorted(elastic.mechanism.virtual)].max() > 1e-6
 
@@ -103,7 +103,7 @@ def test_machine_code(arms):
     assert_same(elastic, q, "compiled", outputs=("B", "compliance_A"), **WORLD)
     one, two = (analyse_many(elastic, q, path="compiled", threads=t, wrench=WRENCH) for t in (1, 2))
     np.testing.assert_array_equal(one["B"], two["B"])
-    assert one.by_engine == 0
+    assert one.fallback == 0
 
 
 def test_loads_beyond_what_the_series_reach(arms):
@@ -174,7 +174,7 @@ def test_a_joint_without_a_spring_that_nothing_holds(arms):
     found, engine = (
         analyse_many(elastic, q, path=path, wrench=WRENCH) for path in ("portable", "engine")
     )
-    assert found.by_engine == len(q)
+    assert found.fallback == len(q)
     assert found.counts() == engine.counts()
     assert not engine.is_regular.any()
 

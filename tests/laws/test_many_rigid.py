@@ -43,7 +43,7 @@ def about(elastic: cartstiff.ElasticMechanism, away: float) -> np.ndarray:
 
 def assert_the_engines(elastic, q, path, **load):
     """Numbers and states are the engine's, and none came from there."""
-    assert analyse_many(elastic, q, outputs=OUTPUTS, path=path, **load).by_engine == 0
+    assert analyse_many(elastic, q, outputs=OUTPUTS, path=path, **load).fallback == 0
     assert_same(elastic, q, path, outputs=OUTPUTS, **load)
 
 
@@ -106,7 +106,7 @@ def test_a_passive_joint_of_a_closed_chain_is_left_to_the_engine():
     elastic = held("6-ups", 0)
     with pytest.raises(InputError, match="no motor moves while a closed chain is assembled"):
         analyse_many(elastic, [elastic.q], path="compiled")
-    assert analyse_many(elastic, [elastic.q]).by_engine == 1
+    assert analyse_many(elastic, [elastic.q]).fallback == 1
 
 
 def test_nothing_is_left_where_all_joints_are_rigid():

@@ -32,7 +32,7 @@ def singular(n: int, zeros: tuple[int, ...] = (4,), seed: int = 0) -> Array:
 def check(elastic: ElasticMechanism, q: Array, by_engine: int, **load: object) -> dict[str, int]:
     assert_same(elastic, q, "portable", outputs=OUTPUTS, **load)
     found = analyse_many(elastic, q, outputs=OUTPUTS, path="portable", **load)
-    assert found.by_engine == by_engine
+    assert found.fallback == by_engine
     return found.counts()
 
 
@@ -61,7 +61,7 @@ def test_springs_that_turn_the_self_motion():
     q = singular(6)
     found = analyse_many(elastic, q, outputs=("stiffness_B", "wrench"), path="portable")
     assert found.counts() == {"regular": 7, "unbalanced": 100}
-    assert found.by_engine == 0
+    assert found.fallback == 0
     assert_same(elastic, q, "portable", outputs=OUTPUTS)
 
 
@@ -99,7 +99,7 @@ def test_machine_code_and_few_postures():
     q = singular(6)
     few = analyse_many(elastic, q[:20], outputs=("compliance_B",), path="compiled")
     many = analyse_many(elastic, q, outputs=("compliance_B",), path="compiled")
-    assert (few.by_engine, many.by_engine) == (20, 0)
+    assert (few.fallback, many.fallback) == (20, 0)
     scale = np.abs(few["compliance_B"]).max()
     np.testing.assert_allclose(
         many["compliance_B"][:20], few["compliance_B"], rtol=0, atol=1e-13 * scale
@@ -148,7 +148,7 @@ def test_quantities_of_maps_where_there_is_no_stiffness():
     q = singular(6)[:WORTH_RECORDING]
     found = analyse_many(elastic, q, outputs=needed_outputs(quantities, settings))
     assert found.counts() == {"serial-singularity": len(q)}
-    assert found.by_engine == 0
+    assert found.fallback == 0
     values = evaluate(quantities, found.arrays, settings)
     answer = analyse_posture(cartstiff.analyse(elastic, q[0]), length=0.3)
     assert answer["indices"] is answer["stiffness"] is None

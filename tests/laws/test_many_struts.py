@@ -10,7 +10,7 @@ import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
-from cartstiff.many.untraced import struck
+from cartstiff.many.untraced import strut_states
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.mounted_struts import MountedStruts
@@ -58,7 +58,7 @@ def test_as_by_the_engine(case, path):
     q = postures(elastic)
     assert_same(elastic, q, path, outputs=MATRICES, **load)
     found = analyse_many(elastic, q, path=path, outputs=("wrench", "B"), **load)
-    assert found.by_engine == 0
+    assert found.fallback == 0
     engine = analyse_many(elastic, q, path="engine", outputs=("wrench",), **load)
     size = max(1.0, float(np.abs(engine["wrench"]).max()))
     np.testing.assert_allclose(found["wrench"], engine["wrench"], rtol=0, atol=1e-8 * size)
@@ -69,7 +69,7 @@ def test_rest_lengths_that_are_given():
     assert held.springs.is_complete
     q = postures(held, 0.001)
     assert_same(held, q, "portable", outputs=("A", "B", "compliance_B"))
-    assert analyse_many(held, q, path="portable").by_engine == 0
+    assert analyse_many(held, q, path="portable").fallback == 0
 
 
 @pytest.mark.parametrize("path", ["portable", "compiled"])
@@ -109,7 +109,7 @@ def test_recorded_steps_are_the_search():
     q = postures(elastic, 0.02, 60)
     poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ elastic.mechanism.T_P_M
     gradients = np.random.default_rng(1).normal(size=(60, 6)) * [0.1, 0.1, 0.1, 10, 10, 10]
-    found, is_known = struck(elastic.springs, poses, gradients, True)
+    found, is_known = strut_states(elastic.springs, poses, gradients, True)
     expected = elastic.springs.many(poses, gradients, True)
     assert is_known.mean() > 0.9
     for name, digits in (
@@ -127,4 +127,4 @@ def test_struts_on_a_base_that_gives_are_left_to_their_own_search():
     q = postures(elastic, 0.001, 3)
     poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ elastic.mechanism.T_P_M
     mounted = MountedStruts.of(elastic.springs, None, None)
-    assert not struck(mounted, poses, np.zeros((3, 6)), False)[1].any()
+    assert not strut_states(mounted, poses, np.zeros((3, 6)), False)[1].any()

@@ -62,7 +62,7 @@ def test_every_posture_has_its_way(path):
     with watched() as work:
         found = analyse_many(elastic, q, path=path)
     counts = {what: share.postures for what, share in work.shares.items() if share.postures}
-    assert counts.pop(BY_ENGINE, 0) == found.by_engine
+    assert counts.pop(BY_ENGINE, 0) == found.fallback
     if path == "engine":
         assert not counts
         return

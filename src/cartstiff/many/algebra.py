@@ -8,7 +8,7 @@ What is common to arms and platforms: from K^B, the wrench and a scale to every 
 
 The same formulas as in `cartstiff.stiffness`, written on recording numbers. What decides about
 rank there by singular values is bounded here by products of norms. A posture that is not well
-inside the regular ones gets the verdict `ENGINE` and is computed by the engine itself.
+inside the regular ones gets the verdict `FALLBACK` and is computed by the engine itself.
 """
 
 from __future__ import annotations
@@ -364,7 +364,7 @@ def rotation_vector(R: Array) -> tuple[Array, Scalar]:
 
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
-PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
+PLAIN, FALLBACK, UNBALANCED = 0.0, 1.0, 2.0
 
 #: Condition numbers up to which the numbers here are trusted: of Jacobians (the engine calls them
 #: singular at 1 / `cartstiff.numerics.RANK`) and of what is inverted to find a compliance, beyond
@@ -386,8 +386,8 @@ LARGEST_ANGLE = 1e6
 
 
 def limited(value: Scalar, limit: float) -> Scalar:
-    """`PLAIN` where a value is below a limit, else `ENGINE`; also where it is not a number."""
-    return pick(value, limit, PLAIN, ENGINE)
+    """`PLAIN` where a value is below a limit, else `FALLBACK`; also where it is not a number."""
+    return pick(value, limit, PLAIN, FALLBACK)
 
 
 def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:

@@ -55,7 +55,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
-    ENGINE,
+    FALLBACK,
     JACOBIAN_CONDITION,
     LARGEST_ANGLE,
     PLAIN,
@@ -137,7 +137,7 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     real = np.abs(turning[np.abs(turning.imag) <= numerics.CLOSE * (1.0 + np.abs(turning))])
     x, verdict = _found(law, torque, torque * (1.0 / c[0]) if c[0] else np.nan)
     if real.size:
-        verdict = larger(verdict, pick(absolute(x), _RISING * float(real.min()), PLAIN, ENGINE))
+        verdict = larger(verdict, pick(absolute(x), _RISING * float(real.min()), PLAIN, FALLBACK))
     return x, verdict
 
 
@@ -159,7 +159,7 @@ def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scala
 def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     y = np.array(law.torques)
     if not ((np.diff(y) > 0.0).all() and law._pieces[[0, -1], 3].all()):
-        return 0.0, ENGINE
+        return 0.0, FALLBACK
     start, verdict = _piece(law, torque, law.torques), PLAIN
     # The piece is known: its cubic alone is solved, from the straight line through its ends.
     secants = np.diff(y) / np.diff(law.deflections)
@@ -189,7 +189,7 @@ def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
 
 def _settled(step: Scalar, size: Scalar) -> Scalar:
     """Whether the last step has changed little; what is left is its square."""
-    return pick(absolute(step), size * _CHANGED + numerics.TINY, PLAIN, ENGINE)
+    return pick(absolute(step), size * _CHANGED + numerics.TINY, PLAIN, FALLBACK)
 
 
 class JointSpringNumbers:
@@ -273,7 +273,7 @@ def line_terms(
             hessian[a, b] = hessian[b, a] = entry
     least = numerics.SHORTEST * kinematics.size
     size = larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST**2
-    verdict = pick(larger(size, least * least), length * length, PLAIN, ENGINE)
+    verdict = pick(larger(size, least * least), length * length, PLAIN, FALLBACK)
     return tension * stretch * 0.5, gradient, hessian, verdict
 
 
@@ -576,7 +576,7 @@ class ChainNumbers:
             if not is_zero(area):  # else the engine chooses
                 self.area, self.length = area, square_root(area)
             least = _MEETING * self.kinematics.size
-            self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, ENGINE))
+            self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, FALLBACK))
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
         self.columns = zeros(len(is_length))
@@ -609,7 +609,7 @@ class ChainNumbers:
         # Where the characteristic length is small beside that, C knows less than M would.
         limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
         condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
-        self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, ENGINE))
+        self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, FALLBACK))
         self.squared_condition = condition
         return A
 
@@ -721,7 +721,9 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
         limit = largest(gradient) * BALANCE + noise
         felt = square_root(norm_squared(turned[6:]))
         # The engine's basis of the self-motion is another: its largest entry is only bounded.
-        balanced = pick(felt, limit * 0.5, PLAIN, pick(limit * (2.0 * n), felt, UNBALANCED, ENGINE))
+        balanced = pick(
+            felt, limit * 0.5, PLAIN, pick(limit * (2.0 * n), felt, UNBALANCED, FALLBACK)
+        )
     H = chain.lagrangian(W) * columns * columns[:, None]
     turned_H = Q.conjugate(H)
     L, inverses, pivots = positive_factor(turned_H[6:, 6:])
@@ -730,12 +732,12 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
     limit = largest(H) * _PIVOT
     stable: Scalar = PLAIN
     for pivot in pivots:
-        stable = larger(stable, pick(limit, pivot, PLAIN, ENGINE))
-    stable = larger(stable, pick(limit * limit, norm_squared(S), PLAIN, ENGINE))
+        stable = larger(stable, pick(limit, pivot, PLAIN, FALLBACK))
+    stable = larger(stable, pick(limit * limit, norm_squared(S), PLAIN, FALLBACK))
     # An unbalanced posture has no H_L; whatever else is doubtful goes to the engine.
     verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
-    verdict = pick(regular, 0.5, verdict, ENGINE)
-    chain.verdict = pick(chain.verdict, 0.5, verdict, ENGINE)
+    verdict = pick(regular, 0.5, verdict, FALLBACK)
+    chain.verdict = pick(chain.verdict, 0.5, verdict, FALLBACK)
     return W, congruence(inverse_R.T, S)
 
 
@@ -815,20 +817,20 @@ def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Arra
     verdict: Scalar = PLAIN
     if not signed:
         for a, pivot in enumerate(pivots):
-            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
+            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, FALLBACK))
         return C, verdict
     sizes = np.array([absolute(pivot) for pivot in pivots], object)
     scaled = H * chain.columns / chain.columns[:, None]
     for a in range(len(H)):
         grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
-        verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, ENGINE))
-        verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, ENGINE))
+        verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, FALLBACK))
+        verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, FALLBACK))
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
     step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
     size, inverse_size = equilibrated_squares(H, X + step)
     known = limited(size * inverse_size, numerics.WELL_CONDITIONED**2)
     change = equilibrated_squares(H, step)[1]
-    known = larger(known, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
+    known = larger(known, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, FALLBACK))
     return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
 
 

@@ -50,7 +50,7 @@ from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
-    ENGINE,
+    FALLBACK,
     JACOBIAN_CONDITION,
     PLAIN,
     above,
@@ -180,7 +180,7 @@ class ClosedChainNumbers(ChainNumbers):
         self._measure(J_M[:, way], turning, distances)
         self.verdict = larger(self.verdict, doubt)
         for j in (j for indices, _ in case.still for j in indices):
-            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, ENGINE)
+            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, FALLBACK)
             self.verdict = larger(self.verdict, is_still)
         self._evaluate(tape)
         self.verdict = larger(self.verdict, self.of_springs)
@@ -228,7 +228,7 @@ class ClosedChainNumbers(ChainNumbers):
         missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
         if not all(is_zero(x) for x in missed.flat):
             least = largest(self.N / sizes[:, None]) * (numerics.CLOSE * case.length)
-            verdict = larger(verdict, pick(largest(missed), least, PLAIN, ENGINE))
+            verdict = larger(verdict, pick(largest(missed), least, PLAIN, FALLBACK))
         return verdict
 
     def _multipliers(self, right: Array) -> Array:
@@ -603,7 +603,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     H, J = chain.lagrangian(W)[np.ix_(free, free)], chain.J[:, free]
     L, inverses, pivots = positive_factor(H)
     for a, pivot in enumerate(pivots):
-        verdict = larger(verdict, pick(H[a, a] * numerics.LOST_ERROR, pivot, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(H[a, a] * numerics.LOST_ERROR, pivot, PLAIN, FALLBACK))
     reached = below(L, np.column_stack([-left[free], J.T]))
     y, reach = reached[:, 0], reached[:, 1:]
     # With C = J H^-1 J^T it is (H + J^T D J)^-1 = (1 - H^-1 J^T D (1 + C D)^-1 J) H^-1.

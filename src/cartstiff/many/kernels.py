@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import ENGINE, PLAIN
+from cartstiff.many.algebra import FALLBACK, PLAIN
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.chains import ChainCase
 from cartstiff.many.closed_chains import ClosedCase, close, settle
 from cartstiff.many.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
-from cartstiff.many.plans import CLOSING, SETTLING, BoundCase, Case, known_plan, plan, program_for
+from cartstiff.many.plans import CLOSING, SETTLING, Case, TracedModel, known_plan, plan, program_for
 from cartstiff.many.readings import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -109,7 +109,7 @@ def chosen(
     names: tuple[str, ...],
     path: Backend,
     count: int,
-) -> tuple[BoundCase | None, Any, str]:
+) -> tuple[TracedModel | None, Any, str]:
     """Case and kernel, or None for the engine; and why not a faster one."""
     kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
     if path == "engine":
@@ -187,7 +187,7 @@ class _Standing:
 
     def __init__(
         self,
-        taken: BoundCase,
+        taken: TracedModel,
         compiled: bool,
         rows: int,
         threads: int = 1,
@@ -200,7 +200,7 @@ class _Standing:
             cache(lambda way=way: make(way, CLOSING).workspace(rows, workers)) for way in ways
         ]
         self._settling: Any = None
-        self._evaluate = partial(taken.beside.derivatives, compiled=compiled)
+        self._evaluate = partial(taken.untraced.derivatives, compiled=compiled)
         if taken.settles and isinstance(case, ChainCase):
             case = replace(case, dead_load_at=dead_load_at)
             self._settling = make(case, SETTLING).workspace(rows, workers)
@@ -311,7 +311,7 @@ class Closer:
 
 
 def run(
-    taken: BoundCase,
+    taken: TracedModel,
     kernel: Any,
     q: Array,
     loads: Array | None,
@@ -330,7 +330,7 @@ def run(
             _run(taken, kernel, q, loads, arrays, verdicts, threads, size)
 
 
-def _way(taken: BoundCase, kernel: Any) -> str:
+def _way(taken: TracedModel, kernel: Any) -> str:
     """What a kernel is, in words."""
     is_portable = isinstance(kernel, PortableKernel)
     way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
@@ -340,7 +340,7 @@ def _way(taken: BoundCase, kernel: Any) -> str:
 
 
 def _run(
-    taken: BoundCase,
+    taken: TracedModel,
     kernel: Any,
     q: Array,
     loads: Array | None,
@@ -384,7 +384,9 @@ def _run(
             inputs["q"] = np.ascontiguousarray(q[start:stop])
         doubts = None
         if taken.has_derivatives:
-            more, doubts = taken.beside.derivatives(inputs["q"], is_compiled, inputs.get("wrench"))
+            more, doubts = taken.untraced.derivatives(
+                inputs["q"], is_compiled, inputs.get("wrench")
+            )
             inputs.update(more)
         chunk, copies = {"verdict": verdict}, []
         for name, width in exists.items():
@@ -402,4 +404,4 @@ def _run(
             doubted = doubts != PLAIN
             verdicts[start:stop][doubted] = doubts[doubted]
         if stands is not None:
-            verdicts[start:stop][~stands] = ENGINE
+            verdicts[start:stop][~stands] = FALLBACK

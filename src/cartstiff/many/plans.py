@@ -25,7 +25,7 @@ from cartstiff.many.platforms import LegMasses, PlatformCase, platform_arrays
 from cartstiff.many.readings import Readings, read
 from cartstiff.many.tape import Program, Tape, larger
 from cartstiff.many.twists import ChainConstants, ForceField, numbers, read_chain
-from cartstiff.many.untraced import Evaluated
+from cartstiff.many.untraced import UntracedTerms
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import Mechanism
@@ -45,7 +45,7 @@ CLOSING, SETTLING = ("next", "left"), ("settled", "moved", "load")
 
 
 @dataclass(frozen=True)
-class BoundCase:
+class TracedModel:
     """A case of the arithmetic with its inputs.
 
     Attributes
@@ -56,7 +56,7 @@ class BoundCase:
         Inputs that are the same for all postures.
     regular : str
         State of the postures that the program deals with.
-    beside : Evaluated
+    untraced : UntracedTerms
         Energies whose derivatives the program takes as inputs.
     home : ReferencePosture, optional
         Posture of a closed chain from which others are led.
@@ -65,7 +65,7 @@ class BoundCase:
     case: Case
     shared: dict[str, Array]
     regular: str
-    beside: Evaluated
+    untraced: UntracedTerms
     home: ReferencePosture | None = None
 
     @property
@@ -81,7 +81,7 @@ class BoundCase:
     @property
     def has_derivatives(self) -> bool:
         """Whether some of the energy is evaluated beside the program."""
-        return bool(self.beside)
+        return bool(self.untraced)
 
 
 @lru_cache(maxsize=64)
@@ -116,7 +116,7 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
 
 
 #: The last plans, with what they were made for: mechanisms do not change.
-_plans: deque[tuple[ElasticMechanism, str, BoundCase | str]] = deque(maxlen=8)
+_plans: deque[tuple[ElasticMechanism, str, TracedModel | str]] = deque(maxlen=8)
 
 
 def given_as(wrench: Array | None, axes: str) -> str:
@@ -124,7 +124,7 @@ def given_as(wrench: Array | None, axes: str) -> str:
     return "none" if wrench is None else "shared" if axes == "body" else "each"
 
 
-def plan(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
+def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
     """The arithmetic that serves a mechanism, or why none does; the last few are kept.
 
     `wrench` is "none", "shared" or "each".
@@ -137,13 +137,13 @@ def plan(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
     return planned
 
 
-def known_plan(elastic: ElasticMechanism, wrench: str) -> BoundCase | str | None:
+def known_plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str | None:
     """What `plan` has kept; None if that is nothing."""
     of_it = (p for known, kind, p in tuple(_plans) if known is elastic and kind == wrench)
     return next(of_it, None)
 
 
-def _planned(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
+def _planned(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
     mechanism = elastic.mechanism
     if isinstance(mechanism, Chain):
         of_chain = _closed_plan if mechanism.closures else _chain_plan
@@ -165,7 +165,7 @@ def chain_constants(chain: Chain) -> ChainConstants | str:
         return _constants[chain]
 
 
-def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCase | str:
+def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedModel | str:
     constants = chain_constants(chain)
     if isinstance(constants, str):
         return constants
@@ -196,7 +196,7 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
     return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n - len(rigid))
 
 
-def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCase | str:
+def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedModel | str:
     answer = closed_case(elastic, chain, wrench)
     if isinstance(answer, str):
         return answer
@@ -225,7 +225,7 @@ def _with_fields(
     shared: dict[str, Array],
     laws: Mapping[int, SpringLaw],
     freedoms: int,
-) -> BoundCase:
+) -> TracedModel:
     """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
     fields, forces, loose, beams = [], [], [], list[Beam]()
     lines, known = list[Line](), list[Array]()
@@ -260,13 +260,13 @@ def _with_fields(
     rest = shared["rest"][0]
     case = replace(case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law)))
     laws = {j: law for j, law in laws.items() if not is_recorded(law)}
-    beside = Evaluated(chain, tuple(loose), laws, rest, tuple(beams))
-    if fields or beside:
+    untraced = UntracedTerms(chain, tuple(loose), laws, rest, tuple(beams))
+    if fields or untraced:
         case = replace(
-            case, fields=tuple(fields), derivatives=beside.is_dense, segments=beside.segments
+            case, fields=tuple(fields), derivatives=untraced.is_dense, segments=untraced.segments
         )
     state = "fewer-than-six-freedoms" if freedoms < 6 else "regular"
-    return BoundCase(case, shared, state, beside, chain.home)
+    return TracedModel(case, shared, state, untraced, chain.home)
 
 
 def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Line], Array] | None:
@@ -289,7 +289,7 @@ def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Lin
     return lines, np.column_stack([potential.stiffness, potential.rest_length])
 
 
-def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> BoundCase | str:
+def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> TracedModel | str:
     springs = elastic.springs
     if isinstance(springs, FlexureStruts):
         return _strut_plan(elastic, platform, springs, wrench)
@@ -337,7 +337,7 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
             "points": platform.points.reshape(1, -1),
             "length": np.array([[float(platform.length)]]),
         }
-    return BoundCase(case, shared, "regular", Evaluated(platform, tuple(loose)))
+    return TracedModel(case, shared, "regular", UntracedTerms(platform, tuple(loose)))
 
 
 def _forces(
@@ -361,7 +361,7 @@ def _forces(
 
 def _strut_plan(
     elastic: ElasticMechanism, platform: Platform, struts: FlexureStruts, wrench: str
-) -> BoundCase | str:
+) -> TracedModel | str:
     """Struts as derivatives that are given, beside lines that carry nothing."""
     if (struts.frame_a, struts.frame_b) != ("world", "body"):
         return "the struts are not the platform's own"
@@ -381,7 +381,7 @@ def _strut_plan(
     shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
-    beside = Evaluated(
+    untraced = UntracedTerms(
         platform,
         tuple(loose),
         struts=struts,
@@ -389,4 +389,4 @@ def _strut_plan(
         points=tuple(map(np.array, points)),
         is_loaded=wrench != "none",
     )
-    return BoundCase(case, shared, "regular", beside)
+    return TracedModel(case, shared, "regular", untraced)

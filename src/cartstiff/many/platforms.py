@@ -26,7 +26,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
-    ENGINE,
+    FALLBACK,
     JACOBIAN_CONDITION,
     LARGEST_ANGLE,
     PLAIN,
@@ -260,7 +260,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     size = _SHORT * larger(largest(anchors), largest(points))
     verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
     for length in lengths:
-        verdict = larger(verdict, pick(size, length, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(size, length, PLAIN, FALLBACK))
 
     energy: Any = 0.0
     gradient, hessian = zeros(6), zeros(6, 6)
@@ -313,7 +313,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
             # Of more than six cables the engine keeps each taut, if it can.
             least = largest(t) * numerics.NEGLIGIBLE_FORCE if m > 6 else -numerics.TINY
             for tension in t:
-                verdict = larger(verdict, pick(least, tension, PLAIN, ENGINE))
+                verdict = larger(verdict, pick(least, tension, PLAIN, FALLBACK))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
             W = zeros(6)

@@ -40,7 +40,7 @@ from cartstiff.errors import (
     UnknownNameError,
 )
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import ENGINE, PLAIN, UNBALANCED
+from cartstiff.many.algebra import FALLBACK, PLAIN, UNBALANCED
 from cartstiff.many.arguments import (
     OUTPUTS as OUTPUTS,
 )
@@ -69,7 +69,7 @@ from cartstiff.many.kernels import (
     reading_kernel,
     run,
 )
-from cartstiff.many.plans import BoundCase, given_as, plan
+from cartstiff.many.plans import TracedModel, given_as, plan
 from cartstiff.many.platforms import PlatformCase
 from cartstiff.many.readings import (
     FREQUENCIES,
@@ -79,7 +79,7 @@ from cartstiff.many.readings import (
     frequency_name,
     with_masses,
 )
-from cartstiff.many.work import BY_ENGINE, timed
+from cartstiff.many.work import BY_REFERENCE, timed
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import tensions_of
@@ -182,7 +182,7 @@ _MARGIN = 10.0
 
 
 def lost_ranks(
-    taken: BoundCase,
+    taken: TracedModel,
     q: Array,
     loads: Array | None,
     arrays: Mapping[str, Array],
@@ -263,7 +263,7 @@ class Postures:
         Why nothing faster did; empty if nothing is.
     names : tuple of str
         Names of the coordinates.
-    by_engine : int
+    fallback : int
         How many postures `cartstiff.analyse` has computed one by one: all of them where nothing
         faster serves, else those that are not plainly regular.
     """
@@ -275,7 +275,7 @@ class Postures:
     path: str
     reason: str = ""
     names: tuple[str, ...] = ()
-    by_engine: int = 0
+    fallback: int = 0
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -300,8 +300,8 @@ class Postures:
         states = ", ".join(f"{n} {code}" for code, n in self.counts().items()) or "none"
         shapes = ", ".join(f"{name} {a.shape}" for name, a in self.arrays.items())
         path = self.path
-        if 0 < self.by_engine < len(self):
-            path += f", {self.by_engine} by the engine"
+        if 0 < self.fallback < len(self):
+            path += f", {self.fallback} by the engine"
         return f"{len(self)} postures ({path}): {states}\n  {shapes}"
 
     @property
@@ -458,7 +458,7 @@ def analyse_many(
         coordinates = coordinates.copy()
     if taken is None:
         everything = np.arange(len(state))
-        _by_engine(
+        _by_reference(
             elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes, reason
         )
         return Postures(
@@ -475,7 +475,7 @@ def analyse_many(
     if not state.any():
         state[:] = _index(codes, taken.regular)
         return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
-    doubtful = np.flatnonzero(state == ENGINE)
+    doubtful = np.flatnonzero(state == FALLBACK)
     lost_state, lost_rank = "", doubtful[:0]
     if len(doubtful) >= WORTH_RECORDING:
         lost_state, lost_rank, torn = lost_ranks(
@@ -492,7 +492,7 @@ def analyse_many(
     if len(unbalanced):
         state[unbalanced] = _index(codes, "unbalanced")
         unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance")
-        if taken.beside.struts is not None:  # what is not found has no energy either
+        if taken.untraced.struts is not None:  # what is not found has no energy either
             unknown += ("energy", "jacobian")
         for name in names:
             if name.startswith(unknown):
@@ -504,7 +504,7 @@ def analyse_many(
         for array in arrays.values():
             array[doubtful[left]] = np.nan
         doubtful = doubtful[~left]
-    _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
+    _by_reference(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
     return Postures(
         coordinates, arrays, state, tuple(codes), ran, reason, elastic.names, len(doubtful)
     )
@@ -567,7 +567,7 @@ def _under_load(
     if "compliance_load" in arrays:
         C, is_plain = numerics.inverses_of_sums(known["compliance_B"], D)
         arrays["compliance_load"][...] = C
-        state[~is_plain & np.isfinite(D).all(axis=(1, 2)) & (state != UNBALANCED)] = ENGINE
+        state[~is_plain & np.isfinite(D).all(axis=(1, 2)) & (state != UNBALANCED)] = FALLBACK
 
 
 def _under_load_again(
@@ -582,7 +582,7 @@ def _under_load_again(
     _under_load(kind, {name: array[which] for name, array in known.items()}, some, state)
     for name, array in some.items():
         arrays[name][which] = array
-    return which[state != ENGINE]
+    return which[state != FALLBACK]
 
 
 def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
@@ -591,7 +591,7 @@ def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
     return bends or bool(getattr(elastic.mechanism, "closures", ()))
 
 
-def _by_engine(
+def _by_reference(
     elastic: ElasticMechanism,
     q: Array,
     loads: Array | None,
@@ -605,7 +605,7 @@ def _by_engine(
 ) -> None:
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     is_moved = _is_moved(elastic, loads)
-    way = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"
+    way = BY_REFERENCE if reason in ("", ASKED) else f"{BY_REFERENCE} ({reason})"
     with timed(way, len(which)), numerics.one_thread():
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
@@ -638,7 +638,7 @@ def tensions_of_many(
     tensions = np.full((count, len(legs)), np.nan)
     served = type(elastic.springs) is LineSprings and count > 0
     known = np.zeros(count, bool)
-    if isinstance(taken, BoundCase) and isinstance(taken.case, PlatformCase) and served:
+    if isinstance(taken, TracedModel) and isinstance(taken.case, PlatformCase) and served:
         loads = wrench
         if loads is not None:
             loads = loads_in_body(elastic, q, loads, kind, axes, "auto", 1)
@@ -695,7 +695,7 @@ def readable(
 ) -> tuple[str, ...]:
     """Which quantities machine code can read of a mechanism under a load, if it reads at all."""
     taken, frequencies = plan(elastic, given_as(wrench, axes)), 0
-    if isinstance(taken, BoundCase) and with_masses(elastic, taken.case) is not None:
+    if isinstance(taken, TracedModel) and with_masses(elastic, taken.case) is not None:
         frequencies = frequencies_of(taken.case)
     left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
     return tuple(name for name in names if name in READINGS and name not in left)
@@ -742,7 +742,7 @@ class Reader:
         self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
         self._kernel: Any = None
         self.state = ""
-        if isinstance(self._plan, BoundCase):
+        if isinstance(self._plan, TracedModel):
             self.state, case = self._plan.regular, self._plan.case
             if not FREQUENCIES.isdisjoint(readings.names):
                 case = with_masses(elastic, case) or case
@@ -755,7 +755,7 @@ class Reader:
 
     def read(self, q: Array) -> Values:
         """Read postures q (N, n)."""
-        if not isinstance(self._plan, BoundCase):
+        if not isinstance(self._plan, TracedModel):
             raise TypeError(self._plan)
         count = len(q)
         q = q.copy() if self._plan.is_closed or self._plan.settles else q

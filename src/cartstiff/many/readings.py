@@ -24,7 +24,7 @@ What maps read from matrices, recorded behind the arithmetic that makes them.
 
 Numbers of a posture that `cartstiff.maps.quantities` finds over arrays, as formulas on recording
 numbers: what is read here is never stored. Eigenvalues come from a matrix where it has the digits
-and else from its inverse, as there; a posture for which that takes more has the verdict `ENGINE`,
+and else from its inverse, as there; a posture for which that takes more has the verdict `FALLBACK`,
 and is read there.
 """
 
@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
-    ENGINE,
+    FALLBACK,
     PLAIN,
     below,
     changed_compliance,
@@ -119,7 +119,7 @@ def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
         left = left + work[p, q] * work[p, q]
     verdict: Scalar = PLAIN
     if not is_zero(left):
-        verdict = pick(left, whole * _LEFT**2, PLAIN, ENGINE)
+        verdict = pick(left, whole * _LEFT**2, PLAIN, FALLBACK)
     return list(work.diagonal()), larger(verdict, limited(whole, np.inf))
 
 
@@ -176,7 +176,7 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
         root = (p1 * p1) * float((n - 1) ** 2) - (p * p2) * float(n * (n - 1))
         step = p * float(n) / (p1 + square_root(larger(root, 0.0)))
         x = x - step
-    return x * whole, pick(absolute(step), x * _STEP, PLAIN, ENGINE)
+    return x * whole, pick(absolute(step), x * _STEP, PLAIN, FALLBACK)
 
 
 def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
@@ -243,19 +243,19 @@ def principal_values(
     """
     values, doubt = eigenvalues(matrix)
     ordered = ascending(values)
-    alone = pick(ordered[-1], ordered[0] * _PLAIN, PLAIN, ENGINE)
+    alone = pick(ordered[-1], ordered[0] * _PLAIN, PLAIN, FALLBACK)
     if inverse is None:
         return ordered, larger(doubt, alone)
     others, verdict = eigenvalues(inverse)
     others = ascending(others)
     for least in (ordered[0], others[0]):
-        verdict = larger(verdict, pick(0.0, least, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(0.0, least, PLAIN, FALLBACK))
     merged = []
     for x, y in zip(ordered, reversed(others), strict=True):
         direct, around = ordered[-1] / x, growth * others[-1] / y
         verdict = larger(verdict, pick(direct, _PLAIN, PLAIN, limited(around, _PLAIN)))
-        merged.append(pick(alone, ENGINE, x, pick(direct, around, x, 1.0 / y)))
-    return ascending(merged), larger(doubt, pick(alone, ENGINE, PLAIN, verdict))
+        merged.append(pick(alone, FALLBACK, x, pick(direct, around, x, 1.0 / y)))
+    return ascending(merged), larger(doubt, pick(alone, FALLBACK, PLAIN, verdict))
 
 
 #: Loss of digits up to which an eigenvalue is taken from the one matrix, or from the other.
@@ -284,12 +284,12 @@ def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Sc
     skew = D - D.T
     if not all(is_zero(x) for x in skew.flat):
         least = largest(D) * numerics.ROUNDING
-        verdict = pick(least, largest(skew), ENGINE, PLAIN)
+        verdict = pick(least, largest(skew), FALLBACK, PLAIN)
     if not all(is_zero(x) for x in D.flat):
         H = H + congruence(J, (D + D.T) * 0.5)
     L, inverses, pivots = positive_factor(H)
     for pivot, entry in zip(pivots, H.diagonal(), strict=True):
-        verdict = larger(verdict, pick(entry * numerics.LOST_ERROR, pivot, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(entry * numerics.LOST_ERROR, pivot, PLAIN, FALLBACK))
     roots = np.array([square_root(x) for x in inverses], object)
     slow = below(L, below(L, M).T) * np.multiply.outer(roots, roots)
     if number == 1:
@@ -464,7 +464,7 @@ class _Reader:
             a, b = ascending(a), ascending(b)
             self.require(larger(doubt, other))
             for least in (a[0], b[0]):
-                self.require(pick(0.0, least, PLAIN, ENGINE))
+                self.require(pick(0.0, least, PLAIN, FALLBACK))
             values = []
             for x, y in zip(a, reversed(b), strict=True):
                 # The one that is nearer to the largest of its matrix.
@@ -484,7 +484,7 @@ class _Reader:
                 self.require(doubt)
                 values.append(largest)
             for pivot, entry in zip(positive_factor(scaled)[2], scaled.diagonal(), strict=True):
-                self.require(pick(entry * _POSITIVE, pivot, PLAIN, ENGINE))
+                self.require(pick(entry * _POSITIVE, pivot, PLAIN, FALLBACK))
             return [1.0 / values[0], values[1]]
 
         return self.once("ends", make)
@@ -556,7 +556,7 @@ def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
         return 1.0 / on_axis
     terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
     rounding = absolute(on_axis) * (numerics.REPORTED_ERROR / numerics.EPSILON)
-    r.require(pick(terms, rounding, PLAIN, ENGINE))
+    r.require(pick(terms, rounding, PLAIN, FALLBACK))
     return on_axis
 
 
@@ -627,7 +627,7 @@ def _natural_length(r: _Reader) -> Scalar:
     """The sixth power of it."""
     held, free = r.block("translation", "held"), r.block("rotation", "own")
     for least in (held[0], free[0]):
-        r.require(pick(0.0, least, PLAIN, ENGINE))
+        r.require(pick(0.0, least, PLAIN, FALLBACK))
     return 1.0 / _product([x * y for x, y in zip(held, free, strict=True)])
 
 

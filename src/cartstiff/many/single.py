@@ -44,7 +44,7 @@ from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
     from cartstiff.many.execution import OnePosture
-    from cartstiff.many.plans import BoundCase
+    from cartstiff.many.plans import TracedModel
 
 #: What the code writes down of a posture.
 RECORDED = (
@@ -255,7 +255,7 @@ class QuickPosture(PostureStiffness):
 class PostureCode:
     """Machine code for a mechanism under a wrench, or under none."""
 
-    def __init__(self, elastic: ElasticMechanism, taken: BoundCase) -> None:
+    def __init__(self, elastic: ElasticMechanism, taken: TracedModel) -> None:
         from cartstiff.many.execution import OnePosture
         from cartstiff.many.plans import CLOSING, SETTLING, program_for
 
@@ -266,7 +266,7 @@ class PostureCode:
         self._settling = None
         if taken.settles:
             self._settling = OnePosture(program_for(case, SETTLING), shared)
-        self._beside, self.bends = taken.beside, bool(taken.beside) or taken.settles
+        self._untraced, self.bends = taken.untraced, bool(taken.untraced) or taken.settles
         at = self._answer.at
         self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
         self.matrices, self.compliances = (
@@ -299,13 +299,13 @@ class PostureCode:
 
     def _derivatives(self, q: Array) -> dict[str, Array]:
         """Inputs of the programs that are evaluated beside them."""
-        return self._beside.derivatives(q[None], compiled=True)[0] if self._beside else {}
+        return self._untraced.derivatives(q[None], compiled=True)[0] if self._untraced else {}
 
     def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
         """Coordinates at which links carry the load; None where the engine would go on."""
         from cartstiff.many.closed_chains import settle
 
-        evaluate, at = partial(self._beside.derivatives, compiled=True), q[None].copy()
+        evaluate, at = partial(self._untraced.derivatives, compiled=True), q[None].copy()
         load = {"wrench": given["wrench"][None]}
         found, _ = settle(settling, evaluate, load, at, np.arange(1))
         return at[0] if len(found) else None
@@ -382,9 +382,9 @@ def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCod
         isinstance(chosen, str)
         or chosen.settles is not bent
         or chosen.regular != "regular"
-        or chosen.beside.is_dense
+        or chosen.untraced.is_dense
         or elastic.mechanism.rigid
-        or ((chosen.beside or chosen.settles) and not chosen.is_closed)
+        or ((chosen.untraced or chosen.settles) and not chosen.is_closed)
         or not _is_plain(elastic, loaded, chosen)
     ):
         return None
@@ -393,7 +393,7 @@ def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCod
     return PostureCode(elastic, chosen) if "noteworthy" in program.outputs and is_small else None
 
 
-def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool:
+def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: TracedModel) -> bool:
     """Whether nothing of it can change, and no energy has a remark on a posture."""
     # Code bends a closed chain's own, or asks them for diagnostics.
     silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)

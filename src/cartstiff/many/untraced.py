@@ -31,7 +31,7 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
-    ENGINE,
+    FALLBACK,
     JACOBIAN_CONDITION,
     PLAIN,
     UNBALANCED,
@@ -78,7 +78,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
     shapes = beam.shapes(x[None])
     _, stretch, turns = shapes
     squares, softness = turns.value * turns.value, beam.length / beam.section.axial
-    verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _TURN, PLAIN, ENGINE)
+    verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _TURN, PLAIN, FALLBACK)
     N = np.zeros(1, object)
     step: Scalar = 0.0
     for _ in range(_NEWTON_STEPS):
@@ -87,14 +87,14 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         step = (missing / (softness - (s2 * squares).sum(axis=-1)))[0]
         N = N + step
     known = absolute(N[0]) + absolute(stretch.value[0]) * (1.0 / softness)
-    verdict = larger(verdict, pick(known * _CHANGED, absolute(step), ENGINE, PLAIN))
+    verdict = larger(verdict, pick(known * _CHANGED, absolute(step), FALLBACK, PLAIN))
     low, high = beam.bounds
-    verdict = larger(verdict, pick(N[0], 0.5 * low, ENGINE, PLAIN))
+    verdict = larger(verdict, pick(N[0], 0.5 * low, FALLBACK, PLAIN))
     if np.isfinite(high):
-        verdict = larger(verdict, pick(0.5 * high, N[0], ENGINE, PLAIN))
+        verdict = larger(verdict, pick(0.5 * high, N[0], FALLBACK, PLAIN))
     for EI in beam.section.bending:
         bent = absolute(N[0]) * (beam.length**2 / EI)
-        verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, FALLBACK))
     energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
     return {
         "energy": in_pairs(energy),
@@ -258,9 +258,9 @@ class _Strut:
         self.now = larger(largest(self.missing * roots), largest(self.gap * turn))
         # On the way a strut may be anything; at the end it is to be near the straight one, and H to
         # be positive, so that the strut stands.
-        self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _BENT, PLAIN, ENGINE)
+        self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _BENT, PLAIN, FALLBACK)
         for stiffness, pivot in zip(self.k, pivots, strict=True):
-            self.near = larger(self.near, pick(stiffness * _SHARE, pivot, PLAIN, ENGINE))
+            self.near = larger(self.near, pick(stiffness * _SHARE, pivot, PLAIN, FALLBACK))
 
     def answer(self, forces: Array, gap: Array) -> tuple[Array, Array]:
         """Dq and dW."""
@@ -428,7 +428,7 @@ def _rows_of(which: NDArray[np.bool_], m: int) -> slice | NDArray[np.bool_]:
     return slice(None) if which.all() else np.repeat(which, m)
 
 
-def struck(
+def strut_states(
     struts: FlexureStruts, poses: Array, gradients: Array, every: bool
 ) -> tuple[StrutStates, NDArray[np.bool_]]:
     """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, by machine code.
@@ -471,7 +471,7 @@ class _Sums(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class UntracedTerms:
     """What is evaluated beside a program, which takes its derivatives as inputs.
 
     Attributes
@@ -557,14 +557,14 @@ class Evaluated:
                 try:
                     terms = potential.evaluate(posture)
                 except (ArithmeticError, ValueError, RuntimeError):
-                    verdicts[i] = ENGINE
+                    verdicts[i] = FALLBACK
                     break
                 energies[i] += terms.energy
                 gradients[i] += terms.gradient
                 hessians[i] += terms.hessian
             H = hessians[i]
             if np.abs(H - H.T).max() > _UNSYMMETRIC * np.abs(H).max():
-                verdicts[i] = ENGINE
+                verdicts[i] = FALLBACK
 
     def _add_struts(
         self, struts: FlexureStruts, q: Array, wrench: Array | None, compiled: bool, sums: _Sums
@@ -577,7 +577,7 @@ class Evaluated:
         if wrench is not None:
             borne += wrench
         # What their own rest lengths leave of it cannot be borne: these are then not found.
-        left = UNBALANCED if self.is_loaded or not struts.is_complete else ENGINE
+        left = UNBALANCED if self.is_loaded or not struts.is_complete else FALLBACK
 
         def add(own: Array, at: StrutStates) -> None:
             energies[own, 0] += at.energy.sum(axis=1)
@@ -586,14 +586,14 @@ class Evaluated:
             is_found, is_stable = (
                 np.asarray(each).all(axis=1) for each in (at.is_found, at.is_stable)
             )
-            found = np.where(is_stable, PLAIN, ENGINE)
+            found = np.where(is_stable, PLAIN, FALLBACK)
             verdicts[own] = np.maximum(verdicts[own], np.where(is_found, found, left))
 
         others = np.arange(len(q))
         if compiled:
             doubtful = []
             for rows in np.split(others, range(_TOGETHER, len(q), _TOGETHER)):
-                at, known = struck(struts, poses[rows], borne[rows], self.is_loaded)
+                at, known = strut_states(struts, poses[rows], borne[rows], self.is_loaded)
                 add(rows[known], at)
                 doubtful.append(rows[~known])
             others = np.concatenate(doubtful)

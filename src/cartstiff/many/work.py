@@ -19,7 +19,7 @@ from cartstiff.many.tape import Program
 from cartstiff.numerics.threads import process_lock
 
 #: The engine's share, by its name.
-BY_ENGINE = "engine, one posture after the other"
+BY_REFERENCE = "engine, one posture after the other"
 #: Recording and compiling, once for a mechanism and what is asked of it.
 MAKING = "making of machine code"
 _CHAINS = 12

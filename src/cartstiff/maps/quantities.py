@@ -100,6 +100,13 @@ def principal(blocks: Array) -> Array:
 
 def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
     """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
+    exists = np.isfinite(K).all(axis=(1, 2))
+    if not exists.all():
+        values = np.full((len(K), 6), np.nan)
+        if exists.any():
+            lengths = np.broadcast_to(length, exists.shape)[exists]
+            values[exists] = eigenvalues(K[exists], C[exists], lengths)
+        return values
     scaled = scale_lengths(K, length)
     values = numerics.eigenvalues(scaled)
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
@@ -107,7 +114,6 @@ def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
     if rows.any():
         inverse = scale_lengths(C, 1.0 / np.asarray(length))
         values[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
-    values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
     return values
 
 
@@ -135,20 +141,24 @@ def block_values(
     one : callable
         Values (3,) of one matrix, and its inverse.
     """
+    exists = np.isfinite(stack).all(axis=(1, 2))
+    if not exists.all():
+        values = np.full((len(stack), 3), np.nan)
+        if exists.any():
+            values[exists] = block_values(stack[exists], inverse[exists], keep, is_held, one)
+        return values
     values = principal((stack if is_held else inverse)[:, keep, keep])
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
     if not is_held:
         with np.errstate(divide="ignore", invalid="ignore"):
             values = np.sort(1.0 / values, axis=1)
-    exists = np.isfinite(stack).all(axis=(1, 2))
-    values[~exists] = np.nan
     known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
-    for i in np.flatnonzero(exists & known & np.logical_not(plain)):
+    for i in np.flatnonzero(known & np.logical_not(plain)):
         try:
             values[i] = one(stack[i], inverse[i])
         except UndefinedError:
             values[i] = np.nan
-    if (alone := exists & ~known).any():
+    if (alone := ~known).any():
         own = stack[alone]
         blocks = own[:, keep, keep]
         size = np.abs(blocks).max(axis=(1, 2))[:, None]
