@@ -22,7 +22,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.store import MapFile, StoredArray
+from cartstiff.maps.store import MapFile
 
 if TYPE_CHECKING:
     import xarray
@@ -326,20 +326,19 @@ def summary_of_file(
         If a part that is read is damaged.
     """
     names = [name for name in file.attributes["parts"] if name not in _PLACES]
-    arrays, known = {name: StoredArray(file, name) for name in names}, known or {}
+    known = known or {}
 
     def facts(chunk: int) -> Mapping[str, Any]:
         if chunk in known:
             return known[chunk]
-        box = [(s.start, s.stop) for s in file.boxes[chunk]]
-        return facts_of({name: a.box(box[: a.ndim]) for name, a in arrays.items()})
+        return facts_of({name: file.block(name, chunk) for name in names})
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         parts = list(pool.map(facts, range(len(file.boxes))))
     return _added_up(
         {name: [part[name] for part in parts] for name in names},
         {name: file.arrays[name].attrs for name in names},
-        {name: math.prod(a.shape) for name, a in arrays.items()},
+        {name: math.prod(file.arrays[name].shape) for name in names},
         file.attributes,
     )
 

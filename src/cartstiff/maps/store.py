@@ -21,11 +21,11 @@ import json
 import os
 import shutil
 import stat
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+import uuid
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from math import ceil, prod
 from pathlib import Path
@@ -33,7 +33,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, MissingDependencyError, checked_kind, imported, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.sampling import Axis, Sampling, chunk_shape, from_dict
@@ -428,6 +427,22 @@ class MapFile:
         cell = (*place, *[0] * len(self.cuts))[: len(self.cuts)]
         return int(np.ravel_multi_index(cell, self.cuts))
 
+    def block(self, name: str, chunk: int) -> Array:
+        """The part of an array that a chunk holds: the fill value while it is not done.
+
+        Raises
+        ------
+        InputError
+            If its file is not the one that was written.
+        """
+        array, place = self.arrays[name], self._place(name, chunk)
+        if self.is_done(chunk):
+            if (what := self.damage(chunk, name)) is not None:
+                raise self.refused(chunk, what)
+            return np.asarray(array.get_block_selection(place))
+        each = zip(place, array.chunks, array.shape, strict=True)
+        return np.full([min(c, n - i * c) for i, c, n in each], array.fill_value, array.dtype)
+
     def _checked(self, name: str, key: tuple[int, ...], checksum: int | None = None) -> bytes:
         """The content of one file of an array."""
         array = self.arrays[name]
@@ -557,78 +572,6 @@ def _whole(sampling: Sampling) -> dict[str, tuple[Array, str]]:
     return coordinates
 
 
-class _Lazy(ABC):
-    """An array of which boxes are made when they are asked for."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-
-    @property
-    def ndim(self) -> int:
-        return len(self.shape)
-
-    @abstractmethod
-    def box(self, ends: list[tuple[int, int]]) -> Array:
-        """The part between two indices of each dimension."""
-
-    def __getitem__(self, key: tuple[slice | int, ...]) -> Array:
-        ends: list[tuple[int, int]] = []
-        inner: list[slice | int] = []
-        for k, n in zip(key, self.shape, strict=True):
-            if isinstance(k, slice):
-                indices = range(*k.indices(n))
-                low = min(indices[0], indices[-1]) if indices else 0
-                ends.append((low, max(indices[0], indices[-1]) + 1 if indices else 0))
-                inner.append(slice(None, None, k.step))
-            else:
-                ends.append((int(k), int(k) + 1))
-                inner.append(0)
-        return self.box(ends)[tuple(inner)]
-
-
-class StoredArray(_Lazy):
-    """An array of a map's file. Parts that are not done read as the fill value."""
-
-    def __init__(self, file: MapFile, name: str) -> None:
-        self.file, self.name = file, name
-        array = file.arrays[name]
-        self.shape, self.dtype, self.chunks = array.shape, array.dtype, array.chunks
-
-    def box(self, ends: list[tuple[int, int]]) -> Array:
-        """Read from the chunks that the box touches, each verified."""
-        file, array = self.file, self.file.arrays[self.name]
-        part = np.full([b - a for a, b in ends], array.fill_value, self.dtype)
-        for place in product(
-            *(range(a // c, ceil(b / c)) for (a, b), c in zip(ends, self.chunks, strict=True))
-        ):
-            chunk = file.chunk_at(place)
-            if not file.is_done(chunk):
-                continue
-            if (what := file.damage(chunk, self.name)) is not None:
-                raise file.refused(chunk, what)
-            there = [
-                (max(i * c, a), min((i + 1) * c, b))
-                for i, c, (a, b) in zip(place, self.chunks, ends, strict=True)
-            ]
-            here = tuple(slice(a - s, b - s) for (a, b), (s, _) in zip(there, ends, strict=True))
-            part[here] = array[tuple(slice(*pair) for pair in there)]
-        return part
-
-
-class _Postures(_Lazy):
-    """The coordinates of a sampling, computed."""
-
-    def __init__(self, sampling: Sampling, n: int) -> None:
-        self.sampling, self.shape = sampling, (*sampling.shape, n)
-        self.dtype = np.dtype(float)
-
-    def box(self, ends: list[tuple[int, int]]) -> Array:
-        """Compute the postures of a box."""
-        q = self.sampling.postures(tuple(slice(*pair) for pair in ends[:-1]), None)
-        return q.reshape(*(b - a for a, b in ends[:-1]), -1)[..., slice(*ends[-1])]
-
-
-@checked
 def open_map(path: str | Path) -> xarray.Dataset:
     """A map as labelled arrays, read when they are used.
 
@@ -667,27 +610,39 @@ def open_map(path: str | Path) -> xarray.Dataset:
     joints = description["joints"]
     sampling = from_dict(description["sampling"])
 
-    def lazy(array: Any, chunks: tuple[int, ...]) -> Any:
-        options = {"asarray": False, "fancy": False, "meta": np.empty(0, array.dtype)}
-        return dask.array.from_array(array, chunks=chunks, **options)  # type: ignore[no-untyped-call]
+    def lazy(
+        read: Callable[[int], Array], shape: tuple[int, ...], chunks: tuple[int, ...], kind: Any
+    ) -> Any:
+        def part(block_id: tuple[int, ...]) -> Array:
+            return read(file.chunk_at(block_id))
+
+        sizes = dask.array.core.normalize_chunks(chunks, shape)  # type: ignore[no-untyped-call]
+        empty = np.empty((0,) * len(shape), kind)
+        name = f"map-{uuid.uuid4().hex}"
+        return dask.array.map_blocks(part, chunks=sizes, dtype=kind, meta=empty, name=name)  # type: ignore[no-untyped-call]
+
+    def postures(chunk: int) -> Array:
+        """The coordinates of a sampling, computed."""
+        box = file.boxes[chunk]
+        q = sampling.postures(box, None)
+        return q.reshape(*(s.stop - s.start for s in box), -1)
 
     variables = {}
     own = ("state", "position", "q", "branches")
     for name in (*(part for part in parts if part not in own), *own):
         if name in parts:
-            stored = StoredArray(file, name)
-            about = file.arrays[name].metadata
+            array = file.arrays[name]
             variables[name] = (
-                about.dimension_names,
-                lazy(stored, stored.chunks),
-                dict(about.attributes),
+                array.metadata.dimension_names,
+                lazy(partial(file.block, name), array.shape, array.chunks, array.dtype),
+                dict(array.attrs),
             )
     if "q" not in parts:
         if sampling is None:
             raise InputError("the map does not say where it looked", where=one_line(str(path)))
         variables["q"] = (
             (*sampling.dims, "joint"),
-            lazy(_Postures(sampling, len(joints)), (*file.chunk, len(joints))),
+            lazy(postures, (*file.shape, len(joints)), (*file.chunk, len(joints)), np.dtype(float)),
             {"long_name": "coordinates of the posture"},
         )
     coordinates: dict[str, Any] = {"joint": joints, "xyz": ["x", "y", "z"]}
