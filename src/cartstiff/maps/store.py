@@ -572,6 +572,13 @@ def _whole(sampling: Sampling) -> dict[str, tuple[Array, str]]:
     return coordinates
 
 
+def _postures(file: MapFile, sampling: Sampling, chunk: int) -> Array:
+    """The coordinates of a part of a sampling, computed."""
+    box = file.boxes[chunk]
+    q = sampling.postures(box, None)
+    return q.reshape(*(s.stop - s.start for s in box), -1)
+
+
 def open_map(path: str | Path) -> xarray.Dataset:
     """A map as labelled arrays, read when they are used.
 
@@ -621,12 +628,6 @@ def open_map(path: str | Path) -> xarray.Dataset:
         name = f"map-{uuid.uuid4().hex}"
         return dask.array.map_blocks(part, chunks=sizes, dtype=kind, meta=empty, name=name)  # type: ignore[no-untyped-call]
 
-    def postures(chunk: int) -> Array:
-        """The coordinates of a sampling, computed."""
-        box = file.boxes[chunk]
-        q = sampling.postures(box, None)
-        return q.reshape(*(s.stop - s.start for s in box), -1)
-
     variables = {}
     own = ("state", "position", "q", "branches")
     for name in (*(part for part in parts if part not in own), *own):
@@ -642,7 +643,12 @@ def open_map(path: str | Path) -> xarray.Dataset:
             raise InputError("the map does not say where it looked", where=one_line(str(path)))
         variables["q"] = (
             (*sampling.dims, "joint"),
-            lazy(postures, (*file.shape, len(joints)), (*file.chunk, len(joints)), np.dtype(float)),
+            lazy(
+                partial(_postures, file, sampling),
+                (*file.shape, len(joints)),
+                (*file.chunk, len(joints)),
+                np.dtype(float),
+            ),
             {"long_name": "coordinates of the posture"},
         )
     coordinates: dict[str, Any] = {"joint": joints, "xyz": ["x", "y", "z"]}
