@@ -112,6 +112,6 @@ def test_a_map_s_file_says_it_and_so_does_the_comparison_of_two(folder, monkeypa
     for name, tool in (("a.zarr", "0,0,0"), ("b.zarr", "0,0.02,0.3")):
         run("map", "arm.yaml", *where, "--tcp", tool, "-o", name)
     about = open_map("b.zarr").attrs
-    assert np.allclose(about["frame_offset"], TOOL_POSE)
-    assert np.allclose(about["base_pose"], np.eye(4))
+    assert np.allclose(np.reshape(about["frame_offset"], (4, 4)), TOOL_POSE)
+    assert np.allclose(np.reshape(about["base_pose"], (4, 4)), np.eye(4))
     assert "frame_offset" in run("compare", "a.zarr", "b.zarr").stdout

@@ -690,7 +690,11 @@ def _answer(
         "schema": about["schema"],
         "file": str(output),
         "mechanism": about["mechanism"],
-        **{key: about[key] for key in ("frame", "frame_offset", "base_pose")},
+        "frame": about["frame"],
+        **{
+            key: [about[key][i : i + 4] for i in range(0, 16, 4)]
+            for key in ("frame_offset", "base_pose")
+        },
         "connection": about["connection"],
         "load": {key: about[f"load_{key}"] for key in ("kind", "at", "meaning")},
         "characteristic_length": about["characteristic_length"],

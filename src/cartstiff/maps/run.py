@@ -275,7 +275,10 @@ def prepare_map(
         "title": f"stiffness map of {elastic.name}",
         "mechanism": elastic.name,
         "kind": mechanism.kind,
-        **mechanism.frames_as_dict(),
+        "frame": mechanism.frame,
+        # Row after row: attributes of netCDF have one dimension.
+        "frame_offset": mechanism.frame_offset.ravel().tolist(),
+        "base_pose": mechanism.base_pose.ravel().tolist(),
         "connection": settings.connection,
         "load_kind": kind.kind,
         "load_at": list(kind.at),
