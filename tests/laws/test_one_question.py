@@ -170,16 +170,21 @@ def test_report(arm, tmp_path):
     one, file = arm
     page = tmp_path / "report.html"
     run("report", file, *one.load_words, "-o", page)
-    text = re.sub(r"<(style|svg|iframe|script).*?</\1>", " ", page.read_text("utf-8"), flags=re.S)
-    said = html.unescape(re.sub(r"<[^>]+>", " ", text))
-    moved = re.search(r"moves ([\d.]+) (um|mm|m)\b", said)
-    assert moved, said[:500]
-    size = float(moved[1]) * {"um": 1e-6, "mm": 1e-3, "m": 1.0}[moved[2]]
+    size = _said_to_move(page)
     start = one.pose(one.q)[:3, 3]
     rest = fsolve(
         lambda q: one.k * (q - one.q) - one.outer(q) + _weight(one, one.q), one.q, xtol=1e-12
     )
     assert size == pytest.approx(np.linalg.norm(one.pose(rest)[:3, 3] - start), rel=5e-3)
+
+
+def _said_to_move(page: Path) -> float:
+    """In metres: the first number of a report's answer."""
+    text = re.sub(r"<(style|svg|iframe|script).*?</\1>", " ", page.read_text("utf-8"), flags=re.S)
+    said = html.unescape(re.sub(r"<[^>]+>", " ", text))
+    moved = re.search(r"moves ([\d.e-]+) (um|mm|m)\b", said)
+    assert moved, said[:500]
+    return float(moved[1]) * {"um": 1e-6, "mm": 1e-3, "m": 1.0}[moved[2]]
 
 
 def _weight(one: Arm, q: np.ndarray) -> np.ndarray:
@@ -212,6 +217,61 @@ def test_a_loop(tmp_path, seed, named, loaded):
     at_rest = ["--rest", f"motor={rest!r}", "--q", f"motor={rest!r}"]
     lying = json.loads(run("equilibrium", file, *words, *at_rest, "--json"))
     close(lying["pose"], one.pose(one.turn), 1e-6)
+
+
+LOOPS = pytest.mark.parametrize(
+    ("slides", "is_heavy"), [(False, True), (True, False), (True, True)]
+)
+
+
+@pytest.fixture
+def loop(seed, slides, is_heavy, tmp_path) -> tuple[FourBar, Path]:
+    one = replace(FourBar.generated(seed), slides=slides, is_heavy=is_heavy)
+    springs = {"motor": {"stiffness": one.k}}
+    return one, one.written(tmp_path, actuated=["motor"], springs=springs, q={"motor": one.turn})
+
+
+@LOOPS
+@SEEDS
+def test_a_loop_with_weight_or_a_slider(loop):
+    """In the file's units and in millimetres and degrees; analyse and equilibrium."""
+    one, file = loop
+    load = ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
+    found = json.loads(run("analyse", file, *load, "--json"))
+    close(found["pose"], one.pose(one.turn), 1e-9)
+    close(found["load"]["compliance"], one.compliance(True), 1e-6)
+    millimetres = ["--load", numbers(one.W), "--world", "--load-at", numbers(1e3 * one.at)]
+    degrees = ["--q", f"motor={float(np.degrees(one.turn))!r}", "--units", "mm,deg", "--json"]
+    again = json.loads(run("analyse", file, *millimetres, *degrees))
+    close(again["load"]["compliance"], one.compliance(True), 1e-6)
+    lying = json.loads(run("equilibrium", file, *load, "--json"))
+    close(lying["pose"], one.pose(one.at_rest()), 1e-7)
+
+
+@LOOPS
+@pytest.mark.parametrize("seed", range(2))
+def test_a_loop_in_maps_and_reports(loop, tmp_path):
+    one, file = loop
+    pytest.importorskip("zarr")
+    elastic = cartstiff.load(file)
+    load = {"wrench": one.W, "load_axes": "world", "load_at": one.at}
+    found = cartstiff.compute_map(
+        elastic,
+        cartstiff.Trajectory(elastic.mechanism.closed(elastic.q).q[None]),
+        ["deflection"],
+        tmp_path / "map.zarr",
+        deflect=[0, 0, 0, 0, 0, -10.0],
+        world=True,
+        **load,
+    )
+    R = one.pose(one.turn)[:3, :3]
+    motion = one.compliance(True) @ np.concatenate([np.zeros(3), R.T @ [0.0, 0.0, -10.0]])
+    close(np.asarray(found["deflection"])[0], np.linalg.norm(motion[3:]), 1e-6)
+    page = tmp_path / "report.html"
+    words = ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
+    run("report", file, *words, "-o", page)
+    moved = one.pose(one.at_rest())[:3, 3] - one.pose(one.turn)[:3, 3]
+    assert _said_to_move(page) == pytest.approx(np.linalg.norm(moved), rel=5e-3)
 
 
 def _on_coupler(one: FourBar, loaded: bool) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from tests.support.oracles import exp_reference
@@ -213,7 +214,11 @@ def close(got: Any, expected: Any, tolerance: float = DIFFERENCES) -> None:
 
 @dataclass(frozen=True)
 class FourBar:
-    """Crank, coupler and rocker in the plane y = 0 of the room; M is the coupler's frame."""
+    """Crank, coupler and rocker in the plane y = 0 of the room; M is the coupler's frame.
+
+    Or crank, coupler and a slider along x; the coupler has a mass, which weighs where the file has
+    gravity.
+    """
 
     crank: float
     coupler: float
@@ -223,6 +228,10 @@ class FourBar:
     turn: float
     W: np.ndarray
     at: np.ndarray
+    mass: float
+    centre: np.ndarray
+    is_heavy: bool = False
+    slides: bool = False
 
     @classmethod
     def generated(cls, seed: int) -> FourBar:
@@ -233,18 +242,25 @@ class FourBar:
             turn=float(rng.uniform(-0.5, 0.5)),
             W=np.concatenate([np.zeros(3), rng.uniform(-50, 50, 3)]),
             at=rng.uniform(-0.1, 0.1, 3),
+            mass=float(rng.uniform(1.0, 5.0)),
+            centre=rng.uniform(-0.1, 0.1, 3),
         )
 
     def pose(self, turn: float) -> np.ndarray:
         """Of the coupler, whose end lies where two circles meet, above the ground."""
+        P, Q = self._ends(turn)
+        return frame([P[0], 0.0, P[1]], [0.0, np.arctan2(P[1] - Q[1], Q[0] - P[0]), 0.0])
+
+    def _ends(self, turn: float) -> tuple[np.ndarray, np.ndarray]:
+        """Of the coupler, in the plane."""
         P = self.crank * np.array([np.sin(turn), np.cos(turn)])
+        if self.slides:
+            return P, np.array([P[0] + np.sqrt(self.coupler**2 - P[1] ** 2), 0.0])
         way = np.array([self.ground, 0.0]) - P
         d = np.linalg.norm(way)
         along = (self.coupler**2 - self.rocker**2 + d**2) / (2 * d)
         across = np.sqrt(self.coupler**2 - along**2)
-        Q = P + (along * way + across * np.array([-way[1], way[0]])) / d
-        angle = np.arctan2(P[1] - Q[1], Q[0] - P[0])
-        return frame([P[0], 0.0, P[1]], [0.0, angle, 0.0])
+        return P, P + (along * way + across * np.array([-way[1], way[0]])) / d
 
     def twist(self, turn: float) -> np.ndarray:
         """Of the coupler, in its own axes, per unit of the motor."""
@@ -256,32 +272,64 @@ class FourBar:
         X = np.linalg.solve(T, (4 * slope(h) - slope(2 * h)) / 3)
         return np.array([X[2, 1], X[0, 2], X[1, 0], *X[:3, 3]])
 
-    def work(self, turn: float) -> float:
+    def work(self, turn: float, loaded: bool = True) -> float:
+        """Of the load, and of the weight where it acts."""
         T = self.pose(turn)
-        return float(self.W[3:] @ (T[:3, :3] @ self.at + T[:3, 3]))
+        weight = self.mass * EARTH @ (T[:3, :3] @ self.centre + T[:3, 3])
+        load = self.W[3:] @ (T[:3, :3] @ self.at + T[:3, 3])
+        return float(load * loaded + weight * self.is_heavy)
 
     def compliance(self, loaded: bool) -> np.ndarray:
         t, h = self.twist(self.turn), 1e-3
-        around = [self.work(self.turn + i * h) for i in (-2, -1, 0, 1, 2)]
+        around = [self.work(self.turn + i * h, loaded) for i in (-2, -1, 0, 1, 2)]
         bend = np.array([-1, 16, -30, 16, -1]) @ around / (12 * h**2)
-        return np.outer(t, t) / (self.k - bend * loaded)
+        return np.outer(t, t) / (self.k - bend)
+
+    def at_rest(self) -> float:
+        """The motor's angle under the load, its spring at rest where it carries the weight."""
+        h = 1e-4
+
+        def torque(turn: float, loaded: bool) -> float:
+            work = [self.work(turn + i * h, loaded) for i in (-2, -1, 1, 2)]
+            return float(np.array([1, -8, 8, -1]) @ work / (12 * h))
+
+        start = torque(self.turn, False)
+
+        def left(turn: float) -> float:
+            return self.k * (turn - self.turn) + start - torque(turn, True)
+
+        return float(brentq(left, self.turn - 0.3, self.turn + 0.3, xtol=1e-13))
 
     def written(self, folder: Path, **keys: Any) -> Path:
         joint = "<joint name='{}' type='{}'><parent link='{}'/><child link='{}'/><origin xyz='{}'/>"
-        joint += "<axis xyz='0 1 0'/></joint>"
-        links = "".join(f"<link name='{n}'/>" for n in ("ground", "crank", "coupler", "rocker"))
+        joint += "<axis xyz='{}'/><limit lower='-9' upper='9' effort='0' velocity='0'/></joint>"
+        about, along = "0 1 0", "1 0 0"
+        links = "".join(f"<link name='{n}'/>" for n in ("ground", "crank", "rocker"))
+        links += (
+            f"<link name='coupler'><inertial><origin xyz='{_words(self.centre)}'/>"
+            f"<mass value='{self.mass!r}'/><inertia ixx='.1' iyy='.1' izz='.1' ixy='0' ixz='0' "
+            "iyz='0'/></inertial></link>"
+        )
+        last = ("pivot", "continuous", "ground", "rocker", f"{self.ground!r} 0 0", about)
+        if self.slides:
+            x = float(self._ends(self.turn)[1][0])
+            last = ("pivot", "prismatic", "ground", "rocker", f"{x!r} 0 0", along)
         tips = "<link name='end'/><link name='top'/>"
         robot = (
             f"<robot name='four-bar'>{links}{tips}"
-            + joint.format("motor", "continuous", "ground", "crank", "0 0 0")
-            + joint.format("elbow", "continuous", "crank", "coupler", f"0 0 {self.crank!r}")
-            + joint.format("pivot", "continuous", "ground", "rocker", f"{self.ground!r} 0 0")
-            + joint.format("e", "fixed", "coupler", "end", f"{self.coupler!r} 0 0")
-            + joint.format("t", "fixed", "rocker", "top", f"0 0 {self.rocker!r}")
+            + joint.format("motor", "continuous", "ground", "crank", "0 0 0", about)
+            + joint.format("elbow", "continuous", "crank", "coupler", f"0 0 {self.crank!r}", about)
+            + joint.format(*last)
+            + joint.format("e", "fixed", "coupler", "end", f"{self.coupler!r} 0 0", about)
+            + joint.format(
+                "t", "fixed", "rocker", "top", f"0 0 {self.rocker * (not self.slides)!r}", about
+            )
         ) + "</robot>"
         (folder / "bars.urdf").write_text(robot)
         file = folder / "bars.yaml"
-        data = {"kind": "closed-chain", "model": "bars.urdf", "frame": "coupler"}
+        data: dict[str, Any] = {"kind": "closed-chain", "model": "bars.urdf", "frame": "coupler"}
+        if self.is_heavy:
+            data["gravity"] = _list(EARTH)
         closure = {"frames": ["end", "top"], "type": "point"}
         file.write_text(yaml.safe_dump({**data, "closures": [closure], **keys}))
         return file
