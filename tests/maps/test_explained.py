@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import cartstiff
 from cartstiff.cli.main import command
 from cartstiff.many.postures import analyse_many
-from cartstiff.many.work import BY_ENGINE, Work, describe, explained, timed, watched
+from cartstiff.many.work import BY_REFERENCE, Work, describe, explained, timed, watched
 from cartstiff.report.json_schema import json_schema
 
 
@@ -62,7 +62,7 @@ def test_every_posture_has_its_way(path):
     with watched() as work:
         found = analyse_many(elastic, q, path=path)
     counts = {what: share.postures for what, share in work.shares.items() if share.postures}
-    assert counts.pop(BY_ENGINE, 0) == found.fallback
+    assert counts.pop(BY_REFERENCE, 0) == found.fallback
     if path == "engine":
         assert not counts
         return
