@@ -13,6 +13,8 @@ import cartstiff
 from cartstiff.analysis.posture import analyse_posture, summarise
 from cartstiff.analysis.sections import Analysis, numbers, unit_of
 from cartstiff.analysis.tolerances import Tolerances
+from cartstiff.choices import LOAD_KINDS
+from cartstiff.errors import UnknownNameError
 from cartstiff.loading.catalogue import bundled_files, example_robots
 from cartstiff.potentials.loads import DeadForce, FollowerWrench
 from cartstiff.report.json_schema import json_schema
@@ -113,6 +115,13 @@ def test_the_schema_is_one_and_refuses_what_is_wrong():
     del data["pose"]
     with pytest.raises(jsonschema.ValidationError):
         _valid(data, "analyse")
+
+
+def test_the_table_of_keys_names_the_choices_of_the_code():
+    kind = json_schema()["properties"]["load"]["properties"]["kind"]
+    assert kind["enum"] == list(LOAD_KINDS)
+    with pytest.raises(UnknownNameError, match="unknown command; .* got 'analyze'"):
+        json_schema("analyze")
 
 
 def test_the_page_shows_every_key(built):
