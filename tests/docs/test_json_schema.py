@@ -120,7 +120,7 @@ def test_the_schema_is_one_and_refuses_what_is_wrong():
 def test_the_table_of_keys_names_the_choices_of_the_code():
     kind = json_schema()["properties"]["load"]["properties"]["kind"]
     assert kind["enum"] == list(LOAD_KINDS)
-    with pytest.raises(UnknownNameError, match="unknown command; .* got 'analyze'"):
+    with pytest.raises(UnknownNameError, match=r"unknown command; .* got 'analyze'"):
         json_schema("analyze")
 
 
