@@ -434,7 +434,7 @@ class Equilibrium(Result, ShownInLines):
         # Beyond the first critical load the mechanism is no longer on this curve.
         passed = next((point for point in curve.critical if point.kind in _PASSED), None)
         if passed is not None:
-            code = "limit-point" if passed.kind == "limit" else passed.kind
+            code = "limit-point" if passed.kind == "limit" else "bifurcation"
             factor = float(passed.factor)
             words = f"the way from the unloaded state passes, at {factor:.4g} of the load, "
             return [Note(code, words + _PASSED[passed.kind], {"factor": factor})]
