@@ -117,3 +117,11 @@ def test_points_out_of_reach_are_refused(words):
     assert done.stderr.startswith("cartstiff: ")
     assert "too far away" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_potential_with_an_old_name_of_a_method_is_refused():
+    with pytest.raises(InputError, match=r"Own: .* expected diagnostics, got remarks"):
+
+        class Own(cartstiff.Potential):
+            def remarks(self, posture):
+                return []

@@ -70,6 +70,9 @@ def unbalanced(elastic, R0, *x):
         (None, [1e6, SOFT] * 3, 1e-4),
         (None, [SOFT] * 4 + [1e6] * 2, 1e-4),
         (None, [3e5, SOFT] * 3, 1e-4),
+        (None, [1e5, SOFT] * 3, 1e-4),
+        (None, [9e4, SOFT] * 3, 1e-4),
+        (None, [3e2] + [SOFT] * 5, 1e-4),
         (55, [1e6, SOFT, 2e5, 1e4, SOFT, 1e3], [-2e-5, 8e-5, 1e-5, -9e-5, 6e-5, 4e-5]),
     ],
 )

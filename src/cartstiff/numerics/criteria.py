@@ -89,9 +89,10 @@ SADDLE: Final = 1e-8
 LARGEST_STIFFNESS_RATIO: Final = 1e9
 #: Inertias of the motions of one mechanism, in natural units, differ by no more than this factor.
 LARGEST_INERTIA_RATIO: Final = 1e6
-#: Ratio of stiffnesses from which on stiff springs hold back soft ones, and
+#: Ratio of stiffnesses from which on stiff springs hold back soft ones, and a body on legs moves by
+#: their lengths.
 STIFF: Final = 1e5
-#: that from which on the springs of legs are kept apart: half of the digits.
+#: That from which on a stiff spring drowns soft ones: half of the digits.
 FAR: Final = 1e8
 #: Below this share of the stiffest a motion is as good as free.
 AS_GOOD_AS_FREE: Final = 1e-30

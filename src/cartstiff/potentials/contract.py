@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
 
@@ -87,6 +88,12 @@ class Posture(Protocol):
 
 class Potential(ABC):
     """A potential energy of a mechanism."""
+
+    def __init_subclass__(cls, **kwargs: object) -> None:
+        super().__init_subclass__(**kwargs)
+        if "remarks" in vars(cls):
+            what = f"{cls.__name__}: a potential's notes have another name"
+            raise InputError(what, expected="diagnostics", got="remarks")
 
     @abstractmethod
     def evaluate(self, posture: Posture) -> Evaluation:

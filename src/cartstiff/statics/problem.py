@@ -341,7 +341,7 @@ Lines = tuple[Array, Array, Array]
 ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
-# Ratio of stiffnesses from which on those of legs are kept apart.
+# Ratio of stiffnesses from which on stiff joints lead the motions of closures.
 _FAR = numerics.FAR
 
 
@@ -550,7 +550,9 @@ class System:
 
         None where no line is much stiffer than another, or they do not lead the body's motions.
         """
-        if parts is None or not 0.0 < float(parts[1].min()) * _FAR < float(parts[1].max()):
+        if parts is None or not 0.0 < float(parts[1].min()) * numerics.STIFF < float(
+            parts[1].max()
+        ):
             return None
         lines, k, rest = parts
         for load in self.loads:
