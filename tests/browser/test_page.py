@@ -550,6 +550,10 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
     )
     page.focus("#slider-0")  # the curves run along another one, and depend on it
     page.keyboard.press("PageUp")
+    page.wait_for_function("""() => {
+        const { busy, numbers } = window.cartstiff;
+        return busy === null && numbers.result.q[0] > 0;
+    }""")  # until then it is not known of what the curves would be
     # After curves that took a second, on a slow machine, the page waits to be asked.
     page.wait_for_function(
         """() => {
