@@ -219,6 +219,63 @@ def test_a_loop(tmp_path, seed, named, loaded):
     close(lying["pose"], one.pose(one.turn), 1e-6)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_platform_s_legs_and_workspace(seed, tmp_path):
+    """A generated platform under gravity, a payload and a load at a point: force of each leg.
+
+    `analyse` gives the tensions by the springs' lengths; `workspace` finds the pose within a limit
+    that is a little above one of these forces, and outside of a limit a little below.
+    """
+    rng = np.random.default_rng(seed)
+    base, top = rng.uniform(-0.6, 0.6, (6, 3)), rng.uniform(-0.3, 0.3, (6, 3))
+    base[:, 2] *= 0.2
+    top[:, 2] *= 0.2
+    rpy, p = rng.uniform(-0.3, 0.3, 3), np.array([*rng.uniform(-0.1, 0.1, 2), 0.8])
+    R = Rotation.from_euler("xyz", rpy).as_matrix()
+    mass, payload = rng.uniform(1, 20, 2)
+    com, hung, at = rng.uniform(-0.1, 0.1, (3, 3))
+    gravity, W = rng.uniform(-9, 9, 3), rng.normal(size=6) * [3, 3, 3, 60, 60, 60]
+    on_top = top @ R.T
+    along = on_top + p - base
+    u = along / np.linalg.norm(along, axis=1)[:, None]
+    force = W[3:] + (mass + payload) * gravity
+    moment = W[:3] + np.cross(R @ at, W[3:])
+    moment += np.cross(R @ (mass * com + payload * hung), gravity)
+    tension = np.linalg.solve(np.vstack([np.cross(on_top, u).T, u.T]), [*moment, *force])
+
+    def file(limits):
+        data = {
+            "kind": "stewart-gough",
+            "base": base.tolist(),
+            "platform": top.tolist(),
+            "pose": {"xyz": p.tolist(), "rpy": rpy.tolist()},
+            "legs": {"stiffness": 1e6, "force": limits},
+            "body": {"mass": mass, "com": com.tolist(), "inertia": np.eye(3).tolist()},
+            "gravity": gravity.tolist(),
+        }
+        path = tmp_path / "platform.yaml"
+        path.write_text(json.dumps(data))
+        return path
+
+    words = ["--payload", numbers([payload, *hung]), "--load", numbers(W), "--world"]
+    words += ["--load-at", numbers(at), "--json"]
+    wide = float(20.0 * np.abs(tension).max())
+    free = file([-wide, wide])
+    found = json.loads(run("analyse", free, *words))
+    close(found["wrench"][3:], R.T @ W[3:], 1e-12)
+    elastic = cartstiff.load(free).with_payload(payload, hung)
+    result = cartstiff.analyse(elastic, wrench=W, load_axes="world", load_at=at)
+    close(result.elastic.springs.tensions(result.posture.lines.lengths), tension, 1e-9)
+    leg, little = int(rng.integers(6)), 0.02 * np.abs(tension).max()
+    for side, within in ((little, True), (-little, False)):
+        limits = [[-wide, wide] for _ in range(6)]
+        limits[leg][1] = float(tension[leg] + side)
+        rays = ["--directions", "8", "--scan", "4", "--radius", "0.05"]
+        answer = json.loads(run("workspace", file(limits), *words, *rays))
+        outside = "centre-outside" in [note["code"] for note in answer["notes"]]
+        assert outside is not within
+
+
 LOOPS = pytest.mark.parametrize(
     ("slides", "is_heavy"), [(False, True), (True, False), (True, True)]
 )
