@@ -127,6 +127,8 @@ class Arguments(OptionType):
 class UnitList(OptionType):
     """Units by their kind, such as ``mm,deg``: of lengths and angles."""
 
+    powers = (0,)  # no length itself
+
     @property
     def known(self) -> dict[str, str]:
         """Kind of each unit; lengths as in `contract.LENGTHS`, without NumPy."""
