@@ -17,7 +17,7 @@ from cartstiff.loading.schema import Number, Positive, Text, only_one
 from cartstiff.loading.yaml_file import read_yaml
 
 #: How close to a stored value its own tool must come, relative to the largest entry.
-SAME = 10 * numerics.CLOSE
+SAME = numerics.CLOSE
 
 Values = Number | list[Number] | list[list[Number]] | list[list[list[Number]]]
 

@@ -318,17 +318,26 @@ def _symmetric_pairs(
 ) -> tuple[Array, Array, float]:
     """Eigenvalues and orthonormal vectors, and what rounding has lost of the eigenvalues.
 
-    The small ones come from the compliance where it has them, and lose nothing.
+    The small ones come from the compliance where it has them, and lose nothing. Motions that cost
+    nothing, Z with Z^T M Z = 1, are held for that by K + s M Z Z^T M, which leaves all others.
     """
     reduced = 0.5 * (reduced + reduced.T)
     values, y = np.linalg.eigh(reduced)
     size = np.abs(values)
+    lost = len(values) * numerics.EPSILON * float(size.max(initial=0.0))
     if size.size and size.min() < _GRADED * size.max():
-        inverse = numerics.invert(stiffness)
+        inverse, free, held = numerics.invert(stiffness), size <= lost, 0.0
+        if inverse is None and free.any():
+            # Below all others, so that none is mixed with them.
+            held = 0.5 * float(size[~free].min(initial=np.inf))
+            holding = mass @ (T @ y[:, free])
+            inverse = numerics.invert(stiffness + held * holding @ holding.T)
         if inverse is not None:
+            reduced = reduced + held * y[:, free] @ y[:, free].T
             back = mass @ T
-            return *numerics.eigenpairs(reduced, back.T @ inverse.matrix @ back), 0.0
-    return values, y, len(values) * numerics.EPSILON * float(size.max(initial=0.0))
+            values, y = numerics.eigenpairs(reduced, back.T @ inverse.matrix @ back)
+            return np.where(np.abs(values) < 1.5 * held, 0.0, values), y, 0.0
+    return values, y, lost
 
 
 def _pairs(reduced: Array, T: Array, back: Array) -> tuple[Array, Array, Array]:
