@@ -187,6 +187,10 @@ class _Iteration:
         free = None if posture.closure is None else self.balance.free
         for note in near_type_2(posture, free):
             return f"{note.message}; a load moves it far, or nothing holds it"
+        if self.system.loads and ratio * numerics.EPSILON > 1.0:
+            soft = np.diag(self.point.stiffness_scale)
+            softest = int(np.where(soft > 0.0, soft, np.inf).argmin())
+            return f"nothing holds {self.system.elastic.names[softest]!r} against the load"
         if self.system.loads and ratio > numerics.STIFF:
             return f"stiffnesses differ by a factor {ratio:.0e}, which holds the search back"
         if self.system.loads:
