@@ -55,12 +55,6 @@ _NAMES = {
 }
 
 
-def check_function(value: object, what: str) -> None:
-    """Refuse what cannot be called."""
-    if not callable(value):
-        raise InputError(f"{what} is no function", expected="a function", got=value)
-
-
 def read_only(values: ArrayLike) -> Array:
     """Copy of an array that cannot be written to, for results."""
     array = np.array(values, float)

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import check_function, checked_array, checked_matrix, real_array
+from cartstiff.arrays import checked_array, checked_matrix, real_array
+from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, derivative
@@ -189,6 +190,7 @@ class Connection:
         )
 
 
+@checked
 def from_symbols(
     symbols: ArrayLike, name: str = "user", *, meaning: str = "", left_invariant: bool = True
 ) -> Connection:
@@ -196,11 +198,11 @@ def from_symbols(
     return Connection(name, real_array(symbols), meaning, left_invariant)
 
 
+@checked
 def from_bilinear_map(
     nabla: Callable[[Array, Array], ArrayLike], name: str = "user", *, meaning: str = ""
 ) -> Connection:
     """Connection from a function ``nabla(x, y)`` on twists that is linear in both arguments."""
-    check_function(nabla, "nabla")
     basis = np.eye(6)
     symbols = np.array(
         [[checked_array(nabla(x, y), (6,), "nabla(x, y)") for x in basis] for y in basis]
@@ -208,6 +210,7 @@ def from_bilinear_map(
     return from_symbols(symbols, name, meaning=meaning)
 
 
+@checked
 def levi_civita(metric: ArrayLike, name: str = "Levi-Civita") -> Connection:
     r"""Levi-Civita connection of a left-invariant metric on SE(3).
 
@@ -321,11 +324,6 @@ class Field:
 
     components: Callable[[Array], ArrayLike]
     derivative: Callable[[Array], ArrayLike] | None = None
-
-    def __post_init__(self) -> None:
-        check_function(self.components, "components")
-        if self.derivative is not None:
-            check_function(self.derivative, "derivative")
 
     @classmethod
     def left_invariant(cls, twist: ArrayLike) -> Field:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import (
-    check_function,
     checked_array,
     checked_matrix,
     checked_vector,
@@ -174,7 +173,6 @@ def taylor_check(
     """
     d = checked_array(direction, ("n",), "direction")
     g, H = checked_vector(gradient, d.size, "gradient"), checked_matrix(hessian, "hessian", d.size)
-    check_function(energy, "energy")
     if not d.any():
         raise InputError("direction is zero", expected="a direction of unit natural size")
     steps = np.logspace(0, -7, 57)

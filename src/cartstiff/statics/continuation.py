@@ -53,8 +53,7 @@ from cartstiff.statics.small_motions import (
     MASSLESS,
     UNDAMPED,
     Vibrations,
-    divergence,
-    unstable_up_to,
+    is_left,
     vibrations,
 )
 from cartstiff.stiffness.applied_load import checked_load
@@ -783,12 +782,7 @@ def _land(
 def _verdict(state: CurvePoint) -> bool | None:
     """Whether an equilibrium is stable; None where that is not decided."""
     if not state.is_conservative:
-        moving = state.vibrations
-        grows = moving is not None and moving.growing
-        if grows or divergence(state.balance) is not None:
-            return False
-        ratio = 0.0 if moving is not None else unstable_up_to(state.balance)
-        return False if ratio >= numerics.LARGEST_INERTIA_RATIO else None
+        return False if is_left(state.balance, state.vibrations) else None
     scaled = state.balance.modes[0]
     if np.abs(scaled).min(initial=np.inf) <= IDLE:
         return None

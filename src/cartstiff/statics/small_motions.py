@@ -117,6 +117,18 @@ def unstable_up_to(balance: Balance) -> float:
     return max(-least, 0.0) / skew if skew > 0.0 else np.inf
 
 
+def is_left(balance: Balance, vibration: Vibrations | None) -> bool:
+    """Whether an equilibrium under loads without a potential is unstable.
+
+    By its vibrations; without a mass on every motion by the tangent alone.
+    """
+    if vibration is not None and vibration.growing is not None:
+        return True
+    if divergence(balance) is not None:
+        return True
+    return vibration is None and unstable_up_to(balance) >= numerics.LARGEST_INERTIA_RATIO
+
+
 def vibrations(
     point: Point, balance: Balance, units: Units, terms: Iterable[Potential] = ()
 ) -> Vibrations | None:
