@@ -146,8 +146,8 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
                 continue
             scale, unit = wrench["scale"][kind], wrench["units"][kind]
             text = (
-                f"{kind}: {_few(scale['length_per_decade'])} {length} for each factor of ten "
-                f"above {_few(scale['zero_at'])} {unit}"
+                f"{kind}: {_few(scale['length_per_decade'])} {length} longer per decade "
+                f"above {_few(scale['zero_at'])} {unit} (logarithmic scale)"
             )
             lines.append({"mark": kind, "text": text})
     moved = legend["deflection"]
@@ -193,7 +193,7 @@ def _radius(scale: Mapping[str, Any], unit: str, length: str, bar: float) -> str
     is_short = length == "m" and bar < 1.0
     shown = f"{_few(100 * bar)} cm" if is_short else f"{_few(bar)} {length}"
     fine = f"{_few(value / 1000)} N/mm" if unit == "N/m" else f"{_few(value)} {unit}"
-    return f"{shown} = {fine}{', by square roots' if is_root else ''}"
+    return f"{shown} = {fine}{' (square-root scale)' if is_root else ''}"
 
 
 def _few(x: float | None) -> str:

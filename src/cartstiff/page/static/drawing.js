@@ -18,7 +18,7 @@ const MADE = {
   linear: (facts) => ({ facts, per: facts.value_per_length, length: (x) => Math.abs(x) / facts.value_per_length,
     words: (unit, length, bar) => example(facts.value_per_length * bar, unit, bar, length) }),
   root: (facts) => ({ facts, length: (x) => Math.sqrt(Math.abs(x) / facts.value_per_length),
-    words: (unit, length, bar) => `${example(facts.value_per_length * bar * bar, unit, bar, length)}, by square roots` }),
+    words: (unit, length, bar) => `${example(facts.value_per_length * bar * bar, unit, bar, length)} (square-root scale)` }),
   log: (facts) => ({ facts, step: facts.length_per_decade, length: (x) => Math.log10(Math.max(Math.abs(x), facts.zero_at) / facts.zero_at) * facts.length_per_decade,
     words: (unit, length) => `radius 0 at ${few(facts.zero_at)} ${unit}, and ${few(facts.length_per_decade)} ${length} for each factor of 10 (rings)` }),
 };
@@ -258,7 +258,7 @@ export class Drawing {
       this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
       if (state.labels) this.write(`${path}/label`, number(size, unit), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
       else this.show(`${path}/label`, false);
-      lines.push({ mark: kind, text: `${kind}: ${few(per)} ${this.scene.units.length} for each factor of ten above ${few(zero)} ${unit}` });
+      lines.push({ mark: kind, text: `${kind}: ${few(per)} ${this.scene.units.length} longer per decade above ${few(zero)} ${unit} (logarithmic scale)` });
     });
     return lines;
   }
