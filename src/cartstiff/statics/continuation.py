@@ -53,7 +53,7 @@ from cartstiff.statics.small_motions import (
     MASSLESS,
     UNDAMPED,
     Vibrations,
-    is_left,
+    is_unstable,
     vibrations,
 )
 from cartstiff.stiffness.applied_load import checked_load
@@ -782,7 +782,7 @@ def _land(
 def _verdict(state: CurvePoint) -> bool | None:
     """Whether an equilibrium is stable; None where that is not decided."""
     if not state.is_conservative:
-        return False if is_left(state.balance, state.vibrations) else None
+        return False if is_unstable(state.balance, state.vibrations) else None
     scaled = state.balance.modes[0]
     if np.abs(scaled).min(initial=np.inf) <= IDLE:
         return None

@@ -117,7 +117,7 @@ def unstable_up_to(balance: Balance) -> float:
     return max(-least, 0.0) / skew if skew > 0.0 else np.inf
 
 
-def is_left(balance: Balance, vibration: Vibrations | None) -> bool:
+def is_unstable(balance: Balance, vibration: Vibrations | None) -> bool:
     """Whether an equilibrium under loads without a potential is unstable.
 
     By its vibrations; without a mass on every motion by the tangent alone.
