@@ -17,7 +17,7 @@ places beside it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 from typing import Any, Literal
@@ -35,6 +35,16 @@ from cartstiff.identify.unknowns import Unknowns, unknowns_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+
+
+def _check_columns(names: Iterable[str], what_for: str) -> None:
+    for name in names:
+        if name not in MEASURED or name in TURN:
+            raise InputError(
+                f"column cannot be {what_for}",
+                got=repr(name),
+                expected=", ".join(n for n in MEASURED if n not in TURN),
+            )
 
 
 def simulated(
@@ -75,13 +85,7 @@ def simulated(
     InputError
         For a column that cannot be measured.
     """
-    for name in deviations:
-        if name not in MEASURED or name in TURN:
-            raise InputError(
-                "column cannot be simulated",
-                got=repr(name),
-                expected=", ".join(n for n in MEASURED if n not in TURN),
-            )
+    _check_columns(deviations, "simulated")
     N, rng = len(settings), np.random.default_rng(checked_seed(seed))
     nothing = {name: np.zeros(N) for name in deviations}
     spread = {name: np.full(N, s) for name, s in deviations.items()}
@@ -154,13 +158,7 @@ def candidates(
     """
     if not (mass > 0.0 or force > 0.0):
         raise InputError("no load is planned", expected="a mass to hang, or a force to push with")
-    for name in deviations:
-        if name not in MEASURED or name in TURN:
-            raise InputError(
-                "column cannot be planned",
-                got=repr(name),
-                expected=", ".join(n for n in MEASURED if n not in TURN),
-            )
+    _check_columns(deviations, "planned")
     rng = np.random.default_rng(checked_seed(seed))
     low, high = _ranges(elastic, ranges or {})
     box = dict(within or {})
