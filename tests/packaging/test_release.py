@@ -42,6 +42,7 @@ WORDS = {
     "ISC License (ISCL)": "ISC",
     "ISC license": "ISC",
     "MIT License": "MIT",
+    "MIT license": "MIT",
     "Python Software Foundation License": "PSF-2.0",
 }
 
@@ -92,7 +93,8 @@ def test_licences_are_permissive_or_listed(extra: str) -> None:
     for name, distribution in needed.items():
         stated = licence(distribution)
         if name in listed:
-            assert stated in ("", listed[name]), f"{name} states {stated}"
+            # An older release may state the family alone, such as BSD.
+            assert stated in listed[name], f"{name} states {stated}"
         else:
             parts = re.split(r" AND | OR ", stated)
             assert set(parts) <= PERMISSIVE, f"docs/licences.md does not list {name}: {stated!r}"

@@ -141,7 +141,7 @@ def test_refusals_of_export(refused, tmp_path):
     assert "path.csv, line 1: wrong count" in line
     assert "unknown mechanism" in refused("export", "ur6", "-o", "p.html")
     line = refused("export", "cubic", "-o", "p.html", "--frames", "3")
-    assert "No such option '--frames'" in line.replace(":", "")
+    assert "No such option --frames" in re.sub("[:']", "", line)  # releases of click differ
 
 
 def test_refusals_of_view(refused):
