@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from functools import partial
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -215,18 +215,18 @@ class Session:
     def work(self, message: Sweep | Series) -> _Work:
         """Answer a question that takes many postures, yielding between them.
 
-        The answer says how long that took, so that a page does not ask for it too often.
+        The answer says how much processor time (s) that took: a page asks seldom for what is slow.
         """
         steps = self._sweep(message) if isinstance(message, Sweep) else self._series(message)
         spent = 0.0
         while True:
-            begin = perf_counter()
+            begin = thread_time()
             try:
                 next(steps)
             except StopIteration as done:
-                seconds = spent + perf_counter() - begin
+                seconds = spent + thread_time() - begin
                 return Answer({**done.value.data, "seconds": seconds})
-            spent += perf_counter() - begin
+            spent += thread_time() - begin
             yield
 
     # -- postures ---------------------------------------------------------------------------

@@ -13,15 +13,16 @@ export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
 const OF = ["connection", "quantity", "point", "axes", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 // Share of a curve that is seen at least (a step of a sweep is 1/60).
 const LEAST_SEEN = 0.02;
-// A sweep that took longer than this (s) is not repeated by itself.
-const QUICK = 1;
+// Where this many sweeps in succession took longer than that (s), they are not repeated by themselves: the
+// first of all may wait for machine code to be made, and the next ones are quick.
+const [SLOW_ONES, QUICK] = [2, 1];
 
 export function strip(store) {
   let series = null; // {kind, coordinate, at, rows, key, others}
   let position = 0; // index into the series
   let asked = null;
   let timer = null;
-  let slow = false;
+  let slow = 0; // sweeps in succession that took long
   let keeping = null; // the kind of a file that waits for its values
   // What is plotted, which an address holds: the quantity, along what, against what else, and the ends of what is seen.
   const usual = { of: "translation", along: "", and: "", seen: null };
@@ -207,9 +208,9 @@ export function strip(store) {
       return showCursor();
     }
     clearTimeout(timer);
-    again.hidden = !slow || now;
-    if (isPlaying()) return;
-    if (slow && !now) return;
+    const waits = slow >= SLOW_ONES && !now;
+    again.hidden = !waits;
+    if (isPlaying() || waits) return;
     timer = setTimeout(() => compute(wanted), now ? 0 : 350);
   }
 
@@ -226,11 +227,12 @@ export function strip(store) {
         if (asked !== own) return;
         series = { kind, state, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
         if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) showPlot({ seen: null });
-        slow = (seconds += answer.seconds) > QUICK;
+        seconds += answer.seconds;
         again.hidden = true;
         [time.min, time.max] = [series.at[0], series.at.at(-1)];
         draw();
       }
+      slow = seconds > QUICK ? slow + 1 : 0;
       if (kind === "sweep") for (const row of store.rows) {
         const other = await row.sweep(Number(index), 61).catch(() => null);
         if (asked !== own) return;
@@ -347,7 +349,7 @@ export function strip(store) {
   store.on("hello", (hello) => {
     stop();
     series = asked = keeping = null;
-    slow = false;
+    slow = 0;
     const { coordinates, sliders } = hello.mechanism;
     what.replaceChildren();
     if (hello.trajectory) what.append(el("option", { value: "series:0" }, "the trajectory"));
