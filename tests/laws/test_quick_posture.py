@@ -1,4 +1,7 @@
-"""One posture by machine code is one posture by the engine: numbers, notes, errors, processes."""
+"""One posture by code is one posture by the engine: numbers, notes, errors, processes.
+
+Code is made by llvmlite, or printed as Python where that is not installed.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,10 @@ import pytest
 
 import cartstiff
 from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.many import single
+from cartstiff.many import kernels, single
+from cartstiff.many.execution import PrintedPosture
 from cartstiff.many.single import QuickPosture
+from cartstiff.many.tape import Tape, square_root
 from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")
@@ -61,6 +66,38 @@ def assert_same(a, b):
     ],
 )
 def test_every_answer_is_the_engines(name, wrench, spread, quick):
+    compare(name, wrench, spread, quick)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrench", "spread"),
+    [
+        ("ur5", WRENCH, 1.0),
+        ("panda", None, 0.4),
+        ("stewart-gough", None, 0.2),
+        ("6-ups", WRENCH, 0.1),
+        ("delta", None, 0.3),
+    ],
+)
+def test_every_answer_of_printed_python_is_the_engines(monkeypatch, name, wrench, spread):
+    installed = kernels.has_package
+    monkeypatch.setattr(kernels, "has_package", lambda p: p != "llvmlite" and installed(p))
+    monkeypatch.setattr(single, "COMPILED_AT", 3)
+    compare(name, wrench, spread, quick=4, count=6)
+
+
+def test_printed_python_says_nan_where_a_number_does_not_exist():
+    tape = Tape()
+    x = tape.input("x", 0)
+    program = tape.program({"y": np.array([1.0 / x + square_root(x)], object)}, [])
+    printed = PrintedPosture(program, {})
+    assert printed.record(x=np.array([4.0])) == pytest.approx([2.25])
+    for lost in (0.0, -1.0, np.nan, np.inf, 1e-320):
+        assert np.isnan(printed.record(x=np.array([lost]))).all()
+
+
+def compare(name, wrench, spread, quick, count=20):
+    """Answers at `count` postures about the file's, of which at least `quick` are by code."""
     elastic = cartstiff.load(name)
     asked_often(elastic, wrench)
     rng = np.random.default_rng(3)
@@ -68,7 +105,7 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
     moved = list(getattr(chain, "actuated", None) or range(len(elastic.q)))
     sizes = chain.at(elastic.q).coordinate_lengths if len(moved) < len(elastic.q) else 1.0
     found = 0
-    for _ in range(20):
+    for _ in range(count):
         q = elastic.q.copy()
         q[moved] += (rng.uniform(-spread, spread, len(q)) * sizes)[moved]
         if (both := both_answers(elastic, q, wrench)) is None:

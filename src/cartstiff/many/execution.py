@@ -2,10 +2,9 @@
 
 Running a program without machine code: over NumPy arrays, and in a browser.
 
-Over arrays there is one call per operation on a chunk that stays in cache. As JavaScript it is one
-straight-line function: values that are read once stand where they are read, the order of every
-operation is kept, so that sums, products, quotients and roots are the same to the last bit. Sines
-and cosines are those of the browser.
+Over arrays there is one call per operation on a chunk that stays in cache. As JavaScript or Python
+it is one straight-line function: the order of every operation is kept, so that sums, products,
+quotients and roots are the same to the last bit. Sines and cosines are those of the language.
 
 Running a program as machine code made by llvmlite.
 
@@ -23,7 +22,8 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, lru_cache
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -158,27 +158,110 @@ def _choose(out: Array, yes: Array, no: Array, mask: Array) -> None:
     np.copyto(out, yes, where=mask)
 
 
-# -- as JavaScript -----------------------------------------------------------------------------
+# -- as source ---------------------------------------------------------------------------------
 
-#: What the functions need beside `Math`: the size of the first with the sign of the second.
+#: What JavaScript needs beside `Math`: the size of the first with the sign of the second.
 HELPERS = "const withSign=(x,y)=>y<0||Object.is(y,-0)?-Math.abs(x):Math.abs(x);"
 
-_WORDS = {
-    "add": "({}+{})",
-    "sub": "({}-{})",
-    "mul": "{}*{}",
-    "div": "{}/{}",
-    "neg": "(-{})",
-    "sqrt": "Math.sqrt({})",
-    "abs": "Math.abs({})",
-    "max": "Math.max({},{})",
-    "copysign": "withSign({},{})",
-    "sin": "Math.sin({})",
-    "cos": "Math.cos({})",
-    "pick": "({}<{}?{}:{})",
-}
 # Characters of an expression from which on it gets a name, so that none is nested too deeply.
 _LONGEST = 160
+
+
+class _Language(NamedTuple):
+    """How a language writes operations, numbers and a value that gets a name."""
+
+    words: Mapping[str, str]
+    number: Callable[[float], str]
+    named: str
+
+
+_ARITHMETIC = {
+    "add": "({}+{})",
+    "sub": "({}-{})",
+    "mul": "({}*{})",
+    "div": "({}/{})",
+    "neg": "(-{})",
+}
+
+
+def _javascript_number(value: float) -> str:
+    if math.isnan(value):
+        return "NaN"
+    if math.isinf(value):
+        return "Infinity" if value > 0 else "(-Infinity)"
+    text = repr(value).removesuffix(".0")
+    return f"({text})" if text.startswith("-") else text
+
+
+_JAVASCRIPT = _Language(
+    {
+        **_ARITHMETIC,
+        "sqrt": "Math.sqrt({})",
+        "abs": "Math.abs({})",
+        "max": "Math.max({},{})",
+        "copysign": "withSign({},{})",
+        "sin": "Math.sin({})",
+        "cos": "Math.cos({})",
+        "pick": "({}<{}?{}:{})",
+    },
+    _javascript_number,
+    "const {}={};",
+)
+_PYTHON = _Language(
+    {
+        **_ARITHMETIC,
+        **{name: f"{name}({{}})" for name in ("sqrt", "abs", "sin", "cos")},
+        "max": "max({},{})",
+        "copysign": "copysign({},{})",
+        "pick": "({2} if {0}<{1} else {3})",
+    },
+    lambda value: f"({value!r})" if math.isfinite(value) else f"float({str(value)!r})",
+    " {}={}",
+)
+
+
+class _Source(NamedTuple):
+    """Lines that name values, outputs one after the other, where each stands, and the arrays."""
+
+    lines: list[str]
+    outputs: list[str]
+    places: dict[str, tuple[int, int]]
+    arrays: dict[str, str]
+
+
+def _written(program: Program, language: _Language) -> _Source:
+    """A program as source; `arrays` gives the name of each input array in it.
+
+    Values that are read once stand where they are read, and the order of every operation is kept.
+    """
+    places: dict[str, tuple[int, int]] = {}
+    ends: list[int] = []
+    for name, steps in program.outputs.items():
+        places[name] = len(ends), len(ends) + len(steps)
+        ends += steps
+    reads = [0] * len(program.operations)
+    read = (o.arguments for o in program.operations if o.name != "input")
+    for step in chain(ends, *read):
+        reads[step] += 1
+    source = _Source([], [], places, {})
+    texts: list[str] = []
+    for step, (kind, arguments, value) in enumerate(program.operations):
+        if kind == "constant":
+            text = language.number(value)
+        elif kind == "input":
+            array, index = program.inputs[arguments[0]]
+            text = f"{source.arrays.setdefault(array, f'a{len(source.arrays)}')}[{index}]"
+        else:
+            text = language.words[kind].format(*(texts[a] for a in arguments))
+        # A constant has no place of its own unless it is long and read often.
+        is_operation = kind not in ("constant", "input")
+        often = reads[step] > (2 if kind == "input" else 1)
+        if (often and (is_operation or len(text) > 6)) or (is_operation and len(text) > _LONGEST):
+            source.lines.append(language.named.format(f"v{step}", text))
+            text = f"v{step}"
+        texts.append(text)
+    source.outputs.extend(texts[step] for step in ends)
+    return source
 
 
 def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
@@ -196,52 +279,20 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
     places : dict of str to (int, int)
         Start and end of each output.
     """
-    reads = [0] * len(program.operations)
-    for operation in program.operations:
-        if operation.name != "input":
-            for argument in operation.arguments:
-                reads[argument] += 1
-    places: dict[str, tuple[int, int]] = {}
-    written: dict[int, list[int]] = {}
-    end = 0
-    for name, steps in program.outputs.items():
-        places[name] = end, end + len(steps)
-        for step in steps:
-            written.setdefault(step, []).append(end)
-            reads[step] += 1
-            end += 1
-    lines: list[str] = []
-    texts: list[str] = []
-    arrays: dict[str, str] = {}
-    for step, (kind, arguments, value) in enumerate(program.operations):
-        if kind == "constant":
-            text = _number(value)
-        elif kind == "input":
-            array, index = program.inputs[arguments[0]]
-            text = f"{arrays.setdefault(array, f'a{len(arrays)}')}[{index}]"
-        else:
-            text = _WORDS[kind].format(*(texts[a] for a in arguments))
-            if kind in ("mul", "div"):
-                text = f"({text})"
-        if kind not in ("constant", "input") or len(text) > 6:
-            # A constant has no place of its own unless it is long and read often.
-            named = reads[step] > 1 if kind != "input" else reads[step] > 2
-            if named or len(text) > _LONGEST:
-                lines.append(f"const v{step}={text};")
-                text = f"v{step}"
-        texts.append(text)
-        lines += [f"o[{place}]={text};" for place in written.get(step, ())]
+    lines, outputs, places, arrays = _written(program, _JAVASCRIPT)
     head = "".join(f"const {short}=i[{json.dumps(name)}];" for name, short in arrays.items())
-    return f"(i,o)=>{{{head}{''.join(lines)}}}", places
+    ends = "".join(f"o[{place}]={text};" for place, text in enumerate(outputs))
+    return f"(i,o)=>{{{head}{''.join(lines)}{ends}}}", places
 
 
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "Infinity" if value > 0 else "(-Infinity)"
-    text = repr(value).removesuffix(".0")
-    return f"({text})" if text.startswith("-") else text
+def _python(program: Program) -> tuple[Callable[..., list[float]], list[str], dict[str, slice]]:
+    """A function of lists in Python, the names of these, and where in its list outputs stand."""
+    lines, outputs, places, arrays = _written(program, _PYTHON)
+    head = f"def record({','.join(arrays.values())}):"
+    source = "\n".join([head, *lines, f" return [{','.join(outputs)}]"])
+    known = {name: getattr(math, name) for name in ("sqrt", "copysign", "sin", "cos")}
+    exec(compile(source, "<recorded posture>", "exec"), known)
+    return known["record"], list(arrays), {name: slice(*ends) for name, ends in places.items()}
 
 
 #: Bytes of output beyond which writing past the cache pays.
@@ -437,6 +488,44 @@ class OnePosture:
         Where in a record each output stands.
     """
 
+    at: dict[str, slice]
+
+    def record(self, **given: Array) -> Array:
+        """What the program finds from inputs (n,), or (1, n), by name; those it does not read."""
+        raise NotImplementedError
+
+    def run(self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int) -> None:
+        """`record` as rows (1, ...) of outputs, as what computes many postures gives them."""
+        if count != 1:
+            raise ValueError("one posture at a time")
+        record = self.record(**inputs)
+        for name, row in outputs.items():
+            row[0, : self.at[name].stop - self.at[name].start] = record[self.at[name]]
+
+
+class PrintedPosture(OnePosture):
+    """One posture by straight-line Python, where no machine code can be made."""
+
+    def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
+        self._function, self._names, self.at = _python(program)
+        self._shared = {name: rows.ravel().tolist() for name, rows in shared.items()}
+        self._nothing = np.full(max(place.stop for place in self.at.values()), np.nan)
+
+    def record(self, **given: Array) -> Array:
+        """As `OnePosture.record`; all NaN where a number is not finite, or has no root."""
+        known = self._shared
+        lists = [known[n] if n in known else given[n].ravel().tolist() for n in self._names]
+        try:
+            record = np.array(self._function(*lists))
+        except (ZeroDivisionError, ValueError, OverflowError):
+            return self._nothing.copy()
+        # Python's `max` does not hand on a NaN.
+        return record if math.isfinite(record.sum()) else self._nothing.copy()
+
+
+class CompiledPosture(OnePosture):
+    """One posture by machine code."""
+
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
         steps, self.at = list[int](), dict[str, slice]()
         for name, own in program.outputs.items():
@@ -448,7 +537,7 @@ class OnePosture:
         self._free: list[_Memory] = []
 
     def record(self, **given: Array) -> Array:
-        """What the program finds from inputs (n,), or (1, n), by name; those it does not read."""
+        """As `OnePosture.record`."""
         try:
             memory = self._free.pop()
         except IndexError:
@@ -460,14 +549,6 @@ class OnePosture:
         record = memory.record.copy()
         self._free.append(memory)
         return record
-
-    def run(self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int) -> None:
-        """`record` as rows (1, ...) of outputs, as what computes many postures gives them."""
-        if count != 1:
-            raise ValueError("one posture at a time")
-        record = self.record(**inputs)
-        for name, row in outputs.items():
-            row[0] = record[self.at[name]]
 
 
 class _Memory:

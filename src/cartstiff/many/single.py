@@ -1,10 +1,11 @@
-"""One posture at a time by machine code, where a mechanism is analysed again and again.
+"""One posture at a time by its recorded formulas, where a mechanism is analysed again and again.
 
-A mechanism is compiled by its call number `COMPILED_AT`, in the calling thread, so that which calls
-are answered by which arithmetic is the same in every run. The code answers where it finds a posture
-plainly regular, the engine everything else: the answers agree to rounding.
+A mechanism gets code in its call number `COMPILED_AT`, in the calling thread, so that which calls
+are answered by which arithmetic is the same in every run: machine code where llvmlite is installed,
+else Python. The code answers where it finds a posture plainly regular, the engine everything else:
+the answers agree to rounding.
 
-A posture whose numbers machine code has found, and that code.
+A posture whose numbers code has found, and that code.
 
 Every answer is the engine's, to rounding; what the code does not compute is asked of the engine
 when it is read.
@@ -61,7 +62,7 @@ RECORDED = (
 
 
 class QuickPosture(PostureStiffness):
-    """A posture whose numbers machine code has found; the engine is asked for everything else."""
+    """A posture whose numbers code has found; the engine is asked for everything else."""
 
     def __init__(
         self,
@@ -253,19 +254,20 @@ class QuickPosture(PostureStiffness):
 
 
 class PostureCode:
-    """Machine code for a mechanism under a wrench, or under none."""
+    """Code for a mechanism under a wrench, or under none: machine code, or printed Python."""
 
-    def __init__(self, elastic: ElasticMechanism, taken: TracedModel) -> None:
-        from cartstiff.many.execution import OnePosture
+    def __init__(self, elastic: ElasticMechanism, taken: TracedModel, compiled: bool) -> None:
+        from cartstiff.many.execution import CompiledPosture, PrintedPosture
         from cartstiff.many.plans import CLOSING, SETTLING, program_for
 
-        case = taken.case
+        case, self._is_compiled = taken.case, compiled
+        one_posture = CompiledPosture if compiled else PrintedPosture
         shared = {name: np.ascontiguousarray(rows) for name, rows in taken.shared.items()}
-        self._answer = OnePosture(program_for(case, RECORDED), shared)
-        self._closing = OnePosture(program_for(case, CLOSING), {}) if taken.is_closed else None
+        self._answer = one_posture(program_for(case, RECORDED), shared)
+        self._closing = one_posture(program_for(case, CLOSING), {}) if taken.is_closed else None
         self._settling = None
         if taken.settles:
-            self._settling = OnePosture(program_for(case, SETTLING), shared)
+            self._settling = one_posture(program_for(case, SETTLING), shared)
         self._untraced, self.bends = taken.untraced, bool(taken.untraced) or taken.settles
         at = self._answer.at
         self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
@@ -299,13 +301,16 @@ class PostureCode:
 
     def _derivatives(self, q: Array) -> dict[str, Array]:
         """Inputs of the programs that are evaluated beside them."""
-        return self._untraced.derivatives(q[None], compiled=True)[0] if self._untraced else {}
+        if not self._untraced:
+            return {}
+        return self._untraced.derivatives(q[None], self._is_compiled)[0]
 
     def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
         """Coordinates at which links carry the load; None where the engine would go on."""
         from cartstiff.many.closed_chains import settle
 
-        evaluate, at = partial(self._untraced.derivatives, compiled=True), q[None].copy()
+        evaluate = partial(self._untraced.derivatives, compiled=self._is_compiled)
+        at = q[None].copy()
         load = {"wrench": given["wrench"][None]}
         found, _ = settle(settling, evaluate, load, at, np.arange(1))
         return at[0] if len(found) else None
@@ -371,12 +376,10 @@ class _Calls:
 
 
 def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCode | None:
-    """Machine code of a mechanism; None where it is not compiled."""
+    """Code of a mechanism, by llvmlite where it is installed; None where the engine goes on."""
     from cartstiff.many.kernels import LARGEST_PROGRAM, has_package
     from cartstiff.many.plans import plan, program_for
 
-    if not has_package("llvmlite"):
-        return None
     chosen = plan(elastic, "shared" if loaded else "none")
     if (
         isinstance(chosen, str)
@@ -390,7 +393,9 @@ def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCod
         return None
     program = program_for(chosen.case, RECORDED)
     is_small = program.size <= (_LARGEST_BENT if bent else LARGEST_PROGRAM)
-    return PostureCode(elastic, chosen) if "noteworthy" in program.outputs and is_small else None
+    if "noteworthy" not in program.outputs or not is_small:
+        return None
+    return PostureCode(elastic, chosen, has_package("llvmlite"))
 
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: TracedModel) -> bool:
