@@ -56,7 +56,7 @@ class Assembler:
             self._hold = sorted(({*held} - {*(self._chain.actuated or ())}) | {*own})
         if self._hold != sorted(held):
             path = "engine"  # the recorded steps hold what the mechanism holds
-        elif path == "portable" and has_package("llvmlite"):
+        elif path in ("auto", "portable") and has_package("llvmlite"):
             # Steps of few postures: machine code is made before arrays have taken a hundred.
             path = "compiled"
         self._steps = Closer(elastic, path, rows)
