@@ -33,7 +33,11 @@ from cartstiff.cli.types import (
     Numbers,
     OutputFile,
     Values,
+    choice,
+    count,
     explain_option,
+    file_option,
+    flag,
     gathered,
     json_option,
     only_with,
@@ -49,77 +53,72 @@ if TYPE_CHECKING:
 
 
 _reading_options = option_group(
-    click.option(
-        "--analysis",
-        "level",
-        type=click.Choice(LEVELS),
+    choice(
+        "--analysis level",
+        LEVELS,
+        "How much of the analysis to print; with --json: none leaves it out.",
         default="short",
-        show_default=True,
-        help="How much of the analysis to print; with --json: none leaves it out.",
     ),
-    click.option(
+    choice(
         "--connection",
-        type=click.Choice(LETTERS),
-        help="The matrix that is analysed; default under a load: load, the tangent stiffness under "
+        LETTERS,
+        "The matrix that is analysed; default under a load: load, the tangent stiffness under "
         "it (see --load-kind, --load-at). Without a load all are the same.",
     ),
     option(
-        "--report-at",
-        type=POINT,
-        help="Point of the body, in its frame, for which the analysis is given.",
+        "--report-at", POINT, "Point of the body, in its frame, for which the analysis is given."
     ),
     option(
         "--direction",
-        type=DIRECTION,
-        help="Also print the stiffness along and about this direction, in the body's axes.",
+        DIRECTION,
+        "Also print the stiffness along and about this direction, in the body's axes.",
     ),
     option(
         "--added-load",
-        type=WRENCH,
-        help="Linear deflection under this wrench, in the body's axes, added to the load; "
+        WRENCH,
+        "Linear deflection under this wrench, in the body's axes, added to the load; "
         "default the load itself.",
     ),
     option(
         "--added-load-at",
-        type=POINT,
-        help="Point of the body, in its frame, at which the wrench of --added-load acts; "
+        POINT,
+        "Point of the body, in its frame, at which the wrench of --added-load acts; "
         "default the point of --report-at.",
     ),
     option(
         "--length",
-        type=Number("L", power=1, above_zero=True),
-        help="Characteristic length that makes angles comparable with lengths.",
+        Number("L", power=1, above_zero=True),
+        "Characteristic length that makes angles comparable with lengths.",
     ),
     option(
         "--inertia",
-        type=Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
-        help="Rigid body with its mass centre at the point, in kg and kg m^2; adds natural "
+        Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
+        "Rigid body with its mass centre at the point, in kg and kg m^2; adds natural "
         "frequencies and takes its radius of gyration as the characteristic length.",
     ),
     option(
         "--tolerance",
-        type=TOLERANCE,
-        help="Standard deviations: relative of every spring stiffness, absolute of every length "
+        TOLERANCE,
+        "Standard deviations: relative of every spring stiffness, absolute of every length "
         "(and rotation, rad) of the geometry.",
     ),
-    click.option(
+    count(
         "--samples",
-        type=click.IntRange(min=0),
+        "Propagate the tolerances by N random draws; 0, the default: to first order.",
+        0,
         metavar="N",
-        help="Propagate the tolerances by N random draws; 0, the default: to first order.",
     ),
-    click.option(
+    file_option(
         "--target",
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        help="Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the "
+        "Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the "
         "joint stiffness that produces it under the load. A .json may name its order, units and "
         "frame.",
+        metavar="FILE",
     ),
-    click.option(
+    choice(
         "--target-order",
-        type=click.Choice(ORDERS),
-        help="Order of the target's rows and columns; default what its file says, else "
+        ORDERS,
+        "Order of the target's rows and columns; default what its file says, else "
         f"{ORDERS[0]} (rotation before translation).",
     ),
 )
@@ -258,9 +257,8 @@ Examples:
 _options = option_group(
     json_option,
     option(
-        "-o",
-        "--output",
-        type=OutputFile(
+        "-o --output",
+        OutputFile(
             "FILE",
             ".json",
             ".npz",
@@ -271,31 +269,29 @@ _options = option_group(
             ".csv",
             ".urdf",
         ),
-        help="Also write the result: .json, .npz; its stiffness, and a platform's mass, for "
+        "Also write the result: .json, .npz; its stiffness, and a platform's mass, for "
         "Nastran (.nas, .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of "
         "Nastran (.dat); the geometry as a table (.csv), or as a tree (.urdf) with a mechanism "
         "file beside it that closes its loops.",
     ),
-    click.option(
+    flag(
         "--relax",
-        is_flag=True,
-        help="If no wrench can balance the posture, move the joints until one can; the body stays.",
+        "If no wrench can balance the posture, move the joints until one can; the body stays.",
     ),
-    click.option(
+    choice(
         "--order",
-        type=click.Choice(ORDERS),
-        help="Also print the matrices as a controller has them: linear-angular is translation "
-        "first.",
+        ORDERS,
+        "Also print the matrices as a controller has them: linear-angular is translation first.",
     ),
-    click.option(
+    choice(
         "--axes",
-        type=click.Choice(AXES),
-        help="Also print the matrices along these axes, about the body frame's origin: of the "
+        AXES,
+        "Also print the matrices along these axes, about the body frame's origin: of the "
         "robot's own base, of the body frame, or of the room (world).",
     ),
     sensitivities_option,
     explain_option,
-    click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist."),
+    flag("--strict", "Exit with code 3 if a quantity does not exist."),
 )
 
 

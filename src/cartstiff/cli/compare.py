@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from cartstiff.cli.output import say
-from cartstiff.cli.types import PICTURE, Pairs, json_option, option, repeated_option
+from cartstiff.cli.types import PICTURE, Pairs, flag, json_option, option, repeated_option
 
 _EPILOG = """\b
 Examples:
@@ -23,18 +23,11 @@ Examples:
 @click.option(
     "--quantity", metavar="NAME", help="Quantity to compare; default the first that both maps hold."
 )
-@click.option(
-    "--difference",
-    is_flag=True,
-    help="The first map minus the second, instead of the first over the second.",
-)
+@flag("--difference", "The first map minus the second, instead of the first over the second.")
 @repeated_option(
-    "--slice",
-    "cuts",
-    type=Pairs("NAME=VALUE"),
-    help="Only the part of both maps at this value of an axis.",
+    "--slice cuts", Pairs("NAME=VALUE"), "Only the part of both maps at this value of an axis."
 )
-@option("--picture", type=PICTURE, help="Draw it to a .png, .svg or .pdf file.")
+@option("--picture", PICTURE, "Draw it to a .png, .svg or .pdf file.")
 @json_option
 def command(
     first: Path,

@@ -13,6 +13,7 @@ from cartstiff.cli.types import (
     PICTURE,
     WRENCH,
     OutputFile,
+    count,
     json_option,
     option,
     option_group,
@@ -45,38 +46,29 @@ After an interruption, the same command with the same -o goes on where it stoppe
     tool_options,
     units_option,
     option(
-        "--load",
-        "wrench",
-        type=WRENCH,
-        help="Wrench on the body in its own frame. Every design carries it, instead of the loads "
+        "--load wrench",
+        WRENCH,
+        "Wrench on the body in its own frame. Every design carries it, instead of the loads "
         "that the study names.",
     ),
 )
 @load_options("--load")
 @option(
-    "-o",
-    "--output",
-    type=OutputFile("FILE.jsonl", ".jsonl"),
-    help="Keep every finished design here; go on with a file that exists.",
+    "-o --output",
+    OutputFile("FILE.jsonl", ".jsonl"),
+    "Keep every finished design here; go on with a file that exists.",
 )
-@option("--csv", "table", type=OutputFile("FILE.csv", ".csv"), help="Write all designs as a table.")
-@option("--plot", type=PICTURE, help="Draw the designs and their Pareto front.")
-@click.option(
+@option("--csv table", OutputFile("FILE.csv", ".csv"), "Write all designs as a table.")
+@option("--plot", PICTURE, "Draw the designs and their Pareto front.")
+@count(
     "--best",
-    type=click.IntRange(1, 1000),
+    "Most designs of the Pareto front that the text lists.",
+    1,
+    1000,
     default=10,
     metavar="N",
-    show_default=True,
-    help="Most designs of the Pareto front that the text lists.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(1, 1024),
-    default=1,
-    metavar="N",
-    show_default=True,
-    help="Processes, each with whole designs.",
-)
+@count("--workers", "Processes, each with whole designs.", 1, 1024, default=1, metavar="N")
 @click.option("--scheduler", hidden=True)
 @progress_option
 @json_option

@@ -26,11 +26,13 @@ from cartstiff.cli.options import (
 from cartstiff.cli.output import say_unused, tell
 from cartstiff.cli.tables import WRENCH
 from cartstiff.cli.types import (
+    FILE,
     PICTURE,
     Number,
     OutputFile,
     Pairs,
     Values,
+    flag,
     json_option,
     option,
     option_group,
@@ -55,34 +57,34 @@ Examples:
 
 
 _options = option_group(
-    click.option("--follower", is_flag=True, help="The same as --load-kind follower."),
+    flag("--follower", "The same as --load-kind follower."),
     option(
         "--hold",
-        type=Pairs("NAME=VALUE,...", _COMPONENTS, frame=True),
-        help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
+        Pairs("NAME=VALUE,...", _COMPONENTS, frame=True),
+        "Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
         "axes of the unloaded body, or with --world the inertial axes.",
     ),
-    click.option("--no-limits", is_flag=True, help="Ignore joint and leg limits."),
+    flag("--no-limits", "Ignore joint and leg limits."),
     option(
         "--curve",
-        type=Number("FACTOR"),
-        help="Load-deflection curve up to this multiple of the load, with critical loads.",
+        Number("FACTOR"),
+        "Load-deflection curve up to this multiple of the load, with critical loads.",
     ),
     option(
         "--path",
-        type=click.Path(path_type=Path),
-        metavar="FILE.csv",
-        help="Compensate along a path: one posture a line, or posture and wrench (as for --load, "
+        FILE,
+        "Compensate along a path: one posture a line, or posture and wrench (as for --load, "
         "in the axes of the body at that posture), under a line of names if wanted; gives the "
         "commands that put the loaded body there.",
+        metavar="FILE.csv",
     ),
     sensitivities_option,
     tolerance_option(
         "the deviations of pose, stiffness and frequencies that follow, and what "
         "contributes most. Rest lengths and angles deviate, too"
     ),
-    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the curve or path."),
-    option("--plot", type=PICTURE, help="Draw the curve or path."),
+    option("--csv", OutputFile("FILE.csv", ".csv"), "Write the curve or path."),
+    option("--plot", PICTURE, "Draw the curve or path."),
     json_option,
 )
 

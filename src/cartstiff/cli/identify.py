@@ -23,6 +23,7 @@ from cartstiff.cli.options import (
 )
 from cartstiff.cli.output import say, say_unused, tell
 from cartstiff.cli.types import (
+    FILE,
     PICTURE,
     POINT,
     WRENCH,
@@ -32,6 +33,8 @@ from cartstiff.cli.types import (
     OutputFile,
     TableUnits,
     Values,
+    choice,
+    flag,
     gathered,
     json_option,
     option,
@@ -318,25 +321,23 @@ Examples:
 
 _about_the_table = option_group(
     option(
-        "--point",
-        type=POINT,
-        help="Point of the body, in its frame, that was measured; default its origin.",
+        "--point", POINT, "Point of the body, in its frame, that was measured; default its origin."
     ),
     option(
         "--load-at",
-        type=POINT,
-        help="Point of the body, in its frame, at which loads act; default the measured one.",
+        POINT,
+        "Point of the body, in its frame, at which loads act; default the measured one.",
     ),
-    click.option(
+    choice(
         "--axes",
-        type=click.Choice(["base", "body", "world"]),
-        help="Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
+        ["base", "body", "world"],
+        "Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
         "of `cartstiff path`.",
     ),
     option(
         "--units",
-        type=TableUnits("UNITS"),
-        help="Units of numbers given and shown, such as mm,deg, and "
+        TableUnits("UNITS"),
+        "Units of numbers given and shown, such as mm,deg, and "
         "of columns without one in their head; there SI otherwise.",
     ),
     click.option(
@@ -364,29 +365,22 @@ _about_the_fit = option_group(
         multiple=True,
         help="A stiffness that is known with this standard deviation.",
     ),
-    click.option(
+    choice(
         "--offsets",
-        type=click.Choice(["rigid", "translation", "none"]),
-        help="Unknown placement of the measuring frame in each session of a table with "
+        ["rigid", "translation", "none"],
+        "Unknown placement of the measuring frame in each session of a table with "
         "positions: position and rotation (rigid, the default), position alone, or none.",
     ),
-    click.option(
-        "--loaded",
-        is_flag=True,
-        help="Fit equilibria under the load instead of displacements that are linear in it.",
+    flag(
+        "--loaded", "Fit equilibria under the load instead of displacements that are linear in it."
     ),
-    click.option(
-        "--fit",
-        type=click.Choice(["plain", "robust"]),
-        default="plain",
-        show_default=True,
-        help="Fit whose estimates come first.",
-    ),
+    choice("--fit", ["plain", "robust"], "Fit whose estimates come first.", default="plain"),
     option(
         "--reject",
-        metavar="RULE",
-        help="Leave rows out: the suspects of the robust fit, or all that are farther from it "
+        None,
+        "Leave rows out: the suspects of the robust fit, or all that are farther from it "
         "than this number of standard deviations.",
+        metavar="RULE",
     ),
     click.option(
         "--level",
@@ -400,68 +394,61 @@ _about_the_fit = option_group(
 
 _about_a_plan = option_group(
     option(
-        "--plan",
-        "count",
-        type=click.IntRange(1, 10_000),
+        "--plan count",
+        click.IntRange(1, 10_000),
+        "Choose N rows to measure instead; DATA.csv is not needed.",
         metavar="N",
-        help="Choose N rows to measure instead; DATA.csv is not needed.",
     ),
     option(
         "--criterion",
-        type=click.Choice(["worst", "all", "posture"]),
-        help="Quantity that the plan minimises: the widest interval (worst, the default), the "
+        click.Choice(["worst", "all", "posture"]),
+        "Quantity that the plan minimises: the widest interval (worst, the default), the "
         "determinant of all compliances (D-optimal), or the deflection at the posture --q under "
         "--load.",
     ),
-    option("--q", type=JointValues(), help="Posture of --criterion posture; default the file's."),
-    option("--load", type=WRENCH, help="Load of --criterion posture, along F."),
-    option("--mass", type=Number("KG", above_zero=True), help="Mass hung on the body in the plan."),
+    option("--q", JointValues(), "Posture of --criterion posture; default the file's."),
+    option("--load", WRENCH, "Load of --criterion posture, along F."),
+    option("--mass", Number("KG", above_zero=True), "Mass hung on the body in the plan."),
     option(
         "--force",
-        type=Number("N", above_zero=True),
-        help="Force on the body in the plan, along an axis of F.",
+        Number("N", above_zero=True),
+        "Force on the body in the plan, along an axis of F.",
     ),
     repeated_option(
-        "--range",
-        "ranges",
-        type=Axes("JOINT=LOW:HIGH"),
-        help="Range of a joint in the plan, rad or m.",
+        "--range ranges", Axes("JOINT=LOW:HIGH"), "Range of a joint in the plan, rad or m."
     ),
     repeated_option(
         "--within",
-        type=Axes("AXIS=LOW:HIGH", frame=True),
-        help="Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.",
+        Axes("AXIS=LOW:HIGH", frame=True),
+        "Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.",
     ),
     option(
         "--candidates",
-        type=click.IntRange(1, 100_000),
-        metavar="N",
-        help="Random postures that the plan chooses from; default 10000 for the widest interval "
+        click.IntRange(1, 100_000),
+        "Random postures that the plan chooses from; default 10000 for the widest interval "
         "of an open arm, else 1000.",
+        metavar="N",
     ),
     option(
-        "--have",
-        type=click.Path(path_type=Path),
-        metavar="FILE.csv",
-        help="Rows that are measured already; the plan adds to them.",
+        "--have", FILE, "Rows that are measured already; the plan adds to them.", metavar="FILE.csv"
     ),
     option(
         "--simulate",
-        type=click.IntRange(min=0),
-        metavar="SEED",
-        help="Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
+        click.IntRange(min=0),
+        "Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
         "MECHANISM would show them.",
+        metavar="SEED",
     ),
     option(
         "--outliers",
-        type=click.IntRange(min=1),
+        click.IntRange(min=1),
+        "Rows of --simulate with an error of 20 standard deviations.",
         metavar="N",
-        help="Rows of --simulate with an error of 20 standard deviations.",
     ),
     option(
         "--csv",
-        type=OutputFile("FILE.csv", ".csv"),
-        help="Write the rows of --plan, to be filled in, or of --simulate.",
+        OutputFile("FILE.csv", ".csv"),
+        "Write the rows of --plan, to be filled in, or of --simulate.",
     ),
 )
 
@@ -555,12 +542,11 @@ class _Request:
 @gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
 @gathered(_about_a_plan, "asked", PlanRequest)
 @option(
-    "-o",
-    "--output",
-    type=OutputFile("FILE.yaml", ".yaml", ".yml"),
-    help="Write a mechanism file with the stiffnesses and their covariance.",
+    "-o --output",
+    OutputFile("FILE.yaml", ".yaml", ".yml"),
+    "Write a mechanism file with the stiffnesses and their covariance.",
 )
-@option("--plot", type=PICTURE, help="Draw the residuals against load, posture and time.")
+@option("--plot", PICTURE, "Draw the residuals against load, posture and time.")
 @json_option
 @gathered(option_group(frame_option, tool_options, file_options), "robot", MechanismRequest)
 def command(

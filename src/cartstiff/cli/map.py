@@ -24,6 +24,7 @@ from cartstiff.cli.output import say, say_unused
 from cartstiff.cli.types import (
     ANGLE,
     DIRECTION,
+    FILE,
     PICTURE,
     POINT,
     WRENCH,
@@ -33,7 +34,11 @@ from cartstiff.cli.types import (
     Number,
     Numbers,
     Pairs,
+    choice,
+    count,
     explain_option,
+    file_option,
+    flag,
     json_option,
     option,
     option_group,
@@ -69,48 +74,41 @@ class _Orientation(Numbers):
 sampling_options = option_group(
     repeated_option(
         "--grid",
-        type=Axes("NAME=LOW:HIGH:COUNT"),
-        help="Values of a coordinate; repeat it, or separate by commas, for several. The others "
+        Axes("NAME=LOW:HIGH:COUNT"),
+        "Values of a coordinate; repeat it, or separate by commas, for several. The others "
         "stay where --q or the file has them.",
     ),
-    click.option(
+    count(
         "--random",
-        type=click.IntRange(1, _MOST),
+        "N random postures within the limits of the joints; compliant links start unbent.",
+        1,
+        _MOST,
         metavar="N",
-        help="N random postures within the limits of the joints; compliant links start unbent.",
     ),
     repeated_option(
-        "--range",
-        "ranges",
-        type=Axes("NAME=LOW:HIGH"),
-        help="With --random: other limits of a coordinate; --range NAME=V:V holds it.",
+        "--range ranges",
+        Axes("NAME=LOW:HIGH"),
+        "With --random: other limits of a coordinate; --range NAME=V:V holds it.",
     ),
     repeated_option(
         "--cartesian",
-        type=Axes("x=LOW:HIGH:COUNT"),
-        help="Positions x, y, z of the body frame in F, by inverse kinematics.",
+        Axes("x=LOW:HIGH:COUNT"),
+        "Positions x, y, z of the body frame in F, by inverse kinematics.",
     ),
     repeated_option(
-        "--actuate",
-        "told",
-        type=Axes("NAME=LOW:HIGH:COUNT", single=True),
-        help="How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
+        "--actuate told",
+        Axes("NAME=LOW:HIGH:COUNT", single=True),
+        "How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
         "--q, leg1/slide=0.001 holds at every posture of a map. The map is "
         "computed at the equilibrium for these positions.",
     ),
     option(
         "--trajectory",
-        type=click.Path(path_type=Path),
+        FILE,
+        "Postures of a file: a line of coordinate names, then one posture a line.",
         metavar="FILE.csv",
-        help="Postures of a file: a line of coordinate names, then one posture a line.",
     ),
-    click.option(
-        "--seed",
-        type=click.IntRange(min=0),
-        default=0,
-        show_default=True,
-        help="Seed of random postures and starts.",
-    ),
+    count("--seed", "Seed of random postures and starts.", 0, default=0),
     click.option(
         "--orientation",
         type=_Orientation("R,P,Y|keep", 3, powers=(ANGLE,)),
@@ -118,34 +116,26 @@ sampling_options = option_group(
         show_default=True,
         help="With --cartesian: roll, pitch, yaw about fixed axes.",
     ),
-    click.option(
+    choice(
         "--free",
-        type=click.Choice(["none", "x", "y", "z", "rotation"]),
+        ["none", "x", "y", "z", "rotation"],
+        "With --cartesian: the body may turn about this axis of its own, or in any way.",
         default="none",
-        show_default=True,
-        help="With --cartesian: the body may turn about this axis of its own, or in any way.",
     ),
-    click.option(
+    choice(
         "--redundancy",
-        type=click.Choice(["nearest", "best"]),
-        default="nearest",
-        show_default=True,
-        help="With --cartesian, where many postures reach a place: nearest to the base posture, "
+        ["nearest", "best"],
+        "With --cartesian, where many postures reach a place: nearest to the base posture, "
         "or best in the first quantity.",
+        default="nearest",
     ),
-    click.option(
-        "--branches",
-        type=click.IntRange(1, 1000),
-        default=8,
-        show_default=True,
-        help="With --cartesian: most postures kept at a place.",
-    ),
-    click.option(
+    count("--branches", "With --cartesian: most postures kept at a place.", 1, 1000, default=8),
+    count(
         "--starts",
-        type=click.IntRange(0, 10000),
+        "With --cartesian: random starts of the inverse kinematics.",
+        0,
+        10000,
         default=24,
-        show_default=True,
-        help="With --cartesian: random starts of the inverse kinematics.",
     ),
 )
 
@@ -360,71 +350,59 @@ _options = option_group(
         callback=_list_quantities,
         help="Print the names and end; with --json as one object.",
     ),
-    click.option(
+    choice(
         "--connection",
-        type=click.Choice(OF_MANY),
-        help="Matrix that the quantities are read from; default where a load can act: load, the "
+        OF_MANY,
+        "Matrix that the quantities are read from; default where a load can act: load, the "
         "tangent stiffness "
         "under it (see --load-kind, --load-at). Without a load all but F are the same.",
     ),
     option(
-        "--direction",
-        type=DIRECTION,
-        help="For stiffness along and about a direction of the body frame.",
+        "--direction", DIRECTION, "For stiffness along and about a direction of the body frame."
     ),
     option(
         "--added-load",
-        type=WRENCH,
-        help="Wrench, added to the load, whose deflection is computed; default the load itself.",
+        WRENCH,
+        "Wrench, added to the load, whose deflection is computed; default the load itself.",
     ),
     option(
         "--added-load-at",
-        type=POINT,
-        help="Point of the body, in its frame, at which the wrench of --added-load acts; "
+        POINT,
+        "Point of the body, in its frame, at which the wrench of --added-load acts; "
         "default its origin.",
     ),
     vibration_options,
     option(
         "--length",
-        type=Number("L"),
-        help="Characteristic length at all postures; default the natural length at the default "
-        "one.",
+        Number("L"),
+        "Characteristic length at all postures; default the natural length at the default one.",
     ),
-    click.option(
-        "-o",
-        "--output",
-        type=click.Path(path_type=Path),
+    file_option(
+        "-o --output",
+        "File of the map; if it exists, its missing parts are computed.",
         required=True,
         metavar="MAP.zarr",
-        help="File of the map; if it exists, its missing parts are computed.",
     ),
-    click.option("--single", is_flag=True, help="Keep numbers in single precision."),
-    click.option(
-        "--chunk",
-        type=click.IntRange(min=1),
-        metavar="N",
-        help="Largest number of postures in one part of the file.",
-    ),
+    flag("--single", "Keep numbers in single precision."),
+    count("--chunk", "Largest number of postures in one part of the file.", 1, metavar="N"),
     option(
         "--below",
-        type=Amount("VALUE[UNIT]"),
-        help="Print the share of the reached places at which the first quantity is at most this "
+        Amount("VALUE[UNIT]"),
+        "Print the share of the reached places at which the first quantity is at most this "
         "(0.2mm), by the best branch of each place; a heat map has a line there.",
     ),
-    option("--above", type=Amount("VALUE[UNIT]"), help="The same for at least this value."),
-    click.option(
+    option("--above", Amount("VALUE[UNIT]"), "The same for at least this value."),
+    flag(
         "--single-branch",
-        is_flag=True,
-        help="With --cartesian: show only the best single branch, which an arm can follow "
+        "With --cartesian: show only the best single branch, which an arm can follow "
         "without a flip, in pictures, lists and numbers.",
     ),
-    option("--picture", type=PICTURE, help="Draw the first quantity to a .png, .svg or .pdf file."),
-    click.option(
+    option("--picture", PICTURE, "Draw the first quantity to a .png, .svg or .pdf file."),
+    choice(
         "--kind",
-        type=click.Choice(["auto", "heat", "slices", "line", "histogram"]),
+        ["auto", "heat", "slices", "line", "histogram"],
+        "Kind of the picture.",
         default="auto",
-        show_default=True,
-        help="Kind of the picture.",
     ),
     click.option(
         "--by",
@@ -432,37 +410,24 @@ _options = option_group(
         help="The axis that slices cut.",
     ),
     repeated_option(
-        "--slice",
-        "cuts",
-        type=Pairs("NAME=VALUE", axes=True),
-        help="Draw and list only the part of the map at this value of an axis.",
+        "--slice cuts",
+        Pairs("NAME=VALUE", axes=True),
+        "Draw and list only the part of the map at this value of an axis.",
     ),
-    click.option(
-        "--best",
-        type=click.IntRange(1, 1000),
-        metavar="N",
-        help="List the N best postures.",
-    ),
-    click.option(
-        "--worst",
-        type=click.IntRange(1, 1000),
-        metavar="N",
-        help="List the N worst postures.",
-    ),
+    count("--best", "List the N best postures.", 1, 1000, metavar="N"),
+    count("--worst", "List the N worst postures.", 1, 1000, metavar="N"),
     json_option,
     progress_option,
     explain_option,
-    click.option(
-        "--threads",
-        type=click.IntRange(1, 1024),
-        metavar="N",
-        help="Threads of this process; default one for every core.",
+    count(
+        "--threads", "Threads of this process; default one for every core.", 1, 1024, metavar="N"
     ),
-    click.option(
+    count(
         "--workers",
-        type=click.IntRange(1, 1024),
+        "Use N processes of this machine, for mechanisms without a compiled path.",
+        1,
+        1024,
         metavar="N",
-        help="Use N processes of this machine, for mechanisms without a compiled path.",
     ),
     click.option(
         "--scheduler",

@@ -20,25 +20,23 @@ if TYPE_CHECKING:
 cutting_options = option_group(
     option(
         "--milling",
-        type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE)),
-        help="Force law of a mill: tangential force per area, radial over tangential, teeth, and "
+        Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE)),
+        "Force law of a mill: tangential force per area, radial over tangential, teeth, and "
         "angles (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).",
     ),
-    option("--feed", type=DIRECTION, help="Direction of the feed of --milling, in M; default x."),
-    option("--normal", type=DIRECTION, help="Normal to the feed, in M; default y."),
-    option("--tip", type=POINT, help="Tip of the mill, in M; default its origin."),
+    option("--feed", DIRECTION, "Direction of the feed of --milling, in M; default x."),
+    option("--normal", DIRECTION, "Normal to the feed, in M; default y."),
+    option("--tip", POINT, "Tip of the mill, in M; default its origin."),
 )
 
 _damping_options = option_group(
     option(
-        "--damping",
-        type=Numbers("RATIO[,RATIO...]"),
-        help="Damping ratio of every mode, or one for each.",
+        "--damping", Numbers("RATIO[,RATIO...]"), "Damping ratio of every mode, or one for each."
     ),
     option(
         "--rayleigh",
-        type=Numbers("ALPHA,BETA", 2),
-        help="Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.",
+        Numbers("ALPHA,BETA", 2),
+        "Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.",
     ),
 )
 

@@ -28,10 +28,13 @@ from cartstiff.cli.output import tell
 from cartstiff.cli.tables import read_target
 from cartstiff.cli.types import (
     DIRECTION,
+    FILE,
     PICTURE,
     POINT,
     Numbers,
     OutputFile,
+    choice,
+    flag,
     json_option,
     only_with,
     option,
@@ -228,9 +231,10 @@ Examples:
 _options = option_group(
     option(
         "--compare",
-        metavar="NAMES",
-        help="Also print the frequencies computed from a 6x6 stiffness and a mass at the tip: "
+        None,
+        "Also print the frequencies computed from a 6x6 stiffness and a mass at the tip: "
         "some of A,B,K,F,load,energy.",
+        metavar="NAMES",
     ),
     sensitivities_option,
     tolerance_option(
@@ -239,79 +243,76 @@ _options = option_group(
     ),
     option(
         "--response",
-        metavar="LOW:HIGH[:COUNT]",
-        help="Response of the body to a force on it at COUNT frequencies [Hz], 400 by default: in "
+        None,
+        "Response of the body to a force on it at COUNT frequencies [Hz], 400 by default: in "
         "equal ratios, or in equal steps if LOW is 0.",
+        metavar="LOW:HIGH[:COUNT]",
     ),
-    click.option(
+    choice(
         "--kind",
-        type=click.Choice(KINDS),
-        default="receptance",
-        show_default=True,
-        help="Displacement, velocity or acceleration per force; or motion of the body per motion "
+        KINDS,
+        "Displacement, velocity or acceleration per force; or motion of the body per motion "
         "of the ground.",
+        default="receptance",
     ),
-    option("--point", type=POINT, help="Point of the body, in its frame, for --response."),
+    option("--point", POINT, "Point of the body, in its frame, for --response."),
     option(
         "--direction",
-        type=DIRECTION,
-        help="Direction for --response, along the body's axes (the room's for a "
+        DIRECTION,
+        "Direction for --response, along the body's axes (the room's for a "
         "transmissibility); default x, y and z.",
     ),
     option(
         "--damping",
-        type=Numbers("RATIO[,RATIO...]"),
-        help="Damping ratio of every mode, or one for each, for --response and --lobes.",
+        Numbers("RATIO[,RATIO...]"),
+        "Damping ratio of every mode, or one for each, for --response and --lobes.",
     ),
     option(
         "--rayleigh",
-        type=Numbers("ALPHA,BETA", 2),
-        help="Damping alpha M + beta K [1/s, s], for --response and --lobes. Dampers of the "
+        Numbers("ALPHA,BETA", 2),
+        "Damping alpha M + beta K [1/s, s], for --response and --lobes. Dampers of the "
         "mechanism's file always act.",
     ),
     option(
         "--lobes",
-        metavar="LOW:HIGH[:COUNT]",
-        help="Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by "
+        None,
+        "Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by "
         "the zeroth-order theory.",
+        metavar="LOW:HIGH[:COUNT]",
     ),
     cutting_options,
-    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response, or the lobes."),
-    option("--plot", type=PICTURE, help="Draw the response as a Bode diagram, or the lobes."),
+    option("--csv", OutputFile("FILE.csv", ".csv"), "Write the response, or the lobes."),
+    option("--plot", PICTURE, "Draw the response as a Bode diagram, or the lobes."),
     option(
         "--impedance",
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        help="Stiffness that a controller shall produce at the body frame (6x6; .json, .csv or "
+        FILE,
+        "Stiffness that a controller shall produce at the body frame (6x6; .json, .csv or "
         ".npy). The answer holds the damping by double diagonalisation with the masses at the "
         "posture, in the order and along the axes of the file, and joint-space gains.",
+        metavar="FILE",
     ),
-    click.option(
+    choice(
         "--order",
-        type=click.Choice(ORDERS),
-        help=f"Order of the rows of --impedance; default what its file says, else {ORDERS[0]}.",
+        ORDERS,
+        f"Order of the rows of --impedance; default what its file says, else {ORDERS[0]}.",
     ),
-    click.option(
+    choice(
         "--axes",
-        type=click.Choice(AXES),
-        default="body",
-        show_default=True,
-        help="Axes of --impedance, about the body frame's origin: of the robot's own base, of the "
+        AXES,
+        "Axes of --impedance, about the body frame's origin: of the robot's own base, of the "
         "body frame, or of the room (world).",
+        default="body",
     ),
     option(
         "--ratio",
-        type=Numbers("RATIO[,RATIO...]", 1, 6),
-        help="Damping ratios of the six oscillators of --impedance, softest first; default 0.7.",
+        Numbers("RATIO[,RATIO...]", 1, 6),
+        "Damping ratios of the six oscillators of --impedance, softest first; default 0.7.",
     ),
     option(
-        "-o",
-        "--output",
-        type=OutputFile("FILE", ".json", ".yaml"),
-        help="Write the controller of --impedance.",
+        "-o --output", OutputFile("FILE", ".json", ".yaml"), "Write the controller of --impedance."
     ),
     json_option,
-    click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes."),
+    flag("--strict", "Exit with code 3 where there are no modes."),
 )
 
 

@@ -28,6 +28,9 @@ from cartstiff.cli.types import (
     Pairs,
     UnitList,
     Values,
+    choice,
+    file_option,
+    flag,
     gathered,
     option,
     option_group,
@@ -104,28 +107,26 @@ def _convert(ctx: click.Context, length: str | None, angle: float) -> None:
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
 )
-frame_option = option("--frame", metavar="NAME", help="Body frame M: a link or site.")
+frame_option = option("--frame", None, "Body frame M: a link or site.", metavar="NAME")
 parameters_option = repeated_option(
-    "--set",
-    "parameters",
-    type=Pairs("NAME=VALUE"),
-    help="A parameter of the mechanism file, in its units, instead of the value there; repeat it "
+    "--set parameters",
+    Pairs("NAME=VALUE"),
+    "A parameter of the mechanism file, in its units, instead of the value there; repeat it "
     "for several.",
 )
 stiffness_option = option(
     "--stiffness",
-    type=JointValues(stiffness=True, springs=True, broadcast=True),
-    help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
+    JointValues(stiffness=True, springs=True, broadcast=True),
+    "Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
     "may be rigid.",
 )
 
 
 #: Commanded actuator positions, for `MechanismRequest.command`.
 command_option = option(
-    "--actuate",
-    "told",
-    type=JointValues(springs=True),
-    help="How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or "
+    "--actuate told",
+    JointValues(springs=True),
+    "How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or "
     "leg1=0.001 of a platform. The rest positions of their springs shift by so much, and "
     "the pose of the new rest is found.",
 )
@@ -335,22 +336,20 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
 
 
 _tcp_option = option(
-    "--tcp",
-    type=TCP,
-    help="M in the frame: position, and roll, pitch, yaw about fixed axes.",
+    "--tcp", TCP, "M in the frame: position, and roll, pitch, yaw about fixed axes."
 )
 #: Tool, gravity and what is carried.
 tool_options = option_group(
     _tcp_option,
     option(
         "--gravity",
-        type=DIRECTION,
-        help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the file's.",
+        DIRECTION,
+        "Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the file's.",
     ),
     option(
         "--payload",
-        type=PAYLOAD,
-        help="Mass on the body, always in kg, and its centre in M. It has weight under the "
+        PAYLOAD,
+        "Mass on the body, always in kg, and its centre in M. It has weight under the "
         "gravity of --gravity or the file; without either under 9.81 m/s^2 along -z.",
     ),
 )
@@ -358,23 +357,21 @@ tool_options = option_group(
 file_options = option_group(
     parameters_option,
     repeated_option(
-        "--xacro-arg",
-        "xacro_args",
-        type=Arguments("NAME:=VALUE"),
-        help="Argument of a xacro file; repeat it for several.",
+        "--xacro-arg xacro_args",
+        Arguments("NAME:=VALUE"),
+        "Argument of a xacro file; repeat it for several.",
     ),
-    click.option(
+    file_option(
         "--package-path",
-        type=click.Path(path_type=Path),
+        "Folder in or under which ROS packages are looked for.",
         metavar="FOLDER",
         multiple=True,
-        help="Folder in or under which ROS packages are looked for.",
     ),
 )
 units_option = option(
     "--units",
-    type=UnitList("UNITS"),
-    help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
+    UnitList("UNITS"),
+    "Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
     "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV "
     "file may name others. deg is for every angle that is given, and for joints, roll, pitch, "
     "yaw and tables of postures that are shown; stiffnesses stay per radian. "
@@ -401,32 +398,29 @@ def mechanism_options(
     without `gives` neither its posture nor what it weighs nor its springs.
     """
     posture = option(
-        "--q",
-        type=JointValues(),
-        help="Posture: numbers in joint order or name=value pairs, rad and m.",
+        "--q", JointValues(), "Posture: numbers in joint order or name=value pairs, rad and m."
     )
-    load = option("--load", "wrench", type=WRENCH, help=load_help)
+    load = option("--load wrench", WRENCH, load_help)
     options = (
         option_group(
             click.argument("mechanism"),
             posture,
             option(
                 "--pose",
-                type=POSE,
-                help="Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
+                POSE,
+                "Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
                 "about fixed axes.",
             ),
             option(
                 "--lengths",
-                type=Numbers("L1,...,L6", powers=(1,)),
-                help="Posture of a six-legged platform by its leg lengths, near the file's pose.",
+                Numbers("L1,...,L6", powers=(1,)),
+                "Posture of a six-legged platform by its leg lengths, near the file's pose.",
             ),
             robot_options,
             option(
                 "--rest",
-                type=JointValues(springs=True),
-                help="Rest positions of the joints, or rest lengths of the legs; written as for "
-                "--q.",
+                JointValues(springs=True),
+                "Rest positions of the joints, or rest lengths of the legs; written as for --q.",
             ),
             load,
         )
@@ -452,23 +446,21 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
     options = option_group(
         option(
             "--load-at",
-            type=POINT,
-            help="Point of the body, in its frame, at which the load acts; default its origin.",
+            POINT,
+            "Point of the body, in its frame, at which the load acts; default its origin.",
         ),
-        click.option(
+        flag(
             "--world",
-            is_flag=True,
-            help=f"Components (of {world}) are along the "
+            f"Components (of {world}) are along the "
             "inertial axes, not those of the body. Points stay in the body's frame.",
         ),
-        click.option(
+        choice(
             "--load-kind",
-            type=click.Choice(list(LOAD_KINDS)),
-            default="dead",
-            show_default=True,
-            help="Behaviour of the load while the body moves. dead: force and moment keep "
+            list(LOAD_KINDS),
+            "Behaviour of the load while the body moves. dead: force and moment keep "
             "their direction in the room; follower: they turn with the body; "
             "conservative: the force keeps its direction, the moment turns by half.",
+            default="dead",
         ),
     )
     return gathered(options, "applied", LoadRequest)
@@ -476,10 +468,9 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
 
 _LABEL = "parameters"
 
-sensitivities_option = click.option(
+sensitivities_option = flag(
     "--sensitivities",
-    is_flag=True,
-    help="Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, "
+    "Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, "
     "by each stiffness, mass, length and parameter of the file.",
 )
 
@@ -488,8 +479,8 @@ def tolerance_option(gives: str) -> Any:
     """Standard deviations of the parameters."""
     return option(
         "--tolerance",
-        type=TOLERANCE,
-        help="Standard deviations: relative of every spring stiffness, absolute of every length "
+        TOLERANCE,
+        "Standard deviations: relative of every spring stiffness, absolute of every length "
         f"and rotation (rad) of the geometry. The answer has {gives}.",
     )
 

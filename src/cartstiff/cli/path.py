@@ -26,6 +26,9 @@ from cartstiff.cli.types import (
     JointValues,
     OutputFile,
     Values,
+    choice,
+    count,
+    flag,
     json_option,
     option,
     option_group,
@@ -52,32 +55,30 @@ _MOST_PLACES = 10_000
 _options = option_group(
     option(
         "--free-axis",
-        type=click.Choice(["x", "y", "z"]),
-        help="The body may turn about this axis of its own frame, the tool's axis.",
+        click.Choice(["x", "y", "z"]),
+        "The body may turn about this axis of its own frame, the tool's axis.",
     ),
-    click.option("--free-rotation", is_flag=True, help="The body may turn in any way."),
+    flag("--free-rotation", "The body may turn in any way."),
     option(
         "--redundant",
+        None,
+        "The spare joint whose position is sampled; default: the one that moves most.",
         metavar="JOINT",
-        help="The spare joint whose position is sampled; default: the one that moves most.",
     ),
     option(
-        "--load",
-        "wrench",
-        type=WRENCH,
-        help="Wrench on the body, the same at all points: moment about and force at the point "
+        "--load wrench",
+        WRENCH,
+        "Wrench on the body, the same at all points: moment about and force at the point "
         "--load-at.",
     ),
     load_options("loads and directions"),
     option(
-        "--direction",
-        type=DIRECTION,
-        help="Direction along which stiffness counts, the same at all points.",
+        "--direction", DIRECTION, "Direction along which stiffness counts, the same at all points."
     ),
     option(
         "--axes",
-        type=click.Choice(["path", "world", "body"]),
-        help="Axes of loads and directions: those of the file's poses (the default), of F (as "
+        click.Choice(["path", "world", "body"]),
+        "Axes of loads and directions: those of the file's poses (the default), of F (as "
         "--world), or of the body, which turns by the free rotation as well.",
     ),
     click.option(
@@ -88,88 +89,64 @@ _options = option_group(
         help="Quantity to optimise: deflection, along_free, translation_free_min, isotropy, ...: "
         "those of `cartstiff map`.",
     ),
-    click.option(
+    choice(
         "--connection",
-        type=click.Choice(OF_MANY),
-        help="Stiffness that the criterion is read from; default with --loaded: load, the "
+        OF_MANY,
+        "Stiffness that the criterion is read from; default with --loaded: load, the "
         "tangent under the load "
         "(see --load-kind, --load-at). Without a load all but F are the same.",
     ),
-    click.option(
-        "--loaded",
-        is_flag=True,
-        help="Read the stiffness under the load, which the springs balance.",
-    ),
-    click.option(
+    flag("--loaded", "Read the stiffness under the load, which the springs balance."),
+    choice(
         "--objective",
-        type=click.Choice(["worst", "mean"]),
+        ["worst", "mean"],
+        "Improve the worst point of the path, or the mean of all points.",
         default="worst",
-        show_default=True,
-        help="Improve the worst point of the path, or the mean of all points.",
     ),
     option(
         "--max-step",
-        type=JointValues(broadcast=True),
-        help="Largest step of the joints from point to point: one number for all, one each, or "
+        JointValues(broadcast=True),
+        "Largest step of the joints from point to point: one number for all, one each, or "
         "name=value pairs; default 0.5 rad or half the characteristic length.",
     ),
     option(
         "--singular",
-        type=float,
-        metavar="RATIO",
-        help="Leave out postures whose smallest singular value is below this share of the "
+        float,
+        "Leave out postures whose smallest singular value is below this share of the "
         "largest; default 0.05.",
+        metavar="RATIO",
     ),
-    click.option(
-        "--samples",
-        type=click.IntRange(3, 720),
-        default=36,
-        show_default=True,
-        help="Values of each free choice.",
-    ),
-    click.option(
-        "--seed",
-        type=click.IntRange(min=0),
-        default=0,
-        show_default=True,
-        help="Seed of the random starts.",
-    ),
+    count("--samples", "Values of each free choice.", 3, 720, default=36),
+    count("--seed", "Seed of the random starts.", 0, default=0),
     repeated_option(
-        "--range",
-        "ranges",
-        type=Axes("NAME=LOW:HIGH"),
-        help="Keep a joint within this range, besides its limits.",
+        "--range ranges",
+        Axes("NAME=LOW:HIGH"),
+        "Keep a joint within this range, besides its limits.",
     ),
     option(
         "--near",
-        type=JointValues(),
-        help="Stay in the configuration of this posture: every joint that turns stays within 90 "
+        JointValues(),
+        "Stay in the configuration of this posture: every joint that turns stays within 90 "
         "degrees of it (numbers or name=value pairs; the others as in --q or the file).",
     ),
-    click.option(
-        "--collisions",
-        "excluded",
-        is_flag=True,
-        help="Leave out postures in which links collide with each other, by the <collision> "
+    flag(
+        "--collisions excluded",
+        "Leave out postures in which links collide with each other, by the <collision> "
         "shapes of the URDF; without it collisions are not checked.",
     ),
     repeated_option(
         "--place",
-        type=Axes("NAME=LOW:HIGH:COUNT", frame=True),
-        help="Find the best place of the workpiece: on this grid of x, y, z, yaw, then around the "
+        Axes("NAME=LOW:HIGH:COUNT", frame=True),
+        "Find the best place of the workpiece: on this grid of x, y, z, yaw, then around the "
         "grid's best point. The file's poses are then those in the workpiece's frame.",
     ),
-    option(
-        "--csv",
-        type=OutputFile("FILE.csv", ".csv"),
-        help="Write the postures, one line a point.",
-    ),
+    option("--csv", OutputFile("FILE.csv", ".csv"), "Write the postures, one line a point."),
     option(
         "--plot",
-        type=PICTURE,
-        help="Draw the criterion along the path, optimised and with the best constant choice.",
+        PICTURE,
+        "Draw the criterion along the path, optimised and with the best constant choice.",
     ),
-    option("--plot-places", type=PICTURE, help="Draw the criterion over the places of --place."),
+    option("--plot-places", PICTURE, "Draw the criterion over the places of --place."),
     vibration_options,
     json_option,
     progress_option,
@@ -307,10 +284,10 @@ def _region(axes: dict[str, tuple[float, ...]]) -> dict[str, Any]:
 
     from cartstiff.toolpaths.placement import COORDINATES
 
-    for name, (low, high, count) in axes.items():
+    for name, (low, high, steps) in axes.items():
         if name not in COORDINATES:
             raise UnknownNameError("coordinate", name, COORDINATES, where="--place")
-        if not (high > low or (high == low and count == 1)):
+        if not (high > low or (high == low and steps == 1)):
             raise InputError(
                 "values must rise",
                 where=f"--place {name}",

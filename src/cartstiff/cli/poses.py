@@ -8,7 +8,7 @@ import click
 
 from cartstiff.cli.options import MechanismRequest, UnitsCommand, mechanism_options
 from cartstiff.cli.output import say, say_unused
-from cartstiff.cli.types import OutputFile, option
+from cartstiff.cli.types import OutputFile, choice, option
 
 _EPILOG = """\b
 Examples:
@@ -20,14 +20,13 @@ Examples:
 @click.command(name="poses", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(placed=False, gives=False)
 @click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
-@click.option(
-    "--for",
-    "controller",
-    type=click.Choice(["kuka", "fanuc", "abb", "ur"]),
+@choice(
+    "--for controller",
+    ["kuka", "fanuc", "abb", "ur"],
+    "kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.",
     required=True,
-    help="kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.",
 )
-@option("-o", "--output", type=OutputFile("FILE.csv", ".csv"), help="Write the table there.")
+@option("-o --output", OutputFile("FILE.csv", ".csv"), "Write the table there.")
 def command(request: MechanismRequest, table: Path, controller: str, output: Path | None) -> None:
     """Postures of a table as a robot controller shows them: joints and poses in mm and degrees.
 

@@ -16,7 +16,7 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import say
-from cartstiff.cli.types import OutputFile, option
+from cartstiff.cli.types import OutputFile, file_option, option
 from cartstiff.errors import InputError, one_line
 
 _EPILOG = """\b
@@ -34,20 +34,8 @@ Examples:
     "the unloaded body frame; the report says what it does to the tip."
 )
 @load_options("--load")
-@option(
-    "-o",
-    "--output",
-    required=True,
-    type=OutputFile("REPORT.html", ".html", ".htm"),
-    help="File to write.",
-)
-@click.option(
-    "--map",
-    "map_path",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Also show a map that `cartstiff map` computed.",
-)
+@option("-o --output", OutputFile("REPORT.html", ".html", ".htm"), "File to write.", required=True)
+@file_option("--map map_path", "Also show a map that `cartstiff map` computed.", metavar="FILE")
 @click.option("--quantity", metavar="NAME", help="Quantity of --map; default its first.")
 def command(
     request: MechanismRequest,

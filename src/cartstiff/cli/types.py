@@ -6,7 +6,7 @@ Text that cannot be used is an `InputError` that names the option.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
@@ -394,14 +394,47 @@ def _merged(
     return merged
 
 
-def option(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
+_Decorator = Callable[[Any], Any]
+#: Path of a file that is read.
+FILE = click.Path(path_type=Path)
+
+
+def option(names: str, kind: Any, words: str, **settings: Any) -> _Decorator:
     """An option that must not be given twice; None without it."""
-    return click.option(*names, multiple=True, callback=_once, **settings)
+    return _declared(names, kind, words, multiple=True, callback=_once, **settings)
 
 
-def repeated_option(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
+def repeated_option(names: str, kind: OptionType, words: str, **settings: Any) -> _Decorator:
     """An option of `Pairs` or `Axes` that may be given for several names: one mapping."""
-    return click.option(*names, multiple=True, callback=_merged, **settings)
+    return _declared(names, kind, words, multiple=True, callback=_merged, **settings)
+
+
+def flag(names: str, words: str) -> _Decorator:
+    """An option without a value."""
+    return click.option(*names.split(), is_flag=True, help=words)
+
+
+def choice(names: str, among: Iterable[str], words: str, **settings: Any) -> _Decorator:
+    """One of some words; of several that are given the last counts."""
+    return _declared(names, click.Choice(list(among)), words, **settings)
+
+
+def count(
+    names: str, words: str, low: int | None, high: int | None = None, **settings: Any
+) -> _Decorator:
+    """A whole number between two ends; of several that are given the last counts."""
+    return _declared(names, click.IntRange(low, high), words, **settings)
+
+
+def file_option(names: str, words: str, **settings: Any) -> _Decorator:
+    """Path of a file; of several that are given the last counts."""
+    return _declared(names, FILE, words, **settings)
+
+
+def _declared(names: str, kind: Any, words: str, **settings: Any) -> _Decorator:
+    """An option by its names, as click takes them but in one text; its default is shown."""
+    shown = "default" in settings or None
+    return click.option(*names.split(), type=kind, help=words, show_default=shown, **settings)
 
 
 def option_group(*options: Callable[[Any], Any]) -> Callable[[_Command], _Command]:
@@ -436,13 +469,12 @@ def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Ca
     return decorate
 
 
-explain_option = click.option(
+explain_option = flag(
     "--profile",
-    is_flag=True,
-    help="Also say what computed the answer, how long each part took, and what limits it on this "
+    "Also say what computed the answer, how long each part took, and what limits it on this "
     "machine.",
 )
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+json_option = flag("--json as_json", "Print one JSON object.")
 progress_option = click.option(
     "--progress/--no-progress",
     default=None,

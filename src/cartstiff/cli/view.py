@@ -17,7 +17,7 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import Progress, say, say_unused
-from cartstiff.cli.types import Values, option_group
+from cartstiff.cli.types import Values, count, file_option, flag, option_group
 from cartstiff.errors import InputError, MissingDependencyError, joined
 
 #: Keywords of `source_from_options`.
@@ -25,28 +25,22 @@ page_options = option_group(
     mechanism_options(),
     load_options("--load"),
     command_option,
-    click.option(
-        "--map",
-        "map_path",
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        help="Also draw the points of a stiffness map, or of the table that `cartstiff workspace "
+    file_option(
+        "--map map_path",
+        "Also draw the points of a stiffness map, or of the table that `cartstiff workspace "
         "--csv` writes, coloured by a quantity or by the limit that cuts.",
+        metavar="FILE",
     ),
-    click.option(
-        "--workspace",
-        "with_workspace",
-        is_flag=True,
-        help="Also draw the boundary of the workspace around the posture, coloured by the limit "
+    flag(
+        "--workspace with_workspace",
+        "Also draw the boundary of the workspace around the posture, coloured by the limit "
         "that cuts, and the singular surface, as `cartstiff workspace` finds them.",
     ),
-    click.option(
-        "--trajectory",
-        "trajectory_path",
-        type=click.Path(path_type=Path),
-        metavar="FILE.csv",
-        help="Postures for a time slider: one a line, in joint order or under a line of names; a "
+    file_option(
+        "--trajectory trajectory_path",
+        "Postures for a time slider: one a line, in joint order or under a line of names; a "
         "column `time` in seconds may come first.",
+        metavar="FILE.csv",
     ),
 )
 
@@ -155,13 +149,7 @@ Examples:
 @click.command(name="view", cls=UnitsCommand, epilog=_EPILOG)
 @page_options
 @click.argument("others", nargs=-1, metavar="[OTHER]...")
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    show_default=True,
-    help="Port of this machine; 0 takes a free one.",
-)
+@count("--port", "Port of this machine; 0 takes a free one.", 0, 65535, default=0)
 @click.option(
     "--host",
     default="127.0.0.1",
@@ -169,7 +157,7 @@ Examples:
     help="Address to listen on. Any other than the default lets in other machines that know the "
     "printed address; what they exchange is not encrypted.",
 )
-@click.option("--no-open", is_flag=True, help="Print the address, open no browser.")
+@flag("--no-open", "Print the address, open no browser.")
 def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **texts: Any) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
 

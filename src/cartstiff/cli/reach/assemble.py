@@ -15,7 +15,7 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.types import POSE, Numbers, OutputFile, json_option, option, option_group
+from cartstiff.cli.types import POSE, Numbers, OutputFile, flag, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 
 _EPILOG = """\b
@@ -29,34 +29,25 @@ Examples:
 _options = option_group(
     option(
         "--pose",
-        type=POSE,
-        help="Pose of a platform: its leg lengths are taken, and the modes nearest to it "
+        POSE,
+        "Pose of a platform: its leg lengths are taken, and the modes nearest to it "
         "come first. Position and roll, pitch, yaw about fixed axes; default the file's.",
     ),
     option(
         "--lengths",
-        type=Numbers("L1,...,L6", 6, powers=(1,), above_zero=True),
-        help="Leg lengths of a platform; default those at its pose.",
+        Numbers("L1,...,L6", 6, powers=(1,), above_zero=True),
+        "Leg lengths of a platform; default those at its pose.",
     ),
-    click.option(
-        "--all",
-        "every",
-        is_flag=True,
-        help="All assembly modes; without it the one nearest to the pose.",
-    ),
+    flag("--all every", "All assembly modes; without it the one nearest to the pose."),
     option(
         "--starts",
-        type=click.IntRange(0, 100_000),
-        help="Random starts, for closed chains; default 64. Platforms need none.",
+        click.IntRange(0, 100_000),
+        "Random starts, for closed chains; default 64. Platforms need none.",
     ),
-    option("--seed", type=click.IntRange(0), help="Seed of the starts; default 0."),
-    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write a table of the modes."),
+    option("--seed", click.IntRange(0), "Seed of the starts; default 0."),
+    option("--csv", OutputFile("FILE.csv", ".csv"), "Write a table of the modes."),
     json_option,
-    click.option(
-        "--strict",
-        is_flag=True,
-        help="Exit with code 3 where no mode exists, or some may be missing.",
-    ),
+    flag("--strict", "Exit with code 3 where no mode exists, or some may be missing."),
 )
 
 

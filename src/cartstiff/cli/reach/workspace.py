@@ -20,6 +20,9 @@ from cartstiff.cli.types import (
     POSE,
     Number,
     OutputFile,
+    choice,
+    count,
+    flag,
     json_option,
     option,
     option_group,
@@ -37,55 +40,47 @@ Examples:
 _options = option_group(
     option(
         "--pose",
-        type=POSE,
-        help="Orientation that is kept, and position around which rotations are tried: "
+        POSE,
+        "Orientation that is kept, and position around which rotations are tried: "
         "position and roll, pitch, yaw about fixed axes; default the file's.",
     ),
-    click.option(
+    count(
         "--directions",
-        type=click.IntRange(8, 1_000_000),
-        help="Number of rays and columns, roughly; default 1000, or 200 for tensions "
+        "Number of rays and columns, roughly; default 1000, or 200 for tensions "
         "and for legs made of joints.",
+        8,
+        1_000_000,
     ),
-    click.option(
+    count(
         "--scan",
-        type=click.IntRange(2, 100_000),
+        "Poses along each ray; parts that are thinner than a step may be missed.",
+        2,
+        100_000,
         default=48,
-        show_default=True,
-        help="Poses along each ray; parts that are thinner than a step may be missed.",
     ),
     option(
         "--radius",
-        type=Number("LENGTH", power=1, above_zero=True),
-        help="Farthest position that is tried; default as far as the longest lengths allow.",
+        Number("LENGTH", power=1, above_zero=True),
+        "Farthest position that is tried; default as far as the longest lengths allow.",
     ),
-    click.option(
+    choice(
         "--tensions",
-        type=click.Choice(TENSIONS),
-        default="any",
-        show_default=True,
-        help="Which tensions of cables count: any within their limits, or those in closed "
+        TENSIONS,
+        "Which tensions of cables count: any within their limits, or those in closed "
         "form that are nearest to the middle of the limits.",
+        default="any",
     ),
-    click.option(
-        "--through-singularities", is_flag=True, help="Also count poses beyond singular ones."
-    ),
+    flag("--through-singularities", "Also count poses beyond singular ones."),
     option(
         "--csv",
-        type=OutputFile("FILE.csv", ".csv"),
-        help="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
+        OutputFile("FILE.csv", ".csv"),
+        "Write the boundary: positions, and the limit that cuts each. `cartstiff view "
         "MECHANISM --workspace` draws it on the page.",
     ),
-    option(
-        "--plot", type=PICTURE, help="Draw the boundary in space, from above and from two sides."
-    ),
+    option("--plot", PICTURE, "Draw the boundary in space, from above and from two sides."),
     progress_option,
     json_option,
-    click.option(
-        "--strict",
-        is_flag=True,
-        help="Exit with code 3 where architecture or orientation is singular.",
-    ),
+    flag("--strict", "Exit with code 3 where architecture or orientation is singular."),
 )
 
 
