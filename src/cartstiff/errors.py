@@ -137,6 +137,18 @@ class UnknownNameError(InputError):
         super().__init__(f"unknown {kind}", where=where, expected=expected, got=repr(name))
 
 
+def check_name(kind: str, name: object, valid: Iterable[str], where: str | None = None) -> None:
+    """Refuse a name that is not among the valid ones.
+
+    Raises
+    ------
+    UnknownNameError
+        With the nearest of them.
+    """
+    if name not in valid:
+        raise UnknownNameError(kind, str(name), valid, where=where)
+
+
 class UndefinedError(CartstiffError):
     """A quantity that does not exist in this state (singular, unbalanced, buckled, no chart).
 

@@ -41,7 +41,7 @@ from cartstiff.cli.types import (
     option_group,
     repeated_option,
 )
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.parsing import parse_numbers
 
 _VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?")
@@ -67,8 +67,7 @@ def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, f
 
     deviations = {}
     for name, text in _pairs(texts, "--sd").items():
-        if name not in MEASURED:
-            raise UnknownNameError("column", name, MEASURED, where="--sd")
+        check_name("column", name, MEASURED, "--sd")
         kind = MEASURED[name]
         match = _VALUE.fullmatch(text)
         number, unit = (match[1], match[2]) if match else (text, None)
@@ -81,8 +80,7 @@ def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, f
                 expected=f"a number with one of {', '.join(known)}",
             )
         unit = (unit or units[kind]).strip()
-        if unit not in known:
-            raise UnknownNameError("unit", unit, known, where=f"--sd {name}")
+        check_name("unit", unit, known, f"--sd {name}")
         value = parse_numbers(number, f"--sd {name}", 1)[0] * known[unit]
         if not value > 0.0:
             raise InputError(

@@ -45,7 +45,7 @@ from cartstiff.cli.types import (
     progress_option,
     repeated_option,
 )
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.matrix_names import OF_MANY
 
 if TYPE_CHECKING:
@@ -240,8 +240,7 @@ def _table(path: Path, elastic: Any) -> dict[str, Any]:
 def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
     """Refuse a slice before the map is computed."""
     for name, value in cuts.items():
-        if name not in sampling.axes:
-            raise UnknownNameError("axis of the map", name, sampling.axes, where="--slice")
+        check_name("axis of the map", name, sampling.axes, "--slice")
         axis = sampling.axes[name]
         if not axis.low <= value <= axis.high:
             raise InputError(

@@ -35,7 +35,7 @@ from cartstiff.cli.types import (
     progress_option,
     repeated_option,
 )
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.matrix_names import OF_MANY
 
 _EPILOG = """\b
@@ -234,8 +234,7 @@ def command(
     if singular is not None:
         options["singular"] = singular
     for name, (low, high) in ranges.items():
-        if name not in elastic.names:
-            raise UnknownNameError("joint", name, elastic.names, where="--range")
+        check_name("joint", name, elastic.names, "--range")
         if not low <= high:
             raise InputError(
                 "values must rise",
@@ -285,8 +284,7 @@ def _region(axes: dict[str, tuple[float, ...]]) -> dict[str, Any]:
     from cartstiff.toolpaths.placement import COORDINATES
 
     for name, (low, high, steps) in axes.items():
-        if name not in COORDINATES:
-            raise UnknownNameError("coordinate", name, COORDINATES, where="--place")
+        check_name("coordinate", name, COORDINATES, "--place")
         if not (high > low or (high == low and steps == 1)):
             raise InputError(
                 "values must rise",

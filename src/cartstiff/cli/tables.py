@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from cartstiff import numerics
 from cartstiff.choices import LARGEST_INPUT, ORDERS
 from cartstiff.cli.options import given_length
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, check_name, one_line
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.contract import Mechanism, Units
@@ -342,8 +342,7 @@ def read_path_file(
 def _check_names(names: tuple[str, ...], where: str) -> None:
     known = [name for group in _GROUPS for name in group]
     for name in names:
-        if name not in known:
-            raise UnknownNameError("column", name, known, where=where)
+        check_name("column", name, known, where)
         if names.count(name) > 1:
             raise InputError("column named twice", where=where, got=repr(name))
     for group in _GROUPS:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.parsing import parse_numbers
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -139,8 +139,7 @@ class UnitList(OptionType):
         """Units by kind, as far as they are given."""
         kinds, chosen = self.known, dict[str, str]()
         for unit in (part.strip() for part in text.split(",")):
-            if unit not in kinds:
-                raise UnknownNameError("unit", unit, kinds, where=where)
+            check_name("unit", unit, kinds, where)
             if kinds[unit] in chosen:
                 raise InputError(f"two units of {kinds[unit]}", where=where, got=text)
             chosen[kinds[unit]] = unit
@@ -200,8 +199,7 @@ class Values:
         """The numbers, as many as `names` (or one for all), or those of some names."""
         if isinstance(self.numbers, dict):
             for name in self.numbers:
-                if name not in names:
-                    raise UnknownNameError("joint", name, names, where=self.option)
+                check_name("joint", name, names, self.option)
         elif broadcast and len(self.numbers) == 1:
             return self.numbers[0]
         elif len(self.numbers) != len(names):

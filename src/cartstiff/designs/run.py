@@ -34,6 +34,7 @@ from cartstiff.errors import (
     InputError,
     UndefinedError,
     UnknownNameError,
+    check_name,
     one_line,
 )
 from cartstiff.expressions import Expression
@@ -503,8 +504,7 @@ class Designs(ShownInLines):
             if len(self.better) > 1:
                 raise InputError("several objectives", expected=f"one of {', '.join(self.better)}")
             (name,) = self.better
-        if name not in self.better:
-            raise UnknownNameError("objective", name, self.better)
+        check_name("objective", name, self.better)
         if not self.feasible:
             raise UndefinedError(
                 "no design is feasible", code="no-feasible-design", values={**self.counts()}

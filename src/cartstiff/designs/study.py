@@ -16,10 +16,10 @@ from pydantic import (
     model_validator,
 )
 
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.mechanism_file import first_error, place_of
-from cartstiff.loading.schema import Number, Pair, Positive, Text, Vector, only_one
+from cartstiff.loading.schema import Number, Pair, Positive, Text, Vector, keyed, only_one
 from cartstiff.loading.yaml_file import Lines, read_yaml
 
 #: Poses of one design: more belong in a map.
@@ -41,13 +41,9 @@ class Variable(StudyModel):
 
     low: Number | None = None
     high: Number | None = None
-    values: list[Number] | None = Field(
-        default=None, min_length=1, max_length=10_000, description="only these"
-    )
-    count: _Count | None = Field(
-        default=None, description="values of a grid between low and high; default 5"
-    )
-    log: _Flag = Field(default=False, description="equal ratios instead of equal steps")
+    values: list[Number] | None = keyed("only these", None, min_length=1, max_length=10_000)
+    count: _Count | None = keyed("values of a grid between low and high; default 5", None)
+    log: _Flag = keyed("equal ratios instead of equal steps", False)
 
     @model_validator(mode="before")
     @classmethod
@@ -96,29 +92,25 @@ class RandomPoses(StudyModel):
     """Poses drawn at random."""
 
     count: _Count
-    ranges: dict[str, Pair] = Field(
-        description="[low, high] by coordinate, as in a grid; the others stay"
-    )
+    ranges: dict[str, Pair] = keyed("[low, high] by coordinate, as in a grid; the others stay")
     seed: _Seed = 0
 
 
 class Poses(StudyModel):
     """Where every design is looked at; without any: at its default posture."""
 
-    grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = Field(
-        default=None,
-        min_length=1,
-        description="[low, high, count] by coordinate; the others "
+    grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = keyed(
+        "[low, high, count] by coordinate; the others "
         "stay. Of a body on legs: joints, or x, y, z, roll, pitch, yaw of the body",
+        None,
+        min_length=1,
     )
     random: RandomPoses | None = None
-    about_home: _Flag = Field(
-        default=False, description="ranges are differences from each design's default posture"
-    )
-    outside: Literal["refuse", "leave-out"] = Field(
-        default="refuse",
-        description="a design with poses at which a quantity does not exist (singular, beyond "
+    about_home: _Flag = keyed("ranges are differences from each design's default posture", False)
+    outside: Literal["refuse", "leave-out"] = keyed(
+        "a design with poses at which a quantity does not exist (singular, beyond "
         "limits, not assembled) has failed, or is judged by the others",
+        "refuse",
     )
 
     @model_validator(mode="after")
@@ -147,19 +139,19 @@ class Poses(StudyModel):
 class Case(StudyModel):
     """A load, and what the quantities under it refer to; keys as in `cartstiff.compute_map`."""
 
-    wrench: _Wrench | None = Field(default=None, description="moment and force, carried everywhere")
+    wrench: _Wrench | None = keyed("moment and force, carried everywhere", None)
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
-    load_at: Vector = Field(default=[0, 0, 0], description="point of the body at which it acts")
+    load_at: Vector = keyed("point of the body at which it acts", [0, 0, 0])
     load_axes: Literal["body", "world"] = "body"
     connection: Literal["A", "B", "K", "F", "load"] | None = None
-    length: Positive | None = Field(
-        default=None, description="characteristic length; default each design's own natural length"
+    length: Positive | None = keyed(
+        "characteristic length; default each design's own natural length", None
     )
     direction: Vector | None = None
-    deflect: _Wrench | None = Field(default=None, description="wrench whose deflection is computed")
+    deflect: _Wrench | None = keyed("wrench whose deflection is computed", None)
     deflect_at: Vector = [0, 0, 0]
-    world: _Flag = Field(default=False, description="direction and deflect in the axes of F")
-    damping: Number = Field(default=0.0, ge=0.0, description="modal damping ratio")
+    world: _Flag = keyed("direction and deflect in the axes of F", False)
+    damping: Number = keyed("modal damping ratio", 0.0, ge=0.0)
 
     @property
     def words(self) -> str:
@@ -176,18 +168,16 @@ class Case(StudyModel):
 class Measure(StudyModel):
     """A number of a design: of a quantity over the poses, or arithmetic over the parameters."""
 
-    quantity: Text | None = Field(default=None, description="of a map; or")
-    value: Text | None = Field(
-        default=None, description="arithmetic over parameters, such as '=2*r + h'"
-    )
-    of: Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None = Field(
-        default=None,
-        description="poses; share: of all poses, within `above` and `below`; reached: share of "
+    quantity: Text | None = keyed("of a map; or", None)
+    value: Text | None = keyed("arithmetic over parameters, such as '=2*r + h'", None)
+    of: Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None = keyed(
+        "poses; share: of all poses, within `above` and `below`; reached: share of "
         "poses at which the quantity exists; default worst",
+        None,
     )
-    above: Number | None = Field(default=None, description="for share: at least")
-    below: Number | None = Field(default=None, description="for share: at most")
-    case: Text | None = Field(default=None, description="name of a case, where there are several")
+    above: Number | None = keyed("for share: at least", None)
+    below: Number | None = keyed("for share: at most", None)
+    case: Text | None = keyed("name of a case, where there are several", None)
 
     @field_validator("value")
     @classmethod
@@ -225,8 +215,8 @@ class Measure(StudyModel):
 class Objective(Measure):
     """What is to be as large or as small as it can be."""
 
-    goal: Literal["largest", "smallest"] | None = Field(
-        default=None, description="default the better end of the quantity; largest for shares"
+    goal: Literal["largest", "smallest"] | None = keyed(
+        "default the better end of the quantity; largest for shares", None
     )
 
     @model_validator(mode="after")
@@ -259,10 +249,8 @@ class Method(StudyModel):
     """How designs are chosen."""
 
     kind: Literal["grid", "sobol", "latin-hypercube"] = "grid"
-    designs: _Count | None = Field(
-        default=None, description="how many, at most; not for a grid; default 64"
-    )
-    seed: _Seed | None = Field(default=None, description="of what is drawn; default 0")
+    designs: _Count | None = keyed("how many, at most; not for a grid; default 64", None)
+    seed: _Seed | None = keyed("of what is drawn; default 0", None)
 
     @field_validator("kind", mode="before")
     @classmethod
@@ -293,24 +281,24 @@ class StudyUnits(StudyModel):
 class Study(StudyModel):
     """What is varied, where it is judged, and by what."""
 
-    mechanism: Text = Field(description="a mechanism file, or the name of a bundled one")
-    description: Text | None = Field(default=None, description="for readers")
-    set: dict[Text, Number] = Field(default={}, description="parameters that stay")
-    tcp: Annotated[list[Number], Field(min_length=3, max_length=6)] | None = Field(
-        default=None, description="M in the frame of every design: x, y, z and roll, pitch, yaw"
+    mechanism: Text = keyed("a mechanism file, or the name of a bundled one")
+    description: Text | None = keyed("for readers", None)
+    set: dict[Text, Number] = keyed("parameters that stay", {})
+    tcp: Annotated[list[Number], Field(min_length=3, max_length=6)] | None = keyed(
+        "M in the frame of every design: x, y, z and roll, pitch, yaw", None
     )
-    gravity: Vector | None = Field(default=None, description="instead of the file's [m/s^2]")
-    payload: Annotated[list[Number], Field(min_length=1, max_length=4)] | None = Field(
-        default=None, description="a mass [kg] on the body and its centre in M"
+    gravity: Vector | None = keyed("instead of the file's [m/s^2]", None)
+    payload: Annotated[list[Number], Field(min_length=1, max_length=4)] | None = keyed(
+        "a mass [kg] on the body and its centre in M", None
     )
-    units: StudyUnits | None = Field(
-        default=None,
-        description="of the study's numbers and answers; parameters, `set` and "
+    units: StudyUnits | None = keyed(
+        "of the study's numbers and answers; parameters, `set` and "
         "arithmetic over them stay in the mechanism file's",
+        None,
     )
     variables: dict[Text, Variable] = Field(min_length=1, max_length=50)
     poses: Poses = Poses()
-    cases: dict[Text, Case] = Field(default={}, description="default one without a load")
+    cases: dict[Text, Case] = keyed("default one without a load", {})
     objectives: dict[Text, Objective] = Field(min_length=1, max_length=20)
     constraints: dict[Text, Constraint] = Field(default={}, max_length=50)
     method: Method = Method()
@@ -433,8 +421,7 @@ def check_names(study: Study, parameters: Mapping[str, float]) -> None:
         For a variable, or a name in arithmetic, that is no parameter of the mechanism.
     """
     for name in (*study.variables, *study.set):
-        if name not in parameters:
-            raise UnknownNameError("parameter", name, parameters, where="study")
+        check_name("parameter", name, parameters, "study")
     for key, measure in study.measures.items():
         if measure.value is not None:
             for name in sorted(Expression(measure.value[1:], key).names - set(parameters)):

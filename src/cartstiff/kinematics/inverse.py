@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_flag, checked_seed, is_pose
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free as Free
 from cartstiff.kinematics.joint_poses import JointPoses, PlatformPoses
@@ -114,8 +114,7 @@ def inverse_kinematics(
     InputError
         For poses that are no rigid motions, wrong shapes, or an unknown freedom.
     """
-    if free not in get_args(Free):
-        raise UnknownNameError("free rotation", str(free), get_args(Free))
+    check_name("free rotation", free, get_args(Free))
     limits = checked_flag(limits, "limits")
     wanted = checked_array(T_F_M, [(4, 4), ("N", 4, 4)], "array of poses")
     single = wanted.ndim == 2

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -375,8 +375,7 @@ class JointPoses:
         other.lower, other.upper = self.lower.copy(), self.upper.copy()
         names = self.kinematics.mechanism.names
         for name, (low, high) in ranges.items():
-            if name not in names:
-                raise UnknownNameError("joint", name, names)
+            check_name("joint", name, names)
             j = names.index(name)
             lower, upper = max(low, self.lower[j]), min(high, self.upper[j])
             if not lower <= upper:

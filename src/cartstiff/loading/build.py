@@ -12,7 +12,13 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, fixed
-from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import (
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+    check_name,
+)
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
@@ -588,8 +594,7 @@ def _add_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
 def _actuated(names: Sequence[str], tree: KinematicTree, where: str) -> list[int] | None:
     known = [c.name for c in tree.coordinates]
     for name in names:
-        if name not in known:
-            raise UnknownNameError("joint", name, known, where=f"{where}, key actuated")
+        check_name("joint", name, known, f"{where}, key actuated")
     if len(set(names)) != len(names):
         raise InputError("a joint stands twice under actuated", where=where)
     return [known.index(name) for name in names] or None
@@ -654,8 +659,7 @@ def build_parallel(
         names = [c.name for c in tree.coordinates]
         for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
             for joint in entries:
-                if joint not in names:
-                    raise UnknownNameError("joint", joint, names, where=f"{place}, key {key}")
+                check_name("joint", joint, names, f"{place}, key {key}")
         springs |= {prefix + joint: entry for joint, entry in leg.springs.items()}
         passive += [prefix + joint for joint in leg.passive]
         posture |= {prefix + joint: value for joint, value in leg.q.items()}
@@ -815,8 +819,7 @@ def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: 
     """Closure of a file's entry; without points a frame is tied to "world" where it is at q."""
     place = f"{where}, closure {i + 1}"
     for frame in entry.frames:
-        if frame not in tree.frames:
-            raise UnknownNameError("frame", frame, tree.frames, where=place)
+        check_name("frame", frame, tree.frames, place)
     a, b = entry.frames
     if a == b:
         raise InputError("a closure ties a frame to itself", where=place, got=repr(a))

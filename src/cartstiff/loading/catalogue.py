@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError
+from cartstiff.errors import InputError, MissingDependencyError, check_name
 
 
 @cache
@@ -93,8 +93,7 @@ def example_robot(name: str) -> Path:
         raise MissingDependencyError(
             "example-robot-data-loaders", f"the example robot {name!r}", "robots"
         )
-    if name not in robots:
-        raise UnknownNameError("model", name, robots)
+    check_name("model", name, robots)
     path = robots[name].path
     if path is None or not path.is_file():
         raise InputError(

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError, check_name
 from cartstiff.geometry.se3 import SWAP
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import RobotFacts
@@ -167,8 +167,7 @@ def default_posture(
         if name in names:
             q[names.index(name)] = value
     for name, value in values.items():
-        if name not in names:
-            raise UnknownNameError("joint", name, names, where=f"{where}, key q")
+        check_name("joint", name, names, f"{where}, key q")
         q[names.index(name)] = value
     return q
 

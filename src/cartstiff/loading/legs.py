@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
@@ -426,8 +426,7 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
             ("turns", entry.turns, others),
         ):
             for name in entries:
-                if name not in known:
-                    raise UnknownNameError("joint", name, known, where=f"{where}, key legs.{key}")
+                check_name("joint", name, known, f"{where}, key legs.{key}")
         limited = {name: ("turns", pair) for name, pair in entry.turns.items()}
         if limit is not None:
             limited[main] = "limits", limit

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cartstiff.arrays import checked_number
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.schema import (
     ADAPTER,
@@ -161,8 +161,7 @@ def _evaluated(
             return
         open_names.append(name)
         for other in sorted(formula.names):
-            if other not in formulas:
-                raise UnknownNameError("parameter", other, formulas, where=formula.where)
+            check_name("parameter", other, formulas, formula.where)
             settle(other)
         open_names.pop()
         values[name] = asked[name] if name in asked else formula.value(values)

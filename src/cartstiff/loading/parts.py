@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError, one_line
+from cartstiff.errors import InputError, UndefinedError, check_name, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.robot_description import (
@@ -85,8 +85,7 @@ def springs_of(
         driven &= set(actuated)
     for entries, key in ((springs, "springs"), (passive, "passive")):
         for name in entries:
-            if name not in names:
-                raise UnknownNameError("joint", name, names, where=f"{where}, key {key}")
+            check_name("joint", name, names, f"{where}, key {key}")
     both = set(springs) & set(passive)
     if both:
         raise InputError(f"joint {min(both)!r} is passive and has a spring", where=where)
@@ -499,8 +498,7 @@ def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[in
     known = list(model.names)[1:]
     indices = {}
     for name, value in names.items():
-        if name not in known:
-            raise UnknownNameError("joint", name, known, where=where)
+        check_name("joint", name, known, where)
         indices[known.index(name) + 1] = value
     return indices
 

@@ -27,7 +27,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import LARGEST_NUMBER, read_text
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -52,6 +52,11 @@ Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 RIGID = WrapValidator(
     lambda value, check: math.inf if value in ("rigid", math.inf) else check(value)
 )
+
+
+def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
+    """A key of a file by its meaning; it is needed unless it has a default."""
+    return Field(default=default, description=words, **rules)
 
 
 class FileModel(BaseModel):
@@ -133,21 +138,17 @@ _THIRD = 2.0 * math.pi / 3.0
 class RingModel(FileModel):
     """The joints of base or platform, on a circle around z."""
 
-    radius: Positive | None = Field(default=None, description="of the circle; not for a cube")
-    half_angle: NotNegative | None = Field(
-        default=None,
-        description="rad, between a joint and the middle of its pair; default 0, one point",
+    radius: Positive | None = keyed("of the circle; not for a cube", None)
+    half_angle: NotNegative | None = keyed(
+        "rad, between a joint and the middle of its pair; default 0, one point", None
     )
-    angles: list[Number] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=6,
-        description="rad, of each leg's joint, in place of that",
+    angles: list[Number] | None = keyed(
+        "rad, of each leg's joint, in place of that", None, min_length=1, max_length=6
     )
-    height: Number | None = Field(
-        default=None,
-        description="of the circle, along z of F for the base, of P for the platform; default "
+    height: Number | None = keyed(
+        "of the circle, along z of F for the base, of P for the platform; default "
         "0, for a cube that of its vertices",
+        None,
     )
 
     @model_validator(mode="after")
@@ -160,10 +161,10 @@ class CubicModel(FileModel):
     """A cube with its diagonal along z; the legs lie along six of its edges."""
 
     edge: Positive | None = None
-    size: Positive | None = Field(
-        default=None, description="height between its two triangles of vertices: edge / sqrt(3)"
+    size: Positive | None = keyed(
+        "height between its two triangles of vertices: edge / sqrt(3)", None
     )
-    centre: Vector | Number = Field(default=0.0, description="in F; one number: on z")
+    centre: Vector | Number = keyed("in F; one number: on z", 0.0)
 
     @model_validator(mode="after")
     def _one(self) -> CubicModel:
@@ -174,17 +175,14 @@ class CubicModel(FileModel):
 class LayoutModel(FileModel):
     """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
 
-    base: RingModel = Field(default=RingModel(), description="joints on the ground")
-    platform: RingModel = Field(default=RingModel(), description="joints on the platform")
-    height: Number | None = Field(
-        default=None, description="of P over F; 0 for a cube if absent, else needed"
+    base: RingModel = keyed("joints on the ground", RingModel())
+    platform: RingModel = keyed("joints on the platform", RingModel())
+    height: Number | None = keyed("of P over F; 0 for a cube if absent, else needed", None)
+    turn: Number | None = keyed(
+        "rad, of the platform's pairs against the base's; default pi/3", None
     )
-    turn: Number | None = Field(
-        default=None, description="rad, of the platform's pairs against the base's; default pi/3"
-    )
-    symmetry: Literal[1, 2, 3, 6] | None = Field(
-        default=None,
-        description="angles are given for one part of so many; the others follow by turning",
+    symmetry: Literal[1, 2, 3, 6] | None = keyed(
+        "angles are given for one part of so many; the others follow by turning", None
     )
     cubic: CubicModel | None = None
 
@@ -275,14 +273,14 @@ class FoundModel(FileModel):
     """A compliance that was measured: of one spring, of springs that are equal, or of a link."""
 
     name: Text
-    value: Number = Field(description="compliance; of a beam a share of the file's own")
-    elements: list[tuple[Text, Text, Number]] | None = Field(
-        default=None, description="pairs of springs and factors, where it is not one spring's own"
+    value: Number = keyed("compliance; of a beam a share of the file's own")
+    elements: list[tuple[Text, Text, Number]] | None = keyed(
+        "pairs of springs and factors, where it is not one spring's own", None
     )
-    polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = Field(
-        default=None,
-        description="joint and power of a polynomial spring: of the first power the "
+    polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = keyed(
+        "joint and power of a polynomial spring: of the first power the "
         "value is a compliance, of others the coefficient",
+        None,
     )
 
 
@@ -290,20 +288,14 @@ class IdentifiedModel(FileModel):
     """How well the stiffnesses are known; written by `cartstiff identify -o`."""
 
     compliances: list[FoundModel] = Field(max_length=1000)
-    covariance: list[list[Number]] = Field(description="of the compliances, in the file's units")
-    degrees: Positive | None = Field(
-        default=None, description="of freedom of Student's t; normal if absent"
-    )
-    level: float = Field(default=0.95, gt=0.0, lt=1.0, description="of the intervals")
-    rows: int = Field(default=0, strict=True, ge=0, description="measurements, for readers")
-    date: Text | None = Field(default=None, description="of the measurement, for readers")
-    source: Text | None = Field(default=None, description="what was measured, for readers")
-    undetermined: list[Text] = Field(
-        default=[], description="springs of which the measurements say nothing"
-    )
-    at_least: dict[str, Positive] = Field(
-        default={}, description="springs without an upper end, and the lower one"
-    )
+    covariance: list[list[Number]] = keyed("of the compliances, in the file's units")
+    degrees: Positive | None = keyed("of freedom of Student's t; normal if absent", None)
+    level: float = keyed("of the intervals", 0.95, gt=0.0, lt=1.0)
+    rows: int = keyed("measurements, for readers", 0, strict=True, ge=0)
+    date: Text | None = keyed("of the measurement, for readers", None)
+    source: Text | None = keyed("what was measured, for readers", None)
+    undetermined: list[Text] = keyed("springs of which the measurements say nothing", [])
+    at_least: dict[str, Positive] = keyed("springs without an upper end, and the lower one", {})
 
 
 def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticMechanism:
@@ -340,8 +332,7 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
         values.append(entry.value)
     names = {*elements.names, *(pattern.name for pattern in patterns)}
     for name in model.at_least:
-        if name not in names:
-            raise UnknownNameError("spring", name, names, where="identified.at_least")
+        check_name("spring", name, names, "identified.at_least")
     P = len(patterns)
     if [len(row) for row in model.covariance] != [P] * P:
         raise InputError(
@@ -399,45 +390,41 @@ def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: F
 class PayloadModel(FileModel):
     """A point mass carried by the body."""
 
-    mass: NotNegative = Field(description="kg, whatever the units")
-    com: Vector = Field(default=[0.0, 0.0, 0.0], description="mass centre in the body frame M")
+    mass: NotNegative = keyed("kg, whatever the units")
+    com: Vector = keyed("mass centre in the body frame M", [0.0, 0.0, 0.0])
 
 
 class BodyModel(FileModel):
     """The platform's own mass, for vibrations and gravity."""
 
-    mass: NotNegative = Field(description="kg, whatever the units")
-    com: Vector = Field(default=[0.0, 0.0, 0.0], description="mass centre in P")
-    inertia: list[Vector] | None = Field(
-        default=None,
+    mass: NotNegative = keyed("kg, whatever the units")
+    com: Vector = keyed("mass centre in P", [0.0, 0.0, 0.0])
+    inertia: list[Vector] | None = keyed(
+        "3x3 about the mass centre, axes of P; kg and the file's length squared",
+        None,
         min_length=3,
         max_length=3,
-        description="3x3 about the mass centre, axes of P; kg and the file's length squared",
     )
 
 
 class LegMassModel(FileModel):
     """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
 
-    fixed: PerLeg = Field(default=0.0, description="kg, of the bar on the base's joint")
-    moving: PerLeg = Field(default=0.0, description="kg, of the bar on the platform's joint")
-    fixed_com: PerLeg = Field(
-        default=0.0, description="distance of its centre from the base's joint"
-    )
-    moving_com: PerLeg = Field(
-        default=0.0, description="distance of its centre from the platform's joint"
-    )
-    radius: PerLeg = Field(default=0.0, description="of both bars; 0 for slender ones")
+    fixed: PerLeg = keyed("kg, of the bar on the base's joint", 0.0)
+    moving: PerLeg = keyed("kg, of the bar on the platform's joint", 0.0)
+    fixed_com: PerLeg = keyed("distance of its centre from the base's joint", 0.0)
+    moving_com: PerLeg = keyed("distance of its centre from the platform's joint", 0.0)
+    radius: PerLeg = keyed("of both bars; 0 for slender ones", 0.0)
 
 
 class LegJointsModel(FileModel):
     """Universal or spherical joints at one end of the legs, and how far they turn."""
 
-    axis: Vector | Vectors = Field(
-        description="middle direction of the leg seen from the joint, or one per leg; in F "
+    axis: Vector | Vectors = keyed(
+        "middle direction of the leg seen from the joint, or one per leg; in F "
         "at the base, in P at the platform"
     )
-    angle: PerLeg = Field(description="largest angle of the leg from it, rad")
+    angle: PerLeg = keyed("largest angle of the leg from it, rad")
 
 
 _Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
@@ -446,32 +433,30 @@ _Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 class FlexureModel(FileModel):
     """A flexure joint of a strut: a spring, or none, for each of its six motions."""
 
-    axial: Annotated[Positive, RIGID] = Field(
-        default=math.inf, description="along the strut, force per length; default rigid"
+    axial: Annotated[Positive, RIGID] = keyed(
+        "along the strut, force per length; default rigid", math.inf
     )
-    shear: Annotated[Positive, RIGID] = Field(
-        default=math.inf, description="across the strut, force per length; default rigid"
+    shear: Annotated[Positive, RIGID] = keyed(
+        "across the strut, force per length; default rigid", math.inf
     )
-    bending: Annotated[NotNegative, RIGID] = Field(
-        description="about axes across it, N m/rad whatever the units"
+    bending: Annotated[NotNegative, RIGID] = keyed(
+        "about axes across it, N m/rad whatever the units"
     )
-    torsion: Annotated[NotNegative, RIGID] = Field(
-        description="about its axis, N m/rad whatever the units; or rigid"
+    torsion: Annotated[NotNegative, RIGID] = keyed(
+        "about its axis, N m/rad whatever the units; or rigid"
     )
-    offset: NotNegative = Field(
-        default=0.0, description="from the leg's point to the flexure, along the strut"
-    )
+    offset: NotNegative = keyed("from the leg's point to the flexure, along the strut", 0.0)
 
 
 class StrutModel(FileModel):
     """Legs as struts between flexure joints, straight with the platform at the file's pose."""
 
-    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = Field(
-        description="stiffness along the strut without its flexures; one number or one per leg"
+    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = keyed(
+        "stiffness along the strut without its flexures; one number or one per leg"
     )
-    lower: FlexureModel = Field(description="at the base")
-    upper: FlexureModel = Field(description="at the platform")
-    mass: LegMassModel | None = Field(default=None, description="in place of mass in legs")
+    lower: FlexureModel = keyed("at the base")
+    upper: FlexureModel = keyed("at the platform")
+    mass: LegMassModel | None = keyed("in place of mass in legs", None)
 
     @model_validator(mode="after")
     def _stands(self) -> StrutModel:
@@ -485,32 +470,25 @@ class StrutModel(FileModel):
 class LinesLegs(FileModel):
     """Springs in the legs; one number for all or one per leg."""
 
-    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = Field(
-        default=None, description="of legs between ideal joints, force per length"
+    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = keyed(
+        "of legs between ideal joints, force per length", None
     )
-    strut: StrutModel | None = Field(
-        default=None, description="in place of stiffness: legs with flexure joints"
+    strut: StrutModel | None = keyed("in place of stiffness: legs with flexure joints", None)
+    rest_length: PerLeg | None = keyed("length without tension", None)
+    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = keyed(
+        "tension at the file's pose, instead of rest_length", None
     )
-    rest_length: PerLeg | None = Field(default=None, description="length without tension")
-    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = Field(
-        default=None, description="tension at the file's pose, instead of rest_length"
-    )
-    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = Field(
-        default=None, description="[shortest, longest], or one pair per leg"
+    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = keyed(
+        "[shortest, longest], or one pair per leg", None
     )
     base_joints: LegJointsModel | None = None
     platform_joints: LegJointsModel | None = None
-    diameter: PerLeg | None = Field(
-        default=None, description="of the legs, which must not touch each other"
-    )
-    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = Field(
-        default=None,
-        description="[least, largest] tension, or one pair per leg; compression below zero",
+    diameter: PerLeg | None = keyed("of the legs, which must not touch each other", None)
+    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = keyed(
+        "[least, largest] tension, or one pair per leg; compression below zero", None
     )
     mass: LegMassModel | None = None
-    damping: PerLeg = Field(
-        default=0.0, description="dampers along the legs, force per velocity (seconds)"
-    )
+    damping: PerLeg = keyed("dampers along the legs, force per velocity (seconds)", 0.0)
 
     @model_validator(mode="after")
     def _one(self) -> LinesLegs:
@@ -533,20 +511,16 @@ class JointSpringModel(FileModel):
     stiffness: Annotated[
         NotNegative | None,
         RIGID,
-    ] = Field(default=None, description="N m/rad, N/m for a prismatic joint; or rigid")
-    polynomial: list[Number] | None = Field(
-        default=None, min_length=1, max_length=20, description="torque c1 x + c2 x^2 + ..."
+    ] = keyed("N m/rad, N/m for a prismatic joint; or rigid", None)
+    polynomial: list[Number] | None = keyed(
+        "torque c1 x + c2 x^2 + ...", None, min_length=1, max_length=20
     )
-    table: list[Pair] | None = Field(
-        default=None, min_length=2, description="pairs [deflection, torque], deflections increasing"
+    table: list[Pair] | None = keyed(
+        "pairs [deflection, torque], deflections increasing", None, min_length=2
     )
-    rest: Number | None = Field(
-        default=None, description="rest position; without it the spring balances the load at q"
-    )
-    damping: NotNegative | None = Field(
-        default=None,
-        description="damper beside the spring, N m s/rad or N s/m; default what the robot's "
-        "file has",
+    rest: Number | None = keyed("rest position; without it the spring balances the load at q", None)
+    damping: NotNegative | None = keyed(
+        "damper beside the spring, N m s/rad or N s/m; default what the robot's file has", None
     )
 
     @model_validator(mode="after")
@@ -560,57 +534,51 @@ class JointSpringModel(FileModel):
 class BeamModel(FileModel):
     """A straight beam along the link's x axis, from clamp to clamp; it feels its axial force."""
 
-    E: Positive = Field(description="Young's modulus")
-    G: Positive = Field(description="shear modulus")
+    E: Positive = keyed("Young's modulus")
+    G: Positive = keyed("shear modulus")
     length: Positive
-    area: Positive = Field(description="cross-section area")
-    Iy: Positive = Field(description="second moment of area about y")
-    Iz: Positive = Field(description="second moment of area about z")
-    J: Positive = Field(description="torsion constant")
-    segments: int = Field(
-        default=1,
+    area: Positive = keyed("cross-section area")
+    Iy: Positive = keyed("second moment of area about y")
+    Iz: Positive = keyed("second moment of area about z")
+    J: Positive = keyed("torsion constant")
+    segments: int = keyed(
+        "equal parts with six coordinates each: more for large deflections",
+        1,
         strict=True,
         ge=1,
         le=1000,
-        description="equal parts with six coordinates each: more for large deflections",
     )
-    shear_area_y: Positive | None = Field(
-        default=None, description="area times shear factor, along y; rigid if absent"
-    )
-    shear_area_z: Positive | None = Field(default=None, description="the same along z")
-    density: NotNegative = Field(
-        default=0.0,
-        description="kg per volume: the beam's own mass, lumped as rigid half segments at its "
+    shear_area_y: Positive | None = keyed("area times shear factor, along y; rigid if absent", None)
+    shear_area_z: Positive | None = keyed("the same along z", None)
+    density: NotNegative = keyed(
+        "kg per volume: the beam's own mass, lumped as rigid half segments at its "
         "nodes; the link's inertia in the robot's file stays at the near end besides",
+        0.0,
     )
 
 
 class SuperelementModel(FileModel):
     """A link's stiffness matrix from a finite-element program, reduced to a few nodes."""
 
-    K: FileName = Field(
-        description="text file, relative to this one: 6 N rows of 6 N numbers, forces per "
+    K: FileName = keyed(
+        "text file, relative to this one: 6 N rows of 6 N numbers, forces per "
         "displacement of the free body"
     )
-    M: FileName | None = Field(
-        default=None,
-        description="text file: mass matrix in the same rows, kg; Guyan's reduction to base and "
+    M: FileName | None = keyed(
+        "text file: mass matrix in the same rows, kg; Guyan's reduction to base and "
         "tip makes it one body that follows a share of the deflection. The link's inertia in the "
         "robot's file stays at the near end besides",
+        None,
     )
-    nodes: Vectors = Field(description="the N nodes, in the link's frame (moved by `offset`)")
-    base: int = Field(
-        default=0,
-        strict=True,
-        description="index, from 0, of the node that is fixed to the link's near side",
+    nodes: Vectors = keyed("the N nodes, in the link's frame (moved by `offset`)")
+    base: int = keyed(
+        "index, from 0, of the node that is fixed to the link's near side", 0, strict=True
     )
-    tip: int = Field(
-        default=-1,
-        strict=True,
-        description="index of the node that carries what is beyond; -1 is the last",
+    tip: int = keyed(
+        "index of the node that carries what is beyond; -1 is the last", -1, strict=True
     )
-    order: Literal["linear-angular", "angular-linear"] = Field(
-        default="linear-angular", description="of each node's six rows"
+    order: Literal["linear-angular", "angular-linear"] = keyed(
+        "of each node's six rows", "linear-angular"
     )
 
     def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
@@ -639,14 +607,12 @@ def _matrix(path: Path) -> Array:
 class FlexibleModel(FileModel):
     """A link that gives: a 6x6 spring (order angular-linear), a beam, or a superelement."""
 
-    stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = Field(
-        default=None, min_length=6, max_length=6, description="6x6, in the file's units"
+    stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = keyed(
+        "6x6, in the file's units", None, min_length=6, max_length=6
     )
     beam: BeamModel | None = None
     superelement: SuperelementModel | None = None
-    offset: PoseModel = Field(
-        default=PoseModel(), description="place of the spring in the link's frame"
-    )
+    offset: PoseModel = keyed("place of the spring in the link's frame", PoseModel())
     _mass: SuperelementMass | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -680,7 +646,7 @@ class LineModel(FileModel):
     points: list[Vector] = Field(min_length=2, max_length=2)
     stiffness: Positive
     rest_length: NotNegative | None = None
-    preload: Number | None = Field(default=None, description="tension at q")
+    preload: Number | None = keyed("tension at q", None)
     unilateral: Flag = False
 
     @model_validator(mode="after")
@@ -709,21 +675,16 @@ class LegEndsModel(FileModel):
     """Joints on a circle about z, or points one by one."""
 
     radius: Positive | None = None
-    half_angle: Number | None = Field(
-        default=None,
-        description="rad, between a joint and the middle of its pair; three pairs, and the two "
+    half_angle: Number | None = keyed(
+        "rad, between a joint and the middle of its pair; three pairs, and the two "
         "legs of a pair of the base are mirror images of each other",
+        None,
     )
-    angles: list[Number] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=100,
-        description="where the joints are on the circle; default [0]",
+    angles: list[Number] | None = keyed(
+        "where the joints are on the circle; default [0]", None, min_length=1, max_length=100
     )
-    height: Number = Field(default=0.0, description="of the circle, along z")
-    points: list[Vector] | None = Field(
-        default=None, min_length=1, max_length=100, description="instead of the circle"
-    )
+    height: Number = keyed("of the circle, along z", 0.0)
+    points: list[Vector] | None = keyed("instead of the circle", None, min_length=1, max_length=100)
 
     @model_validator(mode="after")
     def _one(self) -> LegEndsModel:
@@ -738,59 +699,54 @@ class LegEndsModel(FileModel):
 class NamedLegsModel(FileModel):
     """Equal legs from the ground to the body, by the letters of their joints."""
 
-    chain: Text = Field(
-        description="joints from the ground to the body: R revolute, P prismatic, U universal, "
+    chain: Text = keyed(
+        "joints from the ground to the body: R revolute, P prismatic, U universal, "
         "S spherical, C cylindrical; such as UPS, PUS, RUS, RPS, PRS, UPU, RUU, RRR"
     )
-    base: LegEndsModel = Field(description="first joints, in F")
-    platform: LegEndsModel = Field(description="last joints, in the body's frame P")
-    symmetry: int | None = Field(
-        default=None,
+    base: LegEndsModel = keyed("first joints, in F")
+    platform: LegEndsModel = keyed("last joints, in the body's frame P")
+    symmetry: int | None = keyed(
+        "how often what base and platform give is repeated about z; default 3, and "
+        "1 where points or angles are given",
+        None,
         strict=True,
         ge=1,
         le=100,
-        description="how often what base and platform give is repeated about z; default 3, and "
-        "1 where points or angles are given",
     )
-    turn: Number | None = Field(
-        default=None, description="rad, of the platform's pairs against the base's; default pi/3"
+    turn: Number | None = keyed(
+        "rad, of the platform's pairs against the base's; default pi/3", None
     )
-    axis: Direction | None = Field(
-        default=None,
-        description="of cranks, hinges and first axes of universal joints: radial, tangential, "
+    axis: Direction | None = keyed(
+        "of cranks, hinges and first axes of universal joints: radial, tangential, "
         "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
         "leg; default vertical for chains of R and P only, else tangential",
+        None,
     )
-    rail: Direction | None = Field(
-        default=None,
-        description="direction of the rails of chains that begin with P, as axis; default vertical",
+    rail: Direction | None = keyed(
+        "direction of the rails of chains that begin with P, as axis; default vertical", None
     )
-    crank: _PerLeg | None = Field(default=None, description="length, for chains that begin with R")
-    rod: _PerLeg | None = Field(
-        default=None, description="length, for chains that begin with P or R"
-    )
-    mode: _Mode | list[_Mode] | None = Field(
-        default=None,
-        description="working mode: the smaller (minus) or the larger (plus) of the two slides, or "
+    crank: _PerLeg | None = keyed("length, for chains that begin with R", None)
+    rod: _PerLeg | None = keyed("length, for chains that begin with P or R", None)
+    mode: _Mode | list[_Mode] | None = keyed(
+        "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
         "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
         "and the crank that points outwards the more",
+        None,
     )
-    actuated: list[Text] | None = Field(
-        default=None, description="names of the driven joints; default slide, or crank; [] for none"
+    actuated: list[Text] | None = keyed(
+        "names of the driven joints; default slide, or crank; [] for none", None
     )
-    stiffness: Stiffness | list[Stiffness] | None = Field(
-        default=None, description="of the driven joints, N/m or N m/rad; or rigid"
+    stiffness: Stiffness | list[Stiffness] | None = keyed(
+        "of the driven joints, N/m or N m/rad; or rigid", None
     )
-    limits: Pair | list[Pair] | None = Field(
-        default=None, description="[least, most] of the slide or crank"
+    limits: Pair | list[Pair] | None = keyed("[least, most] of the slide or crank", None)
+    diameter: _PerLeg | None = keyed(
+        "of the rods, or struts, which must not touch each other", None
     )
-    diameter: _PerLeg | None = Field(
-        default=None, description="of the rods, or struts, which must not touch each other"
-    )
-    turns: dict[Text, Pair] = Field(
-        default={},
-        description="[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
+    turns: dict[Text, Pair] = keyed(
+        "[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
         "a ball is limited about each of its three axes",
+        {},
     )
 
     @model_validator(mode="before")
@@ -828,29 +784,25 @@ class NamedLegsModel(FileModel):
 
 
 class _File(FileModel):
-    name: Text | None = Field(default=None, description="name shown to people")
-    description: Text | None = Field(default=None, description="what the mechanism is, for readers")
-    source: Text | None = Field(
-        default=None, description="where its numbers come from, for readers"
-    )
-    gravity: Vector | None = Field(
-        default=None, description="acceleration in F, m/s^2 whatever the units; none if absent"
+    name: Text | None = keyed("name shown to people", None)
+    description: Text | None = keyed("what the mechanism is, for readers", None)
+    source: Text | None = keyed("where its numbers come from, for readers", None)
+    gravity: Vector | None = keyed(
+        "acceleration in F, m/s^2 whatever the units; none if absent", None
     )
     payload: PayloadModel | None = None
-    parameters: dict[Text, Number | Text] = Field(
-        default={},
-        description="names for numbers; wherever a number stands in the file, a text such as "
+    parameters: dict[Text, Number | Text] = keyed(
+        "names for numbers; wherever a number stands in the file, a text such as "
         "'=2*r*cos(pi/6)' may stand for it",
+        {},
     )
     identified: IdentifiedModel | None = None
 
 
 class _Robot(FileModel):
-    model: FileName = Field(description="name of a robot, or path of URDF, xacro or MJCF")
-    xacro: dict[str, Argument] = Field(default={}, description="arguments of a xacro file by name")
-    package_path: list[FileName] = Field(
-        default=[], description="folders in which ROS packages are looked for first"
-    )
+    model: FileName = keyed("name of a robot, or path of URDF, xacro or MJCF")
+    xacro: dict[str, Argument] = keyed("arguments of a xacro file by name", {})
+    package_path: list[FileName] = keyed("folders in which ROS packages are looked for first", [])
     _named: tuple[str, ...] = PrivateAttr(default=())
 
     @property
@@ -874,16 +826,14 @@ class SerialFile(_Robot, _File):
     """A serial arm."""
 
     kind: Literal["serial"]
-    frame: Text | None = Field(default=None, description="link or site that is the body frame M")
-    base: PoseModel = Field(
-        default=PoseModel(), description="the robot's own base frame B (its root) in F, the room"
-    )
-    offset: PoseModel = Field(default=PoseModel(), description="M in that frame")
-    locked: dict[str, Number] = Field(default={}, description="joints held fixed")
-    q: dict[str, Number] = Field(default={}, description="default posture")
+    frame: Text | None = keyed("link or site that is the body frame M", None)
+    base: PoseModel = keyed("the robot's own base frame B (its root) in F, the room", PoseModel())
+    offset: PoseModel = keyed("M in that frame", PoseModel())
+    locked: dict[str, Number] = keyed("joints held fixed", {})
+    q: dict[str, Number] = keyed("default posture", {})
     springs: dict[str, JointSpringModel] = {}
-    passive: list[Text] = Field(default=[], description="joints without springs")
-    flexible: dict[str, FlexibleModel] = Field(default={}, description="by link name")
+    passive: list[Text] = keyed("joints without springs", [])
+    flexible: dict[str, FlexibleModel] = keyed("by link name", {})
     lines: list[LineModel] = []
 
 
@@ -892,21 +842,17 @@ class PlatformFile(_File):
 
     kind: Literal["stewart-gough"]
     units: UnitsModel = UnitsModel()
-    layout: LayoutModel | None = Field(
-        default=None, description="in place of base, platform and pose"
-    )
-    base: list[Vector] = Field(default=[], min_length=6, max_length=6, description="points in F")
-    platform: list[Vector] = Field(
-        default=[], min_length=6, max_length=6, description="points in P"
-    )
-    pose: PoseModel = Field(default=PoseModel(), description="P in F")
-    frame: PoseModel = Field(default=PoseModel(), description="M in P")
+    layout: LayoutModel | None = keyed("in place of base, platform and pose", None)
+    base: list[Vector] = keyed("points in F", [], min_length=6, max_length=6)
+    platform: list[Vector] = keyed("points in P", [], min_length=6, max_length=6)
+    pose: PoseModel = keyed("P in F", PoseModel())
+    frame: PoseModel = keyed("M in P", PoseModel())
     body: BodyModel | None = None
     legs: LinesLegs
-    flexible: dict[Literal["base", "platform"], FlexibleModel] = Field(
-        default={},
-        description="what gives between the ground and the feet of the legs (place of the spring "
+    flexible: dict[Literal["base", "platform"], FlexibleModel] = keyed(
+        "what gives between the ground and the feet of the legs (place of the spring "
         "in F), and between their heads and the body (in P)",
+        {},
     )
 
     @model_validator(mode="after")
@@ -922,16 +868,16 @@ class SpringsFile(_File):
 
     kind: Literal["springs"]
     units: UnitsModel = UnitsModel()
-    base: Vectors = Field(description="anchor points in F")
-    platform: Vectors = Field(description="points of the body in P")
-    pose: PoseModel = Field(default=PoseModel(), description="P in F")
-    frame: PoseModel = Field(default=PoseModel(), description="M in P")
+    base: Vectors = keyed("anchor points in F")
+    platform: Vectors = keyed("points of the body in P")
+    pose: PoseModel = keyed("P in F", PoseModel())
+    frame: PoseModel = keyed("M in P", PoseModel())
     body: BodyModel | None = None
     legs: LinesLegs
-    flexible: dict[Literal["base", "platform"], FlexibleModel] = Field(
-        default={}, description="as of kind stewart-gough"
+    flexible: dict[Literal["base", "platform"], FlexibleModel] = keyed(
+        "as of kind stewart-gough", {}
     )
-    unilateral: Flag = Field(default=False, description="cables: they cannot push")
+    unilateral: Flag = keyed("cables: they cannot push", False)
 
     @model_validator(mode="after")
     def _pull(self) -> SpringsFile:
@@ -945,14 +891,12 @@ class LegModel(_Robot):
 
     kind: Literal["serial"] = "serial"
     frame: Text | None = None
-    base: PoseModel = Field(default=PoseModel(), description="the chain's root in F")
-    grip: PoseModel = Field(
-        default=PoseModel(), description="the chain's end frame in the body frame"
+    base: PoseModel = keyed("the chain's root in F", PoseModel())
+    grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel())
+    contact: Literal["rigid", "soft-finger", "point"] = keyed(
+        "joint between chain and body: none, spin about z, or a ball", "rigid"
     )
-    contact: Literal["rigid", "soft-finger", "point"] = Field(
-        default="rigid", description="joint between chain and body: none, spin about z, or a ball"
-    )
-    passive: list[Text] = Field(default=[], description="joints without springs")
+    passive: list[Text] = keyed("joints without springs", [])
     locked: dict[str, Number] = {}
     q: dict[str, Number] = {}
     springs: dict[str, JointSpringModel] = {}
@@ -1006,14 +950,12 @@ class ParallelFile(_File):
     """One body carried by several chains."""
 
     kind: Literal["parallel"]
-    legs: _Legs = Field(description="legs by name, or chains one by one, or a list of both")
-    pose: PoseModel | None = Field(
-        default=None,
-        description="the body's own frame in F, where the legs are put together; legs by name need "
-        "it",
+    legs: _Legs = keyed("legs by name, or chains one by one, or a list of both")
+    pose: PoseModel | None = keyed(
+        "the body's own frame in F, where the legs are put together; legs by name need it", None
     )
-    offset: PoseModel = Field(default=PoseModel(), description="M in the body's own frame")
-    actuated: list[Text] = Field(default=[], description="joints as leg1/joint_name")
+    offset: PoseModel = keyed("M in the body's own frame", PoseModel())
+    actuated: list[Text] = keyed("joints as leg1/joint_name", [])
     lines: list[LineModel] = []
 
 
@@ -1022,11 +964,8 @@ class ClosureModel(FileModel):
 
     frames: list[Text] = Field(min_length=2, max_length=2)
     type: Literal["point", "weld"]
-    points: list[Vector] | None = Field(
-        default=None,
-        min_length=2,
-        max_length=2,
-        description="points in the frames; default origins",
+    points: list[Vector] | None = keyed(
+        "points in the frames; default origins", None, min_length=2, max_length=2
     )
 
 
@@ -1037,14 +976,12 @@ class ClosedChainFile(_Robot, _File):
     frame: Text | None = None
     offset: PoseModel = PoseModel()
     closures: list[ClosureModel] = []
-    floating: Flag = Field(
-        default=False, description="the tree's root is free in F, as a walking machine's body"
-    )
+    floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
     actuated: list[Text] = []
     locked: dict[str, Number] = {}
-    q: dict[str, Number] = Field(default={}, description="posture from which assembly starts")
+    q: dict[str, Number] = keyed("posture from which assembly starts", {})
     springs: dict[str, JointSpringModel] = {}
-    passive: list[Text] = Field(default=[], description="joints without springs")
+    passive: list[Text] = keyed("joints without springs", [])
     flexible: dict[str, FlexibleModel] = {}
     lines: list[LineModel] = []
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_input, checked_vector, fixed
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, LineGeometry, SecondOrderMap
 
@@ -371,8 +371,7 @@ def named_values(
     if isinstance(numbers, Mapping):
         values = np.array(np.broadcast_to(np.asarray(default, float), (len(names),)))
         for name, value in numbers.items():
-            if name not in names:
-                raise UnknownNameError("joint", str(name), names, where=what)
+            check_name("joint", name, names, what)
             is_rigid = infinite and _is_infinite(value)
             values[names.index(name)] = (
                 np.inf if is_rigid else checked_input(value, (), f"{what} of {name}")

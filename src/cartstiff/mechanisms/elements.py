@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.errors import UndefinedError, UnknownNameError, check_name
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import LINK, CompliancePattern
@@ -91,8 +91,7 @@ class Elements:
 
     def index(self, name: str, where: str | None = None) -> int:
         """Place of an element; UnknownNameError."""
-        if name not in self.names:
-            raise UnknownNameError("spring", name, self.names, where=where)
+        check_name("spring", name, self.names, where)
         return self.names.index(name)
 
     def _potential(self, part: int) -> object:

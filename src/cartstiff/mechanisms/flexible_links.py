@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import primitive
@@ -151,8 +151,7 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
         return springs
     bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     for name in flexible:
-        if name not in bodies:
-            raise UnknownNameError("link", name, bodies)
+        check_name("link", name, bodies)
     # Parents come before their children in Pinocchio's list of frames.
     for name in sorted(flexible, key=lambda name: bodies[name]):
         link, give = model.frames[bodies[name]], flexible[name]

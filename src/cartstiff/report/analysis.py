@@ -13,7 +13,7 @@ from cartstiff import numerics
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
 from cartstiff.choices import LEVELS
-from cartstiff.errors import UnknownNameError, joined
+from cartstiff.errors import check_name, joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import SI, Units
@@ -216,8 +216,7 @@ def summary_text(
     InputError
         If a unit is missing.
     """
-    if level not in LEVELS:
-        raise UnknownNameError("level", level, LEVELS)
+    check_name("level", level, LEVELS)
     u = units if isinstance(units, Units) else Units.from_dict(units or SI.as_dict())
     if level == "none":
         return ""

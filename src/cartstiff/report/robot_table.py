@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cartstiff.arrays import checked_array, csv_line
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
@@ -34,8 +34,7 @@ def orientation_of(R: ArrayLike, controller: str) -> Array:
     UnknownNameError
         For another controller.
     """
-    if controller not in CONTROLLERS:
-        raise UnknownNameError("controller", controller, CONTROLLERS)
+    check_name("controller", controller, CONTROLLERS)
     turns = Rotation.from_matrix(checked_array(R, [("N", 3, 3)], "rotations"))
     if controller == "abb":
         return np.asarray(turns.as_quat(canonical=True, scalar_first=True))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import checked_number
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError, checked_kind
+from cartstiff.errors import InputError, check_name, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -172,8 +172,7 @@ def checked_command(elastic: ElasticMechanism, command: Mapping[str, float]) -> 
     steps = {}
     checked_kind(command, Mapping, "command", "names of drives and how far they move")
     for name, value in command.items():
-        if name not in names:
-            raise UnknownNameError("drive", str(name), names, where="command")
+        check_name("drive", name, names, "command")
         if name not in driven:
             some = "one of " + ", ".join(driven[:12]) + (", ..." if len(driven) > 12 else "")
             raise InputError(

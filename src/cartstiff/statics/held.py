@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_number, is_pose, real_array
-from cartstiff.errors import InputError, UnknownNameError, checked_kind
+from cartstiff.errors import InputError, check_name, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
@@ -71,8 +71,7 @@ class Held:
     def __post_init__(self) -> None:
         checked_kind(self.values, Mapping, "held displacement", "components and values")
         for name, value in self.values.items():
-            if name not in COMPONENTS:
-                raise UnknownNameError("displacement component", str(name), COMPONENTS)
+            check_name("displacement component", name, COMPONENTS)
             checked_number(value, f"held displacement {name}")
         if not self.values:
             raise InputError("nothing is held", expected="one or more of " + ", ".join(COMPONENTS))

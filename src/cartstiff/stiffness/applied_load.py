@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_input, checked_reach, checked_vector, read_only
 from cartstiff.choices import LOAD_KINDS
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
@@ -58,8 +58,7 @@ class LoadKind:
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if self.kind not in LOAD_KINDS:
-            raise UnknownNameError("kind of load", self.kind, LOAD_KINDS)
+        check_name("kind of load", self.kind, LOAD_KINDS)
         point = checked_vector(self.at, 3, "point of the load")
         checked_reach(point, "point of the load")
         object.__setattr__(self, "at", tuple(point.tolist()))
@@ -114,8 +113,7 @@ class LoadKind:
         W = checked_input(wrench, (6,), "wrench")
         if self.kind == "follower":
             return FollowerWrench(wrench_in_body(W, pose, self.at, axes))
-        if axes not in _AXES:
-            raise UnknownNameError("axes", axes, _AXES)
+        check_name("axes", axes, _AXES)
         R = pose[:3, :3]
         inertial = W if axes == "world" else np.concatenate([R @ W[:3], R @ W[3:]])
         if self.kind == "dead":
@@ -149,8 +147,7 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
     if kind == "dead" and at is DEAD_AT_ORIGIN.at and axes == "body":
         return DEAD_AT_ORIGIN  # as nearly always
     checked = LoadKind(kind, at)  # type: ignore[arg-type]
-    if axes not in _AXES:
-        raise UnknownNameError("axes", axes, _AXES)
+    check_name("axes", axes, _AXES)
     if not given:
         for name, is_said in (
             ("load_axes", axes != "body"),
@@ -187,8 +184,7 @@ def wrench_in_body(
     UnknownNameError
         For other axes.
     """
-    if axes not in _AXES:
-        raise UnknownNameError("axes", axes, _AXES)
+    check_name("axes", axes, _AXES)
     W = np.array(wrench, float)
     if axes == "world":
         W = W.reshape(*W.shape[:-1], 2, 3) @ pose[..., :3, :3]

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_seed
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses, distinct
@@ -64,8 +64,7 @@ def best_way(
     reached : list of ndarray
         Candidates of each layer that some way from the first layer leads to, as far as any does.
     """
-    if objective not in get_args(Objective):
-        raise UnknownNameError("objective", str(objective), get_args(Objective))
+    check_name("objective", objective, get_args(Objective))
     usable = [np.flatnonzero(np.isfinite(c)) for c in costs]
     if objective == "worst":
         total, reached, _ = _among_few(costs, steps, usable, worst=True)

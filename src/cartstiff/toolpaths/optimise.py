@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import csv_text
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError, checked_kind
+from cartstiff.errors import InputError, UndefinedError, check_name, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free
@@ -676,10 +676,8 @@ def optimise_path(
     connection = connection or ("load" if loaded else "B")
     if isinstance(mechanism, Chain) and mechanism.closures:
         raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
-    if free not in get_args(Free):
-        raise UnknownNameError("free rotation", str(free), get_args(Free))
-    if criterion not in criteria():
-        raise UnknownNameError("criterion", criterion, criteria())
+    check_name("free rotation", free, get_args(Free))
+    check_name("criterion", criterion, criteria())
     if not 0.0 <= singular < 1.0:
         raise InputError(
             "singularity threshold cannot be used", expected="0 to below 1", got=singular

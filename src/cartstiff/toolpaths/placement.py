@@ -15,7 +15,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import (
     InputError,
     UndefinedError,
-    UnknownNameError,
+    check_name,
     checked_kind,
     imported,
 )
@@ -207,8 +207,7 @@ def _axes(region: Mapping[str, ArrayLike]) -> dict[str, Array]:
         raise InputError("a region needs a coordinate", expected=", ".join(COORDINATES))
     axes = {}
     for name in region:
-        if name not in COORDINATES:
-            raise UnknownNameError("coordinate of the workpiece", str(name), COORDINATES)
+        check_name("coordinate of the workpiece", name, COORDINATES)
     for name in (n for n in COORDINATES if n in region):
         values = checked_array(region[name], ("m",), f"list of values of {name}")
         if np.any(np.diff(values) <= 0):

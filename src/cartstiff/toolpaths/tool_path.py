@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, is_pose, read_only
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
@@ -46,8 +46,7 @@ class ToolPath:
     axes: Axes = "path"
 
     def __post_init__(self) -> None:
-        if self.axes not in get_args(Axes):
-            raise UnknownNameError("axes", str(self.axes), get_args(Axes))
+        check_name("axes", self.axes, get_args(Axes))
         poses = checked_array(self.poses, ("m", 4, 4), "path")
         for index, T in enumerate(poses):
             if not is_pose(T):
@@ -82,8 +81,7 @@ class ToolPath:
         InputError
             For wrong shapes or a direction that is zero.
         """
-        if axis not in ("x", "y", "z"):
-            raise UnknownNameError("axis", str(axis), ("x", "y", "z"))
+        check_name("axis", axis, ("x", "y", "z"))
         p = checked_array(positions, ("N", 3), "array of positions")
         u = _rows(tool_axes, len(p), 3, "tool axes")
         size = np.linalg.norm(u, axis=1)
