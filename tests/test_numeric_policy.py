@@ -16,7 +16,7 @@ ALLOWED = {
     "cli/export.py": "bytes to megabytes",
     "cli/report.py": "bytes to megabytes",
     "loading/tables.py": "units",
-    "loading/defaults.py": "joints without limits",
+    "loading/build.py": "joints without limits",
     "loading/mesh_worker.py": "metres of which no robot has so many",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
     "loading/visuals.py": "metres of which no robot has so many",

@@ -30,9 +30,9 @@ import numpy as np
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError
+from cartstiff.loading.build import tree_to
 from cartstiff.loading.mjcf import reading as mjcf
 from cartstiff.loading.mjcf import worker as mjcf_worker
-from cartstiff.loading.parts import tree_to
 from cartstiff.loading.robot_description import read_robot_description
 
 #: Chains of some ten products of matrices of doubles, in metres.

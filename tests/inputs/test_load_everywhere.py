@@ -17,7 +17,7 @@ from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.platform import LegLimits
-from cartstiff.reach.margins import lines_at
+from cartstiff.reach.workspace import lines_at
 
 TOOL = {"--tcp", "--gravity", "--payload", "--units"}
 LOAD = {"--load", "--load-at", "--world", "--load-kind"}

@@ -436,7 +436,7 @@ def test_a_hand_alone_is_all_fingers(accepted: Accepted) -> None:
     ],
 )
 def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) -> None:
-    from cartstiff.loading.defaults import default_frame
+    from cartstiff.loading.build import default_frame
     from cartstiff.loading.robot_description import read_robot_description
 
     path = example_robots()[name].path

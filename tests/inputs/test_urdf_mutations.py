@@ -12,8 +12,8 @@ import pinocchio as pin
 import pytest
 
 from cartstiff.errors import InputError
+from cartstiff.loading.build import tree_to
 from cartstiff.loading.catalogue import bundled_files, example_robots
-from cartstiff.loading.parts import tree_to
 from cartstiff.loading.robot_description import read_robot_description
 
 # Products of a few dozen rotations, each right to 1e-16.

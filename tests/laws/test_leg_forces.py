@@ -16,8 +16,7 @@ from cartstiff.maps import Trajectory, compute_map, open_map
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.reach.margins import Margins
-from cartstiff.reach.workspace import carried
+from cartstiff.reach.workspace import Margins, carried
 from cartstiff.stiffness.applied_load import LoadKind
 
 FIELD, MASS, COM = np.array([0.0, 0.0, -9.81]), 40.0, np.array([0.03, -0.02, 0.05])

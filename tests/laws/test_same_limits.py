@@ -21,8 +21,7 @@ from cartstiff.maps import RandomPostures, Trajectory, compute_map, open_map
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.reach.margins import LegMargins, Margins
-from cartstiff.reach.workspace import carried
+from cartstiff.reach.workspace import LegMargins, Margins, carried
 from cartstiff.stiffness.applied_load import checked_load
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support import seeds
 
 from cartstiff.errors import UnknownNameError
-from cartstiff.toolpaths.candidates import Steps, best_way
+from cartstiff.toolpaths.optimise import Steps, best_way
 
 
 @given(seeds, st.sampled_from(["worst", "mean"]), st.booleans())

@@ -9,8 +9,7 @@ from tests.machining import planar
 import cartstiff
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.loading.collisions import Collisions
-from cartstiff.toolpaths.candidates import NEARBY
-from cartstiff.toolpaths.optimise import optimise_path
+from cartstiff.toolpaths.optimise import NEARBY, optimise_path
 from cartstiff.toolpaths.tool_path import ToolPath
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])

@@ -12,8 +12,8 @@ from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 
 from cartstiff import analyse, load
 from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.loading.build import ASSUMED_STIFFNESS
 from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.parts import ASSUMED_STIFFNESS
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.
 STEP = 1e-6

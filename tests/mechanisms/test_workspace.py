@@ -19,7 +19,7 @@ from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError
-from cartstiff.reach.margins import lines_at, wrench_margins
+from cartstiff.reach.workspace import lines_at, wrench_margins
 from cartstiff.report.json_schema import json_schema
 from cartstiff.report.reach import describe_workspace
 
@@ -302,7 +302,7 @@ def test_rotations_are_a_share_of_all(machine, found):
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
     from scipy.spatial.transform import Rotation
 
-    from cartstiff.reach.margins import Margins
+    from cartstiff.reach.workspace import Margins
 
     poses = np.tile(found.pose, (20_000, 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()

@@ -118,8 +118,7 @@ def source_from_options(
 def _workspace_cloud(elastic: Any, q: Any, load: Any, applied: LoadRequest) -> Any:
     """The boundary around a posture; the load counts where forces are limited."""
     from cartstiff.page.source import cloud_of_workspace
-    from cartstiff.reach.margins import limits_forces
-    from cartstiff.reach.workspace import workspace
+    from cartstiff.reach.workspace import limits_forces, workspace
 
     loaded = {}
     if load is not None and limits_forces(elastic):

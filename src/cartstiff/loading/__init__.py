@@ -237,9 +237,13 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.build import serial_of, with_overrides
-    from cartstiff.loading.defaults import default_frame
-    from cartstiff.loading.parts import described, joints_that_move
+    from cartstiff.loading.build import (
+        default_frame,
+        described,
+        joints_that_move,
+        serial_of,
+        with_overrides,
+    )
     from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)

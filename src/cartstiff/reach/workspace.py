@@ -7,44 +7,979 @@ scanned and bisected too, so that holes and parts that are not connected count.
 
 Of orientations the same rays run in the ball of rotation vectors, where a turn by up to theta about
 an axis takes ``(theta - sin theta) / pi`` of all rotations in that direction.
+
+How far poses of a platform, or of a body on legs, are from each limit, many poses at once.
+
+A margin is zero at the limit and negative beyond it. Cables, or more than six legs, with limits of
+their tensions carry a wrench W if ``sum t_i g_i = W`` has a solution within them: W then lies in a
+zonotope, whose facets are normal to n with n . g = 0 for five of the lines each
+([BouchardGosselin]_),
+
+    n . W <= sum_i max(n . g_i t_i),    t_i between its limits,
+
+and the least of these differences, over \|n\|, is the margin: the wrench (moments over the body's
+length) that may be added in any direction.
+
+One distribution of tensions is known in closed form, the nearest to the middle t_m of the limits:
+
+    t = t_m + A^+ (W - A t_m),    A = (g_1, ..., g_m).
+
+It leaves the limits somewhat before the last distribution does.
+
+The joints of legs follow from the body's pose leg by leg. With the drives held, the passive joints'
+twists J_i of the legs meet in the body,
+
+    J_1 dq_1 = J_2 dq_2 = ... = J_m dq_m,
+
+as many equations as passive joints where nothing is redundant: where their determinant vanishes the
+body moves though all drives are held. Beyond it the determinant has the other sign.
+
+Parts of a space of poses that are inside: rays from a centre, columns, the largest ball.
+
+Boundaries are bracketed by a scan, and all brackets are divided at once until they are narrow.
+
+Singular poses around a pose: where a determinant changes its sign, and how far that is.
+
+Poses around (R, p) are ``(R exp(x_1..3 / L), p + x_4..6)`` with L the body's length: \|x\| is then
+the distance in the metric ``d^2 = |dp|^2 + (L angle)^2``. The nearest x with det(x) = 0 solves
+
+    x <- g (g . x - det) / |g|^2,    g = grad det,
+
+from the nearest changes of sign on rays: the shortest x that a linear determinant would ask for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from itertools import combinations, product
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_input, checked_length
 from cartstiff.checked_call import checked
-from cartstiff.choices import Distribution
+from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
-from cartstiff.kinematics.at_pose import COORDINATES
+from cartstiff.kinematics.at_pose import COORDINATES, at_poses
+from cartstiff.kinematics.legs import Leg, legs_of
+from cartstiff.many.postures import tensions_of_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
-from cartstiff.reach.margins import CarriedLoad, LegMargins, Margins
-from cartstiff.reach.regions import (
-    Columns,
-    Moved,
-    Progress,
-    Rays,
-    columns_inside,
-    inscribed,
-    rays_to_boundaries,
-    shifted,
-)
-from cartstiff.reach.singularities import Singular, least_ratio, singular_around
-from cartstiff.stiffness.applied_load import LoadKind, checked_load
+from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
+from cartstiff.potentials.line_springs import LineSprings, lines_of_many
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
+
+
+class LegMargins:
+    """Margins of the limits of a body on legs.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A closed chain that falls apart into legs where its body is held.
+    pose : ndarray (4, 4)
+        Of M: the centre, whose side of singular poses counts.
+    through : bool
+        Whether poses beyond singular ones count, too.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What is limited, and at which side; what a leg reaches.
+    free : list of int
+        Coordinates of the pose that the body takes; the others follow.
+    length : float
+        Characteristic length.
+    """
+
+    def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
+        chain, legs = elastic.mechanism, legs_of(elastic, limits=False)
+        if not isinstance(chain, Chain) or legs is None:
+            raise InputError(
+                "workspaces are found for platforms, and for bodies on legs or cables",
+                got=chain.kind,
+            )
+        self.elastic, self.chain, self.legs = elastic, chain, legs
+        self.limits = Limits(chain)
+        finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
+        self._lower, self._upper = (np.flatnonzero(which) for which in finite)
+        names = [f"{self.limits.names[i]}, least" for i in self._lower]
+        names += [f"{self.limits.names[i]}, most" for i in self._upper]
+        self.length = float(chain.at(elastic.q).length)
+        q, self.free = at_poses(elastic, self.coordinates(pose[None]))
+        names += [f"reach of leg{i + 1}" for i in range(len(chain.legs))] + ["reach"]
+        self.sign = 0.0
+        rates = None if through else self.rates(q)
+        if rates is not None:
+            self.sign = float(np.sign(numerics.determinants(rates)[0]))
+        if self.sign:
+            names.append("singularity")
+        self.names = tuple(names)
+
+    is_slow = True
+
+    def coordinates(self, poses: Array) -> Array:
+        """x, y, z, roll, pitch, yaw (N, 6) of poses (N, 4, 4)."""
+        return np.hstack([poses[:, :3, 3], se3.roll_pitch_yaw(poses)])
+
+    def axes(self) -> list[int]:
+        """Three coordinates of the pose that are followed: the position, if the body takes it."""
+        if len(self.free) < 3:
+            taken = ", ".join(COORDINATES[i] for i in self.free)
+            raise InputError("a workspace needs a body with three freedoms", got=taken or "none")
+        return self.free[:3]
+
+    def at(self, poses: Array) -> Array:
+        """Margins (N, k) at poses (N, 4, 4) of M."""
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
+        known = np.isfinite(q).all(axis=1)
+        margins = np.full((len(q), len(self.names)), np.inf)
+        values = self.limits.values(q, poses)
+        n = len(self._lower) + len(self._upper)
+        margins[:, :n] = np.hstack(
+            [
+                values[:, self._lower] - self.limits.lower[self._lower],
+                self.limits.upper[self._upper] - values[:, self._upper],
+            ]
+        )
+        for i, leg in enumerate(self.chain.legs):
+            short = [leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end]
+            margins[~known, n + i] = np.where(np.array(short) > 0.0, -np.array(short), np.inf)
+        blamed = (margins[~known, n : n + len(self.chain.legs)] < 0.0).any(axis=1)
+        margins[~known, n + len(self.chain.legs)] = np.where(blamed, np.inf, -1.0)
+        if self.sign and known.any() and (rates := self.rates(q[known])) is not None:
+            margins[known, -1] = self.sign * numerics.determinants(rates)
+        return np.where(np.isnan(margins), np.inf, margins)
+
+    def inside(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (N,) are within all limits."""
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
+        values = self.limits.values(q, poses)
+        with np.errstate(invalid="ignore"):
+            inside = np.isfinite(q).all(axis=1)
+            inside &= (values >= self.limits.lower).all(axis=1)
+            inside &= (values <= self.limits.upper).all(axis=1)
+        rows = np.flatnonzero(inside)
+        if self.sign and rows.size and (rates := self.rates(q[rows])) is not None:
+            inside[rows] = self.sign * numerics.determinants(rates) >= 0.0
+        return np.asarray(inside)
+
+    def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
+        """Nothing: legs made of joints have no limits of forces."""
+        return {}
+
+    def reach(self, radius: float | None) -> float:
+        """How far the body can be: as all links of a leg in a row, its slides at their ends."""
+        if radius is not None:
+            return checked_length(radius, "radius")
+        chain, lengths = self.chain, []
+        bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
+        for leg in self.legs:
+            links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
+            slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
+            lengths.append(sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum())
+        if not np.isfinite(min(lengths)):
+            raise InputError(
+                "the slides have no limits, so that the workspace has no bound",
+                expected="legs.limits, or a radius",
+            )
+        return 2.0 * float(min(lengths))
+
+    def determinants(self, poses: Array) -> Array:
+        """Of `rates` (N,); NaN where the legs do not reach."""
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
+        determinants, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
+        if known.any() and (rates := self.rates(q[known])) is not None:
+            determinants[known] = numerics.determinants(rates)
+        return determinants
+
+    def ratios(self, poses: Array) -> Array | None:
+        """Smallest over largest singular value of `rates` (N,); None where these do not exist."""
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
+        ratios = np.full(len(q), np.inf)
+        known = np.isfinite(q).all(axis=1)
+        rates = self.rates(q[known])
+        if rates is None:
+            return None
+        ratios[known] = numerics.ratios(rates)
+        return ratios
+
+    def rates(self, q: Array) -> Array | None:
+        """The equations (N, p, p) above, lengths over `length`; None if they are not square."""
+        parts = [self._passive(leg, q) for leg in self.legs]
+        m = len(parts)
+        total = sum(part.shape[2] for part in parts)
+        if total != 6 * (m - 1) or any(leg.hangs or leg.free != "none" for leg in self.legs):
+            return None
+        matrix, at = np.zeros((len(q), total, total)), 0
+        for i, part in enumerate(parts):
+            own = slice(at, at + part.shape[2])
+            at = own.stop
+            if i == 0:
+                for k in range(m - 1):
+                    matrix[:, 6 * k : 6 * k + 6, own] = part
+            else:
+                matrix[:, 6 * i - 6 : 6 * i, own] = -part
+        return matrix
+
+    def _passive(self, leg: Leg, q: Array) -> Array:
+        """Twists in M (N, 6, p) of a leg's passive joints, in natural sizes."""
+        driven = set(self.chain.actuated or ()) | set(self.chain.virtual)
+        kept = [i for i, c in enumerate(leg.columns.tolist()) if c not in driven]
+        J = leg.solver.kinematics.at(q[:, leg.columns]).jacobian[:, :, kept]
+        sizes = leg.solver.sizes[kept]
+        scale = np.repeat([1.0, 1.0 / self.length], 3)[:, None]
+        return np.asarray(se3.adjoint(leg.after) @ J * scale * sizes)
+
+
+#: How a load acts, (moment, force) (6,) about its point, and the axes along which these are the
+#: same at all poses.
+CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
+
+
+def limits_forces(elastic: ElasticMechanism) -> bool:
+    """Whether a load bears on which poses are within the limits: cables, or legs with `force`."""
+    platform, springs = elastic.mechanism, elastic.springs
+    if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
+        return False
+    limits = platform.leg_limits
+    return springs.unilateral or (limits is not None and limits.forces is not None)
+
+
+def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
+    """Lengths (N, m) and line coordinates (N, m, 6) of the legs, moments over the body's length."""
+    lines = lines_of_many(poses, platform.anchors, platform.points)
+    return lines.lengths, lines.lines / np.repeat([platform.length, 1.0], 3)
+
+
+def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Array:
+    """Margins (N,) of wrenches (N, 6) that lines (N, m, 6) carry with tensions within limits (m,).
+
+    Where tensions have no upper limit, infinity means that every wrench can be carried (closure).
+    """
+    m = lines.shape[1]
+    margins, spanned = np.full(len(lines), np.inf), np.zeros(len(lines), bool)
+    rows = np.arange(6)
+    for five in combinations(range(m), 5):
+        held = lines[:, five]  # (N, 5, 6)
+        n = np.stack(
+            [(-1.0) ** j * numerics.determinants(held[:, :, rows != j]) for j in range(6)], axis=-1
+        )
+        size = np.linalg.norm(n, axis=-1)
+        n = n / np.maximum(size, numerics.TINY)[:, None]
+        along = np.einsum("nmi,ni->nm", lines, n)
+        along[:, five] = 0.0
+        along[np.abs(along) < numerics.RANK] = 0.0
+        regular = size > numerics.RANK
+        spanned |= regular
+        asked = (n * wrench).sum(axis=-1)
+        for sign in (1.0, -1.0):
+            pulled = sign * along
+            with np.errstate(invalid="ignore"):
+                reach = np.where(
+                    pulled > 0.0, pulled * most, np.where(pulled < 0.0, pulled * least, 0.0)
+                ).sum(axis=-1)
+            margin = reach - sign * asked
+            margins = np.where(regular, np.minimum(margins, margin), margins)
+    # Without five independent lines nothing is spanned.
+    return np.where(spanned, margins, -np.inf)
+
+
+class Margins:
+    """Margins of a platform's limits.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A platform, or a body on cables.
+    load : CarriedLoad, optional
+        What the legs carry where their forces are limited, besides the weights that gravity acts
+        on. Their forces are those of `cartstiff.analyse`.
+    sign : float
+        Of the determinant of six legs' lines; poses of the other sign count as beyond the limit
+        "singularity". 0: it does not count.
+    tensions : {"any", "closed-form"}
+        Whether any tensions within their limits may carry the load, or those nearest to the middle
+        of the limits must.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What is limited, and at which side.
+    """
+
+    def __init__(
+        self,
+        elastic: ElasticMechanism,
+        load: CarriedLoad | None = None,
+        sign: float = 0.0,
+        tensions: Distribution = "any",
+    ) -> None:
+        platform, springs = elastic.mechanism, elastic.springs
+        if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
+            raise InputError(
+                "workspaces are found for platforms and bodies on cables",
+                got=elastic.mechanism.kind,
+            )
+        self.platform, self.springs, self.sign = platform, springs, sign
+        self.limits, self.length = Limits(platform), platform.length
+        self.load, self.elastic = load, elastic
+        m = len(platform.points)
+        self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
+        self.is_spread = springs.unilateral or m > 6
+        if self.forces is None and springs.unilateral:
+            self.forces = np.tile([0.0, np.inf], (m, 1))
+        if self.forces is not None:
+            ideal_joints_only(springs, "limits of forces")
+        if self.forces is not None and self.is_spread:
+            # Which tensions, of many that balance, is decided by their limits, not by rest lengths.
+            rest = np.full(m, np.nan)
+            free = replace(springs, rest_length=rest, unilateral=False, balanced_at=None)
+            self.elastic = replace(elastic, springs=free)
+        if m < 6 and self.forces is not None:
+            raise InputError("the forces in fewer than six legs do not follow from a load", got=m)
+        finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
+        self._lower, self._upper = (np.flatnonzero(which) for which in finite)
+        zero = self.limits.lower[self._lower] == 0.0
+        self._lower = self._lower[~zero]  # lengths and angles are not below zero
+        names = [f"{self.limits.names[i]}, least" for i in self._lower]
+        names += [f"{self.limits.names[i]}, most" for i in self._upper]
+        self.tensions = tensions
+        if tensions not in TENSIONS:
+            raise InputError(
+                "unknown distribution of tensions", expected=" or ".join(TENSIONS), got=tensions
+            )
+        if tensions != "any" and (
+            self.forces is None or not self.is_spread or not np.isfinite(self.forces).all()
+        ):
+            raise InputError(
+                "the middle of the limits exists for cables, or more than six legs, with least and "
+                "largest tensions",
+                where="tensions",
+                expected="legs.force",
+                got=tensions,
+            )
+        if self.forces is not None and self.is_spread and tensions == "any":
+            names.append("tensions")
+        elif self.forces is not None:
+            names += [f"force of leg{i + 1}, least" for i in range(m)]
+            names += [f"force of leg{i + 1}, most" for i in range(m)]
+        if sign and m == 6:
+            names.append("singularity")
+        if isinstance(springs, FlexureStruts):
+            names.append("flexures")
+        self.names = tuple(names)
+
+    def at(self, poses: Array) -> Array:
+        """Margins (N, k) at poses (N, 4, 4) of M."""
+        values = self.limits.values(np.empty((len(poses), 6)), poses)
+        parts = [
+            values[:, self._lower] - self.limits.lower[self._lower],
+            self.limits.upper[self._upper] - values[:, self._upper],
+        ]
+        _, lines = lines_at(self.platform, poses)
+        if self.forces is not None:
+            t = self._tensions(poses)
+            least, most = self.forces.T
+            if self.is_spread and self.tensions == "any":
+                margins = wrench_margins(lines, _sums(lines, t), least, most)
+                # On the edge itself nothing more can be carried, as by cables without tension.
+                parts.append(np.where(margins > 0.0, margins, np.fmin(margins, -1.0))[:, None])
+            else:
+                if self.is_spread:
+                    t = self.middle_tensions(lines, _sums(lines, t))
+                t = np.where(np.isfinite(t), t, np.inf)
+                parts += [t - least, most - t]
+        if self.sign and lines.shape[1] == 6:
+            parts.append(self.sign * numerics.determinants(lines)[:, None])
+        if isinstance(self.springs, FlexureStruts):
+            parts.append(self._standing(poses, np.concatenate(parts, axis=1), self.springs))
+        return np.concatenate(parts, axis=1)
+
+    @staticmethod
+    def _standing(poses: Array, others: Array, struts: FlexureStruts) -> Array:
+        """1 where all struts are stable, -1 where one has buckled or finds no balance (N, 1).
+
+        Asked only where all `others` are kept; infinity elsewhere.
+        """
+        standing = np.full((len(poses), 1), np.inf)
+        for rows in np.array_split(
+            np.flatnonzero((others >= 0.0).all(axis=1)), len(poses) // 500 + 1
+        ):
+            at = struts.many(poses[rows], np.zeros((len(poses[rows]), 6)))
+            stable = (at.is_found & at.is_stable).all(axis=1)
+            standing[rows, 0] = np.where(stable, 1.0, -1.0)
+        return standing
+
+    def middle_tensions(self, lines: Array, asked: Array) -> Array:
+        """The tensions (N, m) nearest to the middle of the limits that carry wrenches (N, 6)."""
+        middle = np.mean(self.forces, axis=1)  # type: ignore[arg-type]
+        A = lines.swapaxes(1, 2)
+        missing = asked - A @ middle
+        change = (np.linalg.pinv(A, rcond=numerics.RANK) @ missing[..., None])[..., 0]
+        left = np.abs((A @ change[..., None])[..., 0] - missing).max(axis=1)
+        size = np.abs(missing).max(axis=1) + np.abs(A @ middle).max(axis=1)
+        carried = left <= numerics.BALANCE * size
+        return np.where(carried[:, None], middle + change, np.inf)
+
+    def distribution(self, pose: Array) -> dict[str, Any]:
+        """Name of the distribution, and the nearest to the middle of the limits at a pose."""
+        if self.forces is None or not self.is_spread:
+            return {}
+        answer: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
+        if np.isfinite(self.forces).all():
+            lines = lines_at(self.platform, pose[None])[1]
+            t = self.middle_tensions(lines, _sums(lines, self._tensions(pose[None])))
+            answer["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
+        return answer
+
+    def determinants(self, poses: Array) -> Array:
+        """Of six legs' lines (N,), moments over the body's length."""
+        return numerics.determinants(lines_at(self.platform, poses)[1])
+
+    def ratios(self, poses: Array) -> Array | None:
+        """Smallest over largest singular value of six legs' lines (N,)."""
+        lines = lines_at(self.platform, poses)[1]
+        return numerics.ratios(lines) if lines.shape[1] == 6 else None
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether a pose costs more than a few products."""
+        spread = self.forces is not None and self.is_spread
+        return spread or isinstance(self.springs, FlexureStruts)
+
+    def inside(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (N,) are within all limits."""
+        return np.asarray((self.at(poses) >= 0.0).all(axis=1))
+
+    def _tensions(self, poses: Array) -> Array:
+        """Tensions (N, m) that balance weights and load, as of `cartstiff.analyse`; or NaN."""
+        kind, wrench, axes = self.load or (DEAD_AT_ORIGIN, None, "body")
+        q = self.platform.coordinates_of(poses)
+        return tensions_of_many(self.elastic, q, wrench, kind, axes)
+
+
+def _sums(lines: Array, tensions: Array) -> Array:
+    """The wrenches (N, 6) that lines (N, m, 6) with tensions (N, m) carry."""
+    return np.asarray((tensions[:, None] @ lines)[:, 0])
+
+
+# A call with few poses costs as much as one with so many: few brackets are cut into more parts.
+_AT_ONCE, _MOST = 512, 4
+
+
+def narrowed(
+    stays: Callable[[NDArray[np.intp], Array], NDArray[np.bool_]],
+    near: Array,
+    far: Array,
+    halvings: int,
+) -> tuple[Array, Array, int]:
+    """Brackets (N,) as narrow as after `halvings` bisections, around where `stays` first fails.
+
+    Parameters
+    ----------
+    stays : callable
+        Given the numbers (K,) of brackets and places (K,) in them: which are as at `near`.
+    near, far : ndarray (N,)
+        Ends of the brackets.
+    halvings : int
+        The brackets shrink by 2^halvings. Each call of `stays` makes up for one to four of them.
+
+    Returns
+    -------
+    near, far : ndarray (N,)
+        Neighbouring places: as at `near` and not.
+    tried : int
+        Places that `stays` was asked about.
+    """
+    tried = 0
+    while halvings > 0 and len(near):
+        at_once = min(_MOST, halvings, max(1, int(np.log2(_AT_ONCE / len(near) + 1.0))))
+        shares = np.linspace(0.0, 1.0, 2**at_once + 1)
+        places = near[:, None] + shares * (far - near)[:, None]
+        places[:, -1] = far
+        rows = np.repeat(np.arange(len(near)), len(shares) - 2)
+        inner = stays(rows, places[:, 1:-1].ravel()).reshape(len(near), -1)
+        k = np.where(inner.all(axis=1), inner.shape[1], np.argmin(inner, axis=1))
+        near, far = np.take_along_axis(places, np.stack([k, k + 1], 1), 1).T
+        halvings, tried = halvings - at_once, tried + len(rows)
+    return near, far, tried
+
+
+# Bisections of each boundary: of a scan's step 1e-6 is left.
+_HALVINGS = 20
+_ROWS = 20_000
+# The box of the columns is widened so often while there are poses at its sides.
+_WIDENINGS = 5
+# Of the search for what fits inside: directions, and in the end, poses along each, places tried.
+_DIRECTIONS, _CHECKED, _SCAN, _PLACES = 50, 800, 10, 40
+Progress = Callable[[int, int], None]
+#: Poses (N, 4, 4) of offsets (N, 3) from the centre.
+Moved = Callable[[Array], Array]
+
+
+class Inside(Protocol):
+    """What tells which poses are within all limits, and how far they are from each."""
+
+    names: tuple[str, ...]
+
+    def at(self, poses: Array) -> Array:
+        """Margins (N, k) at poses (N, 4, 4)."""
+
+    def inside(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (N,) are within all limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays from a centre to the boundaries.
+
+    Attributes
+    ----------
+    directions : ndarray (d, 3)
+        Unit vectors.
+    weights : ndarray (d,)
+        Of the rule; their sum is 1.
+    first : ndarray (d,)
+        Distance (or angle) to the first boundary; 0 where the centre is outside.
+    edges : list of (ray, distance, enters, limit)
+        Every boundary: the number of its ray, its distance, whether the ray enters there, and the
+        name of the limit that cuts.
+    reach : float
+        How far the rays were followed.
+    poses : int
+        How many poses were tried.
+    """
+
+    directions: Array
+    weights: Array
+    first: Array
+    edges: list[tuple[int, float, bool, str]]
+    reach: float
+    poses: int
+
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether a ray is still inside where it ends."""
+        return any(x >= (1.0 - 0.5**_HALVINGS) * self.reach for _, x, _, _ in self.edges)
+
+    def total(self, measure: Callable[[float], float]) -> float:
+        """Sum over the rays of what a measure gives to the parts inside, weighted."""
+        return float(
+            sum(
+                self.weights[ray] * (-1.0 if enters else 1.0) * measure(distance)
+                for ray, distance, enters, _ in self.edges
+            )
+        )
+
+    def shares(self) -> dict[str, float]:
+        """Share of the outermost boundary, by solid angle from the centre, that each limit cuts."""
+        last: dict[int, tuple[float, str]] = {}
+        for ray, distance, enters, name in self.edges:
+            if not enters and distance > last.get(ray, (-1.0, ""))[0]:
+                last[ray] = (distance, name)
+        shares: dict[str, float] = {}
+        for ray, (_, name) in last.items():
+            shares[name] = shares.get(name, 0.0) + float(self.weights[ray])
+        total = sum(shares.values()) or 1.0
+        return {n: x / total for n, x in sorted(shares.items(), key=lambda pair: -pair[1])}
+
+
+def sphere_rule(count: int) -> tuple[Array, Array]:
+    """About `count` directions (d, 3) and weights (d,): Gauss in height, equal steps around."""
+    rows = max(2, round(np.sqrt(count / 2.0)))
+    height, weight = np.polynomial.legendre.leggauss(rows)
+    turns = (np.arange(2 * rows) + 0.5) * np.pi / rows
+    z, angle = (part.ravel() for part in np.meshgrid(height, turns, indexing="ij"))
+    radius = np.sqrt(1.0 - z * z)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+    return directions, np.repeat(weight, 2 * rows) / (4.0 * rows)
+
+
+def rays_to_boundaries(
+    margins: Inside,
+    pose_at: Moved,
+    reach: float,
+    count: int,
+    scan: int,
+    progress: Progress | None = None,
+) -> Rays:
+    """Boundaries along rays; `pose_at` makes poses (N, 4, 4) of offsets (N, 3) from the centre."""
+    directions, weights = sphere_rule(count)
+    d = len(directions)
+    steps = np.linspace(0.0, reach, scan + 1)
+    inside = np.empty((d, scan + 1), bool)
+    block = max(1, _ROWS // (scan + 1))
+    for i in range(0, d, block):
+        part = directions[i : i + block]
+        offsets = (part[:, None] * steps[:, None]).reshape(-1, 3)
+        inside[i : i + block] = margins.inside(pose_at(offsets)).reshape(len(part), -1)
+        if progress is not None:
+            progress(min(i + block, d), d)
+    inside[:, -1] = False
+    ray, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    near, far = steps[step].copy(), steps[step + 1].copy()
+    enters = inside[ray, step + 1]
+
+    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
+        within = margins.inside(pose_at(places[:, None] * directions[ray[rows]]))
+        return np.asarray(within != enters[rows])
+
+    near, far, tried = narrowed(stays, near, far, _HALVINGS)
+    outside = np.where(enters, near, far)
+    cuts = margins.at(pose_at(outside[:, None] * directions[ray])).argmin(axis=1)
+    names = np.array(margins.names)[cuts]
+    edge = np.where(enters, far, near)  # the last pose that is within
+    first = np.zeros(d)
+    known: set[int] = set()
+    for k, r in enumerate(ray.tolist()):
+        if r not in known and inside[r, 0]:
+            first[r] = edge[k]
+        known.add(r)
+    edges = [
+        (int(r), float(x), bool(e), str(n))
+        for r, x, e, n in zip(ray, edge, enters, names, strict=True)
+    ]
+    return Rays(directions, weights, first, edges, reach, d * (scan + 1) + tried)
+
+
+class Columns(NamedTuple):
+    """Columns of positions inside, along z.
+
+    Attributes
+    ----------
+    volume : float
+        Of all of them.
+    places : ndarray (k, 2)
+        x and y of their middles, in F.
+    ends : ndarray (k, 2)
+        Lower and upper end of each part inside, in F.
+    area : float
+        Across a column.
+    poses : int
+        How many poses were tried.
+    error : float
+        Three standard errors of the volume: it is the mean of what four grids of every second
+        column give.
+    """
+
+    volume: float
+    places: Array
+    ends: Array
+    area: float
+    poses: int
+    error: float = 0.0
+
+    def slices(self, count: int) -> list[tuple[float, float]]:
+        """Height and area of so many slices across z, at equal distances."""
+        if not len(self.ends):
+            return []
+        low, high = float(self.ends[:, 0].min()), float(self.ends[:, 1].max())
+        heights = low + (np.arange(count) + 0.5) * (high - low) / count
+        within = (self.ends[:, :1] <= heights) & (heights <= self.ends[:, 1:])
+        areas = self.area * within.sum(axis=0)
+        return list(zip(heights.tolist(), areas.tolist(), strict=True))
+
+
+def columns_inside(
+    margins: Inside,
+    pose_at: Moved,
+    centre: Array,
+    boundary: Array,
+    count: int,
+    scan: int,
+    reach: float,
+) -> Columns:
+    """Columns over the box around boundary positions (k, 3), widened until it holds all.
+
+    Positions further than `reach` from the centre do not count.
+    """
+
+    def within(places: Array) -> Array:
+        offsets = places - centre
+        near = np.linalg.norm(offsets, axis=1) <= reach
+        reached = np.zeros(len(places), bool)
+        reached[near] = margins.inside(pose_at(offsets[near]))
+        return reached
+
+    if not len(boundary):
+        return Columns(0.0, np.empty((0, 2)), np.empty((0, 2)), 0.0, 0)
+    low, high = boundary.min(axis=0), boundary.max(axis=0)
+    wide = np.maximum(high - low, numerics.NEARBY * reach)
+    low, high = low - 0.03 * wide, high + 0.03 * wide
+    poses = 0
+    for _ in range(_WIDENINGS):
+        axes = [low[i] + (np.arange(count) + 0.5) * (high[i] - low[i]) / count for i in (0, 1)]
+        xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        z = np.linspace(low[2], high[2], scan + 1)
+        inside = np.empty((len(xy), scan + 1), bool)
+        block = max(1, _ROWS // (scan + 1))
+        for i in range(0, len(xy), block):
+            part = xy[i : i + block]
+            places = np.hstack([np.repeat(part, scan + 1, 0), np.tile(z, len(part))[:, None]])
+            inside[i : i + block] = within(places).reshape(len(part), -1)
+        poses += inside.size
+        square = inside.any(axis=1).reshape(count, count)
+        ends_z = inside[:, 0].any() | inside[:, -1].any()
+        if not (square[[0, -1]].any() or square[:, [0, -1]].any() or ends_z):
+            break
+        middle, wide = 0.5 * (low + high), 1.3 * (high - low)
+        low, high = middle - 0.5 * wide, middle + 0.5 * wide
+    inside[:, [0, -1]] = False
+    row, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    enters = inside[row, step + 1]
+    a, b = z[step].copy(), z[step + 1].copy()
+
+    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
+        return np.asarray(within(np.column_stack([xy[row[rows]], places])) != enters[rows])
+
+    a, b, tried = narrowed(stays, a, b, _HALVINGS)
+    edge = 0.5 * (a + b)
+    area = float(np.prod((high - low)[:2]) / count**2)
+    ends = np.column_stack([edge[enters], edge[~enters]])
+    heights = np.bincount(row[enters], ends[:, 1] - ends[:, 0], count * count)
+    grid = heights.reshape(count, count)
+    coarse = [grid[i::2, j::2].mean() * grid.size * area for i in (0, 1) for j in (0, 1)]
+    error = 1.5 * float(np.std(coarse, ddof=1))
+    volume = area * float(heights.sum())
+    return Columns(volume, xy[row[enters]], ends, area, poses + tried, error)
+
+
+def inscribed(
+    margins: Inside, pose_at: Moved, centre: Array, positions: Rays
+) -> tuple[tuple[Array, float], tuple[Array, float]]:
+    """Largest sphere and cube inside, from the best of some starts by a direct search."""
+    from scipy.optimize import minimize
+
+    reach, scan = positions.reach, _SCAN
+    corners = np.array([c for c in product((-1.0, 0.0, 1.0), repeat=3) if any(c)])
+    corners /= np.linalg.norm(corners, axis=1)[:, None]
+    few, many = (np.vstack([corners, sphere_rule(n)[0]]) for n in (_DIRECTIONS, _CHECKED))
+    steps = np.linspace(0.0, reach, scan + 1)
+
+    def room(place: Array, directions: Array, size: Array) -> float | None:
+        """Least of the sizes (d,) times the distances to the boundary; None outside."""
+        offsets = place + (directions[:, None] * steps[:, None]).reshape(-1, 3)
+        inside = margins.inside(pose_at(offsets)).reshape(len(directions), -1)
+        if not inside[0, 0]:
+            return None
+        k = np.where(inside.all(axis=1), scan, np.argmin(inside, axis=1))
+        # Directions that end farther away than another one's bracket are not looked at again.
+        near = np.flatnonzero(steps[k - 1] * size <= (steps[k] * size).min())
+        ways = directions[near]
+
+        def stays(rows: NDArray[np.intp], distances: Array) -> NDArray[np.bool_]:
+            return margins.inside(pose_at(place + distances[:, None] * ways[rows]))
+
+        ends, _, _ = narrowed(stays, steps[k - 1][near], steps[k][near], _HALVINGS // 2)
+        return float((ends * size[near]).min())
+
+    def largest(size: Callable[[Array], Array]) -> tuple[Array, float]:
+        sizes = size(few)
+
+        def less(place: Array) -> float:
+            margin = room(place, few, sizes)
+            return float(np.linalg.norm(place)) if margin is None else -margin
+
+        inner = positions.first.min() or 0.1 * reach
+        simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])
+        options = {
+            "initial_simplex": simplex,
+            "maxfev": _PLACES,
+            "xatol": 0.0,
+            "fatol": 0.0,
+        }
+        best = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
+        return centre + best.x, room(best.x, many, size(many)) or 0.0
+
+    sphere = largest(lambda directions: np.ones(len(directions)))
+    cube = largest(lambda directions: np.abs(directions).max(axis=1))
+    return sphere, (cube[0], 2.0 * cube[1])
+
+
+def shifted(pose: Array, offsets: Array) -> Array:
+    """A pose (4, 4) moved by offsets (N, 3) in F."""
+    poses = np.tile(pose, (len(offsets), 1, 1))
+    poses[:, :3, 3] += offsets
+    return poses
+
+
+#: Determinants (N,) at poses (N, 4, 4), NaN where there is none.
+Determinant = Callable[[Array], Array]
+_BISECTIONS, _STEPS, _STARTS = 40, 60, 48
+# Of the determinant's change over a length, for its slope.
+_STEP = numerics.DIFFERENCE
+
+
+@dataclass(frozen=True, eq=False)
+class Singular:
+    """The singular poses around a pose.
+
+    Attributes
+    ----------
+    surface : ndarray (k, 3)
+        Values of the workspace's axes at which the determinant changes its sign, on the rays, with
+        or without limits.
+    distance : float or None
+        To the nearest singular pose found, turned or not, in the metric above; a length. None
+        where none was found.
+    pose : ndarray (4, 4) or None
+        That pose of M.
+    shift : float or None
+        To the nearest singular position found with the orientation kept.
+    length : float
+        L of the metric.
+    """
+
+    surface: Array
+    distance: float | None = None
+    pose: Array | None = None
+    shift: float | None = None
+    length: float = 1.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "metric": "sqrt(distance^2 + (length angle)^2)",
+            "length": self.length,
+            "distance": self.distance,
+            "pose": None if self.pose is None else self.pose.tolist(),
+            "shift": self.shift,
+            "surface": self.surface.tolist(),
+        }
+
+
+def singular_around(
+    margins: Margins | LegMargins, pose: Array, moved: Moved, rays: Rays, scan: int
+) -> Singular | None:
+    """Singular poses around a pose, the surface on rays; None where no determinant tells.
+
+    The surface is given in offsets.
+    """
+    if not margins.sign:
+        return None
+    signed = margins.determinants
+    length = margins.length
+    surface = crossings(signed, moved, rays.directions, rays.reach, scan)
+    if isinstance(margins, LegMargins) and len(margins.free) < 6:
+        return Singular(surface, length=length)
+    few = 10 if margins.is_slow else 200
+    x = nearest_singular(signed, pose, length, np.pi * length, range(6), few)
+    shift = nearest_singular(signed, pose, length, np.pi * length, range(3, 6), few)
+    return Singular(
+        surface,
+        None if x is None else float(np.linalg.norm(x)),
+        None if x is None else around(pose, x[None], length)[0],
+        None if shift is None else float(np.linalg.norm(shift)),
+        length,
+    )
+
+
+def least_ratio(
+    margins: Margins | LegMargins, moved: Moved, rays: Rays
+) -> tuple[float, Array] | None:
+    """The least ratio of singular values on the part of each ray that hangs on the centre."""
+    shares = np.linspace(0.0, 1.0, 9)
+    offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
+    ratio = margins.ratios(moved(offsets))
+    if ratio is None:
+        return None
+    k = int(ratio.argmin())
+    return float(ratio[k]), offsets[k]
+
+
+def crossings(
+    signed: Determinant, moved: Moved, directions: Array, reach: float | Array, scan: int
+) -> Array:
+    """Offsets (k, d) along rays, up to `reach` (of each), where a determinant changes its sign."""
+    steps = np.linspace(np.zeros(len(directions)), reach, scan + 1, axis=-1)
+    offsets = (directions[:, None] * steps[:, :, None]).reshape(-1, directions.shape[1])
+    sign = np.sign(signed(moved(offsets))).reshape(len(directions), -1)
+    ray, step = np.nonzero(sign[:, 1:] * sign[:, :-1] < 0.0)
+
+    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
+        values = signed(moved(places[:, None] * directions[ray[rows]]))
+        return np.asarray(np.sign(values) == sign[ray[rows], step[rows]])
+
+    near, far, _ = narrowed(stays, steps[ray, step], steps[ray, step + 1], _BISECTIONS)
+    points: Array = near[:, None] * directions[ray]
+    # Where a determinant jumps it has no root: legs fold over, or change their branch.
+    if len(points):
+        low, high = (np.abs(signed(moved(x[:, None] * directions[ray]))) for x in (near, far))
+        there = np.abs(signed(moved(steps[ray, step][:, None] * directions[ray])))
+        points = points[np.maximum(low, high) <= numerics.LOST_ERROR * there]
+    return points
+
+
+def nearest_singular(
+    signed: Determinant,
+    pose: Array,
+    length: float,
+    reach: float,
+    axes: Sequence[int],
+    rays: int = 200,
+) -> Array | None:
+    """Shortest x (6,) found of the module's metric at which a determinant vanishes.
+
+    Only the components `axes` of x, of which there are six, are moved. It is looked for on so many
+    rays per component, up to `reach`; None where it vanishes on none.
+    """
+    rng = np.random.default_rng(6)
+    n = len(axes)
+
+    def at(x: Array) -> Array:
+        full = np.zeros((len(x), 6))
+        full[:, list(axes)] = x
+        return around(pose, full, length)
+
+    directions = rng.normal(size=(rays * n, n))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    starts = crossings(signed, at, directions, reach, 32)
+    if not len(starts):
+        return None
+    x = starts[np.argsort(np.linalg.norm(starts, axis=1))[:_STARTS]]
+    best, h = x.copy(), _STEP * length
+    for _ in range(_STEPS):
+        tried = x[:, None] + h * np.vstack([np.zeros((1, n)), np.eye(n), -np.eye(n)])
+        values = signed(at(tried.reshape(-1, n))).reshape(len(x), -1)
+        value, g = values[:, 0], (values[:, 1 : n + 1] - values[:, n + 1 :]) / (2.0 * h)
+        with np.errstate(all="ignore"):
+            new = g * ((g * x).sum(axis=1) - value)[:, None] / (g * g).sum(axis=1)[:, None]
+        known = np.isfinite(new).all(axis=1)
+        step = np.where(known[:, None], new - x, 0.0)
+        # Long steps leave what is linear.
+        size = np.linalg.norm(step, axis=1)
+        x = x + step * np.minimum(1.0, 0.2 * length / np.maximum(size, h))[:, None]
+        best = np.where((size <= h)[:, None], x, best)
+        if (size <= numerics.REPORTED_ERROR * length).all():
+            break
+    size = np.linalg.norm(best, axis=1)
+    ends = crossings(signed, at, best / size[:, None], 1.05 * size, 64)
+    if not len(ends):
+        return None
+    nearest = np.zeros(6)
+    nearest[list(axes)] = min(ends, key=np.linalg.norm)
+    return nearest
+
+
+def around(pose: Array, x: Array, length: float) -> Array:
+    """Poses (N, 4, 4) at x (N, 6) of the module's metric."""
+    turns = np.hstack([x[:, :3] / length, np.zeros((len(x), 3))])
+    poses = np.tile(pose, (len(x), 1, 1))
+    poses[:, :3, :3] = pose[:3, :3] @ se3.exp(turns)[:, :3, :3]
+    poses[:, :3, 3] += x[:, 3:]
+    return poses
 
 
 def carried(
