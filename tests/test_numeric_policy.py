@@ -13,8 +13,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: Smaller numbers, and larger ones, are thresholds, unless they stand here with their reason.
 SMALL, LARGE = 1e-3, 1e5
 ALLOWED = {
-    "cli/export.py": "bytes to megabytes",
-    "cli/report.py": "bytes to megabytes",
+    "cli/view.py": "bytes to megabytes",
     "loading/tables.py": "units",
     "loading/build.py": "joints without limits",
     "loading/mesh_worker.py": "metres of which no robot has so many",

@@ -86,7 +86,7 @@ def test_a_frame_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_json_from_the_command() -> None:
-    from cartstiff.cli.frames import command
+    from cartstiff.cli.frames import frames_command as command
 
     result = CliRunner().invoke(command, ["delta", "--json"])
     assert json.loads(result.output)["schema"] == "cartstiff-frames/1"

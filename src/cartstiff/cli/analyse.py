@@ -23,7 +23,7 @@ from cartstiff.cli.options import (
     mechanism_options,
     sensitivities_option,
 )
-from cartstiff.cli.output import Progress, json_text, say
+from cartstiff.cli.output import Progress, json_text, say, wants_json
 from cartstiff.cli.types import (
     DIRECTION,
     POINT,
@@ -308,7 +308,6 @@ def command(
     request: MechanismRequest,
     applied: LoadRequest,
     told: Values | None,
-    as_json: bool,
     output: Path | None,
     relax: bool,
     order: str | None,
@@ -353,21 +352,18 @@ def command(
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
         by_parameters = add_sensitivities(result, request, data)[0] if sensitivities else []
-    text = json_text(data, request.mechanism)
+    json_text(data, request.mechanism)  # or a refusal, before anything is written
     if analysis.level != "none":
-        shows_springs = as_json or output is not None or analysis.level == "full"
+        shows_springs = wants_json() or output is not None or analysis.level == "full"
         data["analysis"] = analysis.run(result, shows_springs)
         steps.end("analysis of the matrix")
-        text = json_text(data, request.mechanism)
     how = steps.explain(data) if profile else []
-    if profile:
-        text = json_text(data, request.mechanism)
     if output is not None:
         from cartstiff.report.output import write_result
 
         write_result(result, output, data)
-    if as_json:
-        say(text)
+    if wants_json():
+        say(json_text(data, request.mechanism))
     else:
         from cartstiff.report.analysis import BALANCING, describe
 

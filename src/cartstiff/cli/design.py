@@ -87,7 +87,6 @@ def command(
     workers: int,
     scheduler: str | None,
     progress: bool | None,
-    as_json: bool,
 ) -> None:
     """Sweep the parameters of a mechanism file, as STUDY.yaml says.
 
@@ -126,4 +125,4 @@ def command(
     from cartstiff.report.designs import describe_designs, draw_designs
 
     write_files((table, designs.to_csv), (plot, lambda: draw_designs(designs)))
-    tell(as_json, designs.as_dict(), str(study), lambda: describe_designs(designs, best))
+    tell(designs.as_dict(), str(study), lambda: describe_designs(designs, best))

@@ -110,7 +110,6 @@ def command(
     tolerance: list[float] | None,
     csv: Path | None,
     plot: Path | None,
-    as_json: bool,
 ) -> None:
     """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
 
@@ -178,7 +177,7 @@ def command(
 
     held = None if hold is None else Held(hold, axes=applied.axes)
     if path is not None:
-        _compensate(elastic, path, request.wrench, applied, loads_at, csv, plot, as_json)
+        _compensate(elastic, path, request.wrench, applied, loads_at, csv, plot)
         return
     loads = loads_at(q, request.wrench)
     if curve is None:
@@ -201,7 +200,7 @@ def command(
             )
         if tolerance is not None:
             more += add_accuracy(state, tolerance, data, known)
-        tell(as_json, data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
+        tell(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
     if not loads:
         raise InputError("a curve needs a load", expected="--load or --payload")
@@ -212,7 +211,7 @@ def command(
 
     result = load_curve(elastic, *loads, to=curve, q0=q, held=held)
     write_files((csv, result.as_csv), (plot, lambda: draw_load_curve(result)))
-    tell(as_json, result.as_dict(), elastic.name, lambda: describe_curve(result))
+    tell(result.as_dict(), elastic.name, lambda: describe_curve(result))
 
 
 def _weight(elastic: Any, numbers: list[float] | None) -> tuple[Any, ...]:
@@ -234,7 +233,6 @@ def _compensate(
     loads_at: Callable[[Any, Any], tuple[Any, ...]],
     csv: Path | None,
     plot: Path | None,
-    as_json: bool,
 ) -> None:
     from cartstiff.loading.tables import read_rows
     from cartstiff.report.output import write_files
@@ -263,7 +261,6 @@ def _compensate(
     result = compensate(elastic, postures, loads)
     write_files((csv, result.as_csv), (plot, lambda: draw_error_along_path(result)))
     tell(
-        as_json,
         result.as_dict(),
         elastic.name,
         lambda: describe_path(result, is_written=csv is not None),

@@ -552,7 +552,6 @@ def command(
     robot: MechanismRequest,
     output: Path | None,
     plot: Path | None,
-    as_json: bool,
     request: _Request,
     asked: PlanRequest,
 ) -> None:
@@ -575,7 +574,7 @@ def command(
             data, text = asked.run_plan(elastic, of_table, request)
         else:
             data, text = asked.run_simulation(elastic, table, of_table, request)
-        tell(as_json, data, robot.mechanism, text)
+        tell(data, robot.mechanism, text)
         return
     if output is not None:
         _check_written(robot)
@@ -600,7 +599,7 @@ def command(
 
     from cartstiff.report.identification import describe_identification
 
-    tell(as_json, result.as_dict(), robot.mechanism, lambda: describe_identification(result))
+    tell(result.as_dict(), robot.mechanism, lambda: describe_identification(result))
 
 
 def _check_written(robot: MechanismRequest) -> None:

@@ -25,7 +25,7 @@ _COMMANDS = {
         "Equilibrium of a mechanism under load, and its stiffness there.",
     ),
     "assemble": (
-        "cartstiff.cli.reach.assemble",
+        "cartstiff.cli.reach",
         "All assembly modes: poses with the same leg lengths or actuator positions.",
     ),
     "map": (
@@ -33,10 +33,10 @@ _COMMANDS = {
         "Stiffness over a grid, a trajectory or random postures, to a file and a picture.",
     ),
     "compare": (
-        "cartstiff.cli.compare",
+        "cartstiff.cli.map",
         "Ratio or difference of two maps: two arms, two mountings.",
     ),
-    "export": ("cartstiff.cli.export", "Write the page of `view` as one file for any browser."),
+    "export": ("cartstiff.cli.view", "Write the page of `view` as one file for any browser."),
     "path": (
         "cartstiff.cli.path",
         "The stiffest postures along a path, and where to put the workpiece.",
@@ -51,14 +51,14 @@ _COMMANDS = {
         "cartstiff.cli.modes",
         "Natural frequencies and modes at a posture, under its load.",
     ),
-    "models": ("cartstiff.cli.models", "Names that can be given as MECHANISM."),
-    "poses": ("cartstiff.cli.poses", "A table of postures as robot controllers show them."),
+    "models": ("cartstiff.cli.frames", "Names that can be given as MECHANISM."),
+    "poses": ("cartstiff.cli.frames", "A table of postures as robot controllers show them."),
     "report": (
-        "cartstiff.cli.report",
+        "cartstiff.cli.view",
         "Write a report: the answer, pictures, numbers in one HTML file.",
     ),
     "workspace": (
-        "cartstiff.cli.reach.workspace",
+        "cartstiff.cli.reach",
         "Workspace of a platform or cable robot, and what limits it.",
     ),
     "view": (
@@ -85,10 +85,8 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
         if name not in _COMMANDS:
             return None
-        command = import_module(_COMMANDS[name][0]).command
-        if not isinstance(command, click.Command):
-            raise TypeError(f"{_COMMANDS[name][0]}.command is not a command")
-        return command
+        values = vars(import_module(_COMMANDS[name][0])).values()
+        return next(v for v in values if isinstance(v, click.Command) and v.name == name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         with formatter.section("Commands"):

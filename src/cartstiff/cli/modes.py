@@ -340,7 +340,6 @@ def command(
     feed: list[float] | None,
     normal: list[float] | None,
     tip: list[float] | None,
-    as_json: bool,
     strict: bool,
     **response_options: Any,
 ) -> None:
@@ -377,7 +376,7 @@ def command(
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
         data: dict[str, Any] = {"schema": MODES_SCHEMA, "frequencies": [], "notes": [note]}
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
-        tell(as_json, data, request.mechanism, lambda: words)
+        tell(data, request.mechanism, lambda: words)
         return
     data = swinging.as_dict()
     if bare is not None:
@@ -389,7 +388,7 @@ def command(
     extra += response.run(swinging, data)
     extra += cut.run(swinging, response.damped, data)
     extra += controller.run(swinging, data)
-    tell(as_json, data, request.mechanism, lambda: describe_modes(swinging, bare, extra))
+    tell(data, request.mechanism, lambda: describe_modes(swinging, bare, extra))
 
 
 def _more(

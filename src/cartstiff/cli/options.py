@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cartstiff.choices import LARGEST_INPUT, LOAD_KINDS
-from cartstiff.cli.output import Progress
+from cartstiff.cli.output import JSON, Progress
 from cartstiff.cli.types import (
     DIRECTION,
     PAYLOAD,
@@ -59,7 +59,7 @@ class UnitsCommand(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
         units = ctx.params.get("units") or {}
-        is_json = self.has_json_of_file and ctx.params.get("as_json")
+        is_json = self.has_json_of_file and ctx.meta.get(JSON)
         length = units.get("length") if is_json else None
         if length is not None or units.get("angle") == "deg":
             _convert(ctx, length, math.pi / 180.0 if units.get("angle") == "deg" else 1.0)

@@ -26,9 +26,17 @@ def json_text(data: Mapping[str, Any], mechanism: str) -> str:
         ) from None
 
 
-def tell(as_json: bool, data: Mapping[str, Any], mechanism: str, text: Callable[[], str]) -> None:
+JSON = "cartstiff.json"
+
+
+def wants_json() -> bool:
+    """Whether --json was given."""
+    return bool(click.get_current_context().meta.get(JSON))
+
+
+def tell(data: Mapping[str, Any], mechanism: str, text: Callable[[], str]) -> None:
     """A result on standard output, as JSON or as text for reading."""
-    say(json_text(data, mechanism) if as_json else text())
+    say(json_text(data, mechanism) if wants_json() else text())
 
 
 _WAITING = "cartstiff.diagnostics"

@@ -173,7 +173,6 @@ def command(
     plot: Path | None,
     plot_places: Path | None,
     vibration: dict[str, Any],
-    as_json: bool,
     ranges: dict[str, tuple[float, ...]],
     near: Values | None,
     excluded: bool,
@@ -254,7 +253,6 @@ def command(
             result = optimise_path(elastic, path, progress=advance, **options)
         write_files((csv, result.as_csv), (plot, lambda: draw_path(result)))
         tell(
-            as_json,
             result.as_dict(),
             elastic.name,
             lambda: describe_optimised_path(result, is_written=csv is not None),
@@ -268,7 +266,6 @@ def command(
         (plot_places, lambda: draw_placement(placement)),
     )
     tell(
-        as_json,
         placement.as_dict(),
         elastic.name,
         lambda: describe_placement(placement, is_written=csv is not None),

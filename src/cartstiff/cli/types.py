@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from cartstiff.cli.output import JSON
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.parsing import parse_numbers
 
@@ -407,9 +408,9 @@ def repeated_option(names: str, kind: OptionType, words: str, **settings: Any) -
     return _declared(names, kind, words, multiple=True, callback=_merged, **settings)
 
 
-def flag(names: str, words: str) -> _Decorator:
+def flag(names: str, words: str, **settings: Any) -> _Decorator:
     """An option without a value."""
-    return click.option(*names.split(), is_flag=True, help=words)
+    return click.option(*names.split(), is_flag=True, help=words, **settings)
 
 
 def choice(names: str, among: Iterable[str], words: str, **settings: Any) -> _Decorator:
@@ -467,12 +468,16 @@ def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Ca
     return decorate
 
 
+def _keep_json(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    context.meta[JSON] = asked
+
+
 explain_option = flag(
     "--profile",
     "Also say what computed the answer, how long each part took, and what limits it on this "
     "machine.",
 )
-json_option = flag("--json as_json", "Print one JSON object.")
+json_option = flag("--json", "Print one JSON object.", expose_value=False, callback=_keep_json)
 progress_option = click.option(
     "--progress/--no-progress",
     default=None,

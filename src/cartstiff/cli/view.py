@@ -1,7 +1,9 @@
-"""``cartstiff view``."""
+"""``cartstiff view``, ``export`` and ``report``: pages for a browser."""
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +19,8 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import Progress, say, say_unused
-from cartstiff.cli.types import Values, count, file_option, flag, option_group
-from cartstiff.errors import InputError, MissingDependencyError, joined
+from cartstiff.cli.types import OutputFile, Values, count, file_option, flag, option, option_group
+from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
 
 #: Keywords of `source_from_options`.
 page_options = option_group(
@@ -193,3 +195,98 @@ def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **text
             open_page(url)
 
     serve(source, host=host, port=port, ready=ready, last=True, beside=beside)
+
+
+_EXPORT_EXAMPLES = """\b
+Examples:
+  cartstiff export ur5 -o ur5.html
+  cartstiff export hexapod --load 0,0,0,0,0,-50 -o hexapod.html
+  cartstiff export ur5 --trajectory postures.csv -o path.html
+"""
+
+
+@click.command(name="export", cls=UnitsCommand, epilog=_EXPORT_EXAMPLES)
+@page_options
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=OutputFile("PAGE.html", ".html", ".htm"),
+    help="File to write.",
+)
+def export_command(output: Path, **texts: Any) -> None:
+    """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
+
+    The file of an arm, or of a body on line legs, computes any posture, load, springs and point.
+    The browser cannot compute other mechanisms: their file shows one posture, and says so.
+    """
+    source = source_from_options(**texts)
+    try:
+        from cartstiff.page.export import export_page
+    except ImportError as error:
+        if (error.name or "").startswith("cartstiff"):
+            raise
+        raise needs_view("a page as a file") from None
+    from cartstiff.report.output import write_whole
+
+    text = export_page(source).encode()
+    write_whole(output, text)
+    say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")
+
+
+_REPORT_EXAMPLES = """\b
+Examples:
+  cartstiff report ur5 --load 0,0,0,0,0,-100 --world -o ur5.html
+  cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41,elbow_joint=0.2:2.6:41 -o m.zarr
+  cartstiff report ur5 --load 0,0,0,0,0,-100 --map m.zarr -o ur5.html
+  cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
+"""
+
+
+@click.command(name="report", cls=UnitsCommand, epilog=_REPORT_EXAMPLES)
+@mechanism_options(
+    load_help="Wrench on the body: moment about and force at the point --load-at, in the axes of "
+    "the unloaded body frame; the report says what it does to the tip."
+)
+@load_options("--load")
+@option("-o --output", OutputFile("REPORT.html", ".html", ".htm"), "File to write.", required=True)
+@file_option("--map map_path", "Also show a map that `cartstiff map` computed.", metavar="FILE")
+@click.option("--quantity", metavar="NAME", help="Quantity of --map; default its first.")
+def report_command(
+    request: MechanismRequest,
+    applied: LoadRequest,
+    output: Path,
+    map_path: Path | None,
+    quantity: str | None,
+) -> None:
+    """Write a report to send on: how far the tip moves, which joints contribute, what is better.
+
+    One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
+    that was assumed; it opens without a network and prints on paper.
+    """
+    wrench = request.balanced_wrench
+    applied.check_world(load=wrench)
+    applied.check_load(wrench is not None)
+    if map_path is None and quantity is not None:
+        raise InputError("is for --map", where="--quantity")
+    elastic, q = request.load()
+    sections = []
+    if map_path is not None:
+        from cartstiff.report.maps import map_section
+
+        sections.append(map_section(map_path, quantity, elastic))
+
+    from cartstiff.page.html_report import report_page
+    from cartstiff.report.output import write_whole
+
+    typed = shlex.join(["cartstiff", *sys.argv[1:]])
+    text = report_page(
+        elastic,
+        q,
+        wrench=wrench,
+        command=typed,
+        sections=sections,
+        **applied.keywords(wrench),
+    ).encode()
+    write_whole(output, text)
+    say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")

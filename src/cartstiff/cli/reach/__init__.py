@@ -1,1 +1,0 @@
-"""Commands that say where a mechanism can be."""
