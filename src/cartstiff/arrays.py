@@ -491,6 +491,11 @@ def unsafe_cell(text: str) -> str:
     return _MARKED.sub(r"\1\2", text)
 
 
+def plain_dict(data: Mapping[str, object]) -> dict[str, Any]:
+    """JSON-able copy of named values, see `plain`."""
+    return {name: plain(value) for name, value in data.items()}
+
+
 def plain(value: object) -> Any:
     """JSON-able copy: arrays to lists, results to dicts, NaN and infinities to None.
 

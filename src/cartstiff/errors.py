@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
@@ -137,7 +137,7 @@ class UnknownNameError(InputError):
         super().__init__(f"unknown {kind}", where=where, expected=expected, got=repr(name))
 
 
-def check_name(kind: str, name: object, valid: Iterable[str], where: str | None = None) -> None:
+def check_name(kind: str, name: object, valid: Collection[str], where: str | None = None) -> None:
     """Refuse a name that is not among the valid ones.
 
     Raises

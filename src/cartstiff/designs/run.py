@@ -19,14 +19,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from cartstiff.arrays import checked_number, csv_rows
+from cartstiff.arrays import checked_number, csv_rows, plain
 from cartstiff.checked_call import checked
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
 from cartstiff.errors import (
@@ -101,12 +101,7 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "parameters": dict(self.parameters),
-            "values": dict(self.values),
-            "state": self.state,
-            "reason": self.reason,
-        }
+        return asdict(self)
 
 
 class ChangedFileError(InputError):
@@ -535,6 +530,10 @@ class Designs(ShownInLines):
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         study = self.study
+
+        def named(name: str, measure: Measure) -> dict[str, Any]:
+            return {"name": name, "of": measure.words, "case": measure.case}
+
         return {
             "schema": DESIGN_SCHEMA,
             "mechanism": self.mechanism,
@@ -545,20 +544,12 @@ class Designs(ShownInLines):
             "poses": study.poses.count,
             **self.weighed.as_dict(),
             "objectives": [
-                {
-                    "name": name,
-                    "of": m.words,
-                    "case": m.case,
-                    "goal": self.better[name],
-                    "unit": self.units[name],
-                }
+                {**named(name, m), "goal": self.better[name], "unit": self.units[name]}
                 for name, m in study.objectives.items()
             ],
             "constraints": [
                 {
-                    "name": name,
-                    "of": m.words,
-                    "case": m.case,
+                    **named(name, m),
                     "at_least": m.at_least,
                     "at_most": m.at_most,
                     "unit": self.units[name],
@@ -571,7 +562,7 @@ class Designs(ShownInLines):
             else None,
             "front": list(self.front),
             "designs": [design.as_dict() for design in self.designs],
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": plain(self.notes),
         }
 
     @property

@@ -379,6 +379,13 @@ class ElasticMechanism(ShownInLines):
             notes.append(Note("weightless", words, {"gravity": gravity.tolist()}))
         return replace(self, gravity=gravity, notes=tuple(notes))
 
+    def about(self) -> dict[str, Any]:
+        """For JSON: name, kind and coordinates, frames, units."""
+        mechanism = self.mechanism
+        about = {"name": self.name, "kind": mechanism.kind, "joints": list(self.names)}
+        frames = mechanism.frames_as_dict()
+        return {"mechanism": about, **frames, "units": self.units.as_dict()}
+
     @property
     def names_with_units(self) -> list[str]:
         """Names of the coordinates as heads of a table: "elbow [rad]", or as shown to people."""

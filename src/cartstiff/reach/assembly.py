@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_seed, checked_vector
+from cartstiff.arrays import checked_flag, checked_seed, checked_vector, plain
 from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -214,7 +214,6 @@ class AssemblyMode(ShownInLines):
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        frequencies = self.frequencies
         return {
             "q": self.q.tolist(),
             "pose": self.pose.tolist(),
@@ -223,10 +222,8 @@ class AssemblyMode(ShownInLines):
             "smallest_eigenvalue": self.eigenvalue,
             "stable": self.stable,
             "determinant": self.determinant,
-            "frequencies": None
-            if frequencies is None
-            else [float(f) if np.isfinite(f) else None for f in frequencies],
-            "notes": [note.as_dict() for note in self._own_notes],
+            "frequencies": plain(self.frequencies),
+            "notes": plain(self._own_notes),
         }
 
     @cached_property
@@ -312,21 +309,14 @@ class AssemblyModes(ShownInLines):
                 "found": search.found,
                 "complete": False,
             }
-        units = elastic.units
         return {
             "schema": ASSEMBLE_SCHEMA,
-            "mechanism": {
-                "name": elastic.name,
-                "kind": elastic.mechanism.kind,
-                "joints": list(elastic.names),
-            },
-            **elastic.mechanism.frames_as_dict(),
-            "units": {"length": units.length, "force": units.force, "angle": "rad"},
+            **elastic.about(),
             "given": dict(self.given),
             **gravity_loads(elastic).as_dict(),
             "search": method,
             "modes": [mode.as_dict() for mode in self.modes],
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": plain(self.notes),
         }
 
 

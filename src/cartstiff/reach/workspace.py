@@ -60,7 +60,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_input, checked_length
+from cartstiff.arrays import checked_flag, checked_input, checked_length, plain, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.errors import InputError
@@ -850,14 +850,7 @@ class Singular:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "metric": "sqrt(distance^2 + (length angle)^2)",
-            "length": self.length,
-            "distance": self.distance,
-            "pose": None if self.pose is None else self.pose.tolist(),
-            "shift": self.shift,
-            "surface": self.surface.tolist(),
-        }
+        return {"metric": "sqrt(distance^2 + (length angle)^2)", **plain(self)}
 
 
 def singular_around(
@@ -1144,48 +1137,37 @@ class Workspace(ShownInLines):
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
-        elastic, units = self.elastic, self.elastic.units
         sphere, cube, near = self.sphere, self.cube, self.singularity
-        return {
+        data = {
             "schema": WORKSPACE_SCHEMA,
-            "mechanism": {
-                "name": elastic.name,
-                "kind": elastic.mechanism.kind,
-                "joints": list(elastic.names),
-            },
-            **elastic.mechanism.frames_as_dict(),
-            "units": {"length": units.length, "force": units.force, "angle": "rad"},
-            "pose": self.pose.tolist(),
-            **gravity_loads(elastic).as_dict(),
-            "load": None if self.load is None else dict(self.load),
+            **self.elastic.about(),
+            "pose": self.pose,
+            **gravity_loads(self.elastic).as_dict(),
+            "load": self.load,
             "volume": self.volume,
             "volume_error": self.volume_error,
             "cut_by": {} if self.positions is None else self.positions.shares(),
-            "axes": list(self.axes),
+            "axes": self.axes,
             "slices": [{"z": z, "area": area} for z, area in self.slices],
             "poses": sum(
                 r.poses for r in (self.positions, self.turns, self.columns) if r is not None
             ),
-            "sphere": None
-            if sphere is None
-            else {"centre": sphere[0].tolist(), "radius": sphere[1]},
-            "cube": None if cube is None else {"centre": cube[0].tolist(), "edge": cube[1]},
-            "rotations": None
-            if self.turns is None
-            else {
+            "sphere": sphere and {"centre": sphere[0], "radius": sphere[1]},
+            "cube": cube and {"centre": cube[0], "edge": cube[1]},
+            "rotations": self.turns
+            and {
                 "share": self.share_of_rotations,
                 "every_axis": self.least_turn,
                 "cut_by": self.turns.shares(),
             },
-            "singularity": None
-            if near is None
-            else {"least_ratio": near[0], "position": near[1].tolist()},
-            "singular": None if self.singular is None else self.singular.as_dict(),
+            "singularity": near and {"least_ratio": near[0], "position": near[1]},
+            "singular": self.singular and self.singular.as_dict(),
             "tensions": self.distribution or None,
-            "boundary": self.boundary.tolist(),
+            "boundary": self.boundary,
             "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
 
 @checked

@@ -576,14 +576,8 @@ def posture_dict(result: PostureStiffness) -> dict[str, Any]:
 
     return {
         "schema": SCHEMA,
-        "mechanism": {
-            "name": result.elastic.name,
-            "kind": result.elastic.mechanism.kind,
-            "joints": list(result.elastic.names),
-        },
-        **result.elastic.mechanism.frames_as_dict(),
+        **result.elastic.about(),
         "order": se3.ANGULAR_LINEAR,
-        "units": result.elastic.units.as_dict(),
         "q": result.q.tolist(),
         "pose": result.pose.tolist(),
         "jacobian": plain(result.jacobian),

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_seed, csv_text
+from cartstiff.arrays import checked_seed, csv_text, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name, checked_kind
 from cartstiff.geometry import se3
@@ -959,10 +959,11 @@ class OptimisedPath:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {
+        constant = self.constant
+        data = {
             "schema": SCHEMA,
             "mechanism": self.elastic.name,
-            "joints": list(self.elastic.names),
+            "joints": self.elastic.names,
             **self.elastic.mechanism.frames_as_dict(),
             "units": self.elastic.units.as_dict(),
             "criterion": {
@@ -974,24 +975,19 @@ class OptimisedPath:
                 "loaded": self.loaded,
                 "load": {
                     "kind": self.load.kind,
-                    "at": list(self.load.at),
+                    "at": self.load.at,
                     "meaning": self.load.words,
                 },
             },
             "free": self.free,
             "redundant_joint": self.joint,
-            "q": self.q.tolist(),
-            "poses": self.poses.tolist(),
-            "angles": None if self.angles is None else self.angles.tolist(),
-            "values": self.values.tolist(),
-            "ratios": self.ratios.tolist(),
-            "constant": None
-            if self.constant is None
-            else {
-                **self.constant.choice,
-                "q": self.constant.q.tolist(),
-                "values": self.constant.values.tolist(),
-            },
+            "q": self.q,
+            "poses": self.poses,
+            "angles": self.angles,
+            "values": self.values,
+            "ratios": self.ratios,
+            "constant": constant
+            and {**constant.choice, "q": constant.q, "values": constant.values},
             "summary": self.summary(),
             "configuration": {
                 "kept": self.off_singular,
@@ -1002,8 +998,9 @@ class OptimisedPath:
             "collisions": {"checked": False, "message": self.collisions}
             if isinstance(self.collisions, str)
             else self.collisions,
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
     @property
     def wrenches(self) -> Array | None:

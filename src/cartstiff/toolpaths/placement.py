@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.arrays import checked_array
+from cartstiff.arrays import checked_array, plain
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     InputError,
@@ -77,8 +77,8 @@ class Placement:
         """Plain data for JSON; the grid's last axis runs fastest."""
         return {
             "schema": SCHEMA,
-            "axes": {name: values.tolist() for name, values in self.axes.items()},
-            "worst": [None if np.isnan(v) else float(v) for v in self.worst.ravel()],
+            "axes": plain(self.axes),
+            "worst": plain(self.worst.ravel()),
             "codes": [None if not c else str(c) for c in self.codes.ravel()],
             "points": [int(p) or None for p in self.points.ravel()],
             "unusable": self.counts(),
