@@ -16,12 +16,11 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_ellipsoid,
 )
 from cartstiff.analysis.indices import indices_of
-from cartstiff.analysis.matrices import stiffness_of_motion, symmetric_part
+from cartstiff.analysis.matrices import stiffness_of_motion, symmetric_part, with_angles_times
 from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.posture import analyse_posture, summarise
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.many.postures import analyse_many
-from cartstiff.maps import quantities as row_by_row
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.stiffness import closures, reduction
@@ -320,7 +319,7 @@ def test_nan_rows_leave_the_others_alone():
         ("determinant", [720, np.nan, 64]),
     ):
         assert found[name] == pytest.approx(expected, nan_ok=True)
-    assert row_by_row.scale_lengths(K[:1], np.array([2.0]))[0, 0, 0] == pytest.approx(0.25)
+    assert with_angles_times(K[:1], np.array([0.5]))[0, 0, 0] == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     block_scales,
-    definiteness,
     scale_lengths,
     symmetric_part,
 )
@@ -78,11 +77,14 @@ def asymmetry_of(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     K = checked_matrix(stiffness)
     measured = K - K.T
     predicted = -se3.bracket_form(checked_vector(wrench, 6, "wrench"))
-    scales = np.kron(block_scales(K), np.ones((3, 3)))
-    scales[scales == 0.0] = 1.0
-    residual = float((np.abs(measured - predicted) / scales).max())
-    size = float((np.abs(measured) / scales).max())
+    residual, size = (float(largest_in_blocks(x, K)) for x in (measured - predicted, measured))
     return Asymmetry(measured, predicted, residual, size, residual < numerics.EXPLAINED)
+
+
+def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
+    """Largest entry of matrices (..., 6, 6), each relative to the size of its block of K."""
+    scales = block_scales(stiffness).repeat(3, axis=-2).repeat(3, axis=-1)
+    return np.asarray((np.abs(entries) / np.where(scales == 0.0, 1.0, scales)).max(axis=(-2, -1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,11 +190,8 @@ def compare_connections(
         )
     K = checked_matrix(base, f"stiffness {reference}")
     scale = checked_length(length)
-    scaled = scale_lengths(K, scale)
-    values = np.linalg.eigvalsh(symmetric_part(scaled))
-    positive = definiteness(values) == "positive"
-    root = np.linalg.cholesky(symmetric_part(scaled)) if positive else None
-    rows = []
+    scaled = scale_lengths(K, scale)[None]
+    root, rows = roots_of_positive(scaled), []
     for name, matrix in stiffness.items():
         if name == reference:
             continue
@@ -200,14 +199,9 @@ def compare_connections(
             rows.append(ConnectionDifference(name, reference, None, None, None, None))
             continue
         difference = checked_matrix(matrix, f"stiffness {name}") - K
-        d_scaled = scale_lengths(difference, scale)
-        change: float | None
-        if root is not None:
-            relative = np.linalg.solve(root, np.linalg.solve(root, d_scaled).T)
-            change = float(np.linalg.norm(relative, 2))
-        else:
-            size = float(np.linalg.norm(scaled, 2))
-            change = float(np.linalg.norm(d_scaled, 2)) / size if size > 0 else None
+        d_scaled = scale_lengths(difference, scale)[None]
+        (found,) = relative_changes(scaled, root, d_scaled)
+        change = float(found) if np.isfinite(found) else None
         rows.append(
             ConnectionDifference(
                 name,
@@ -215,18 +209,39 @@ def compare_connections(
                 {b: float(np.abs(_block(difference, i, j)).max()) for b, i, j in _BLOCKS},
                 _relative(difference, K),
                 change,
-                bool(d_scaled.any()) if change is None else change > threshold,
+                bool(difference.any()) if change is None else change > threshold,
             )
         )
     return ConnectionTable(
         reference,
         tuple(rows),
         float(threshold),
-        "energy" if positive else "length",
+        "energy" if root.any() else "length",
         scale,
         any(row.matters for row in rows),
         _verdict(rows, reference, threshold),
     )
+
+
+def roots_of_positive(matrices: Array) -> Array:
+    """Cholesky factors (N, 6, 6) of symmetric parts; zero where these are not positive definite."""
+    half = symmetric_part(matrices)
+    values, roots = np.linalg.eigvalsh(half), np.zeros_like(half)
+    positive = values[:, 0] > np.maximum(0.0, numerics.ZERO * values[:, -1])
+    roots[positive] = np.linalg.cholesky(half[positive])
+    return roots
+
+
+def relative_changes(reference: Array, roots: Array, difference: Array) -> Array:
+    """`ConnectionDifference.change` (N,) of matrices with lengths scaled; NaN beside zero."""
+    positive = roots[:, 0, 0] > 0.0
+    left = np.linalg.solve(roots[positive], difference[positive]).swapaxes(1, 2)
+    changes = np.empty(len(roots))
+    changes[positive] = np.linalg.norm(np.linalg.solve(roots[positive], left), 2, axis=(1, 2))
+    change, size = (np.linalg.norm(m[~positive], 2, axis=(1, 2)) for m in (difference, reference))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        changes[~positive] = change / size
+    return changes
 
 
 def _relative(difference: Array, K: Array) -> dict[str, float]:

@@ -85,14 +85,16 @@ def isotropy(matrix: ArrayLike, inverse: ArrayLike | None = None) -> float:
     Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are zero. The
     inverse, where it is known, gives the small ones.
     """
-    return _isotropy(numerics.eigenvalues(real_array(matrix), inverse))
+    return float(isotropies(numerics.eigenvalues(real_array(matrix), inverse)))
 
 
-def _isotropy(values: Array) -> float:
-    kind = definiteness(values, zero=0.0)
-    if kind == "positive":
-        return float(np.exp(np.mean(np.log(values))) / np.mean(values))
-    return 0.0 if kind == "positive semidefinite" else float("nan")
+def isotropies(values: Array) -> Array:
+    """`isotropy` (...) from eigenvalues (..., n), smallest first."""
+    least, largest = values[..., 0], values[..., -1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.exp(np.log(values).mean(axis=-1)) / values.mean(axis=-1)
+    ratio = np.where((least == 0.0) & (largest > 0.0), 0.0, ratio)
+    return np.where((least >= 0.0) & (largest > 0.0), ratio, np.nan)
 
 
 def indices_of(
@@ -135,7 +137,7 @@ def indices_of(
         kind,
         ratio,
         exponent,
-        _isotropy(values),
+        float(isotropies(values)),
         float(values[0]),
         twist,
         float(np.prod(values) * length**6),

@@ -15,7 +15,7 @@ from math import sqrt
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import (
@@ -50,26 +50,24 @@ TRANSLATION: Final = slice(3, 6)
 
 
 def symmetric_part(matrix: ArrayLike) -> Array:
-    """Half the sum of a matrix and its transpose; for K^A of any load this is K^B."""
+    """Half the sum of matrices (..., n, n) and their transposes; for any K^A this is K^B."""
     m = real_array(matrix)
-    half: Array = 0.5 * (m + m.T)
-    return half
+    return np.asarray(0.5 * (m + m.swapaxes(-1, -2)))
 
 
 def block_scales(matrix: ArrayLike) -> Array:
-    """Sizes (2, 2) against which the 3x3 blocks are judged, each in its block's own unit.
+    """Sizes (..., 2, 2) against which 3x3 blocks are judged, each in its block's own unit.
 
     Diagonal: Frobenius norms of the rotation and translation blocks; off the diagonal their
     geometric mean, which has the unit of the coupling block: no length has to be chosen. For a
     positive semidefinite matrix the coupling block never exceeds it.
     """
     m = real_array(matrix)
-    rr = float(np.linalg.norm(m[ROTATION, ROTATION]))
-    tt = float(np.linalg.norm(m[TRANSLATION, TRANSLATION]))
-    coupling = float(np.sqrt(rr * tt))
-    if coupling == 0.0:
-        coupling = float(np.linalg.norm(m[ROTATION, TRANSLATION]))
-    return np.array([[rr, coupling], [coupling, tt]])
+    blocks = m[..., :3, :3], m[..., :3, 3:], m[..., 3:, 3:]
+    rr, rt, tt = (np.sqrt(np.einsum("...ij,...ij->...", x, x)) for x in blocks)
+    coupling = np.sqrt(rr * tt)
+    coupling = np.where(coupling == 0.0, rt, coupling)
+    return np.stack([rr, coupling, coupling, tt], axis=-1).reshape(*rr.shape, 2, 2)
 
 
 def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
@@ -150,10 +148,11 @@ def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
     return with_angles_times(checked_matrix(stiffness), 1.0 / checked_length(length))
 
 
-def with_angles_times(matrix: Array, factor: float) -> Array:
-    """A matrix (6, 6) with its first three rows and columns multiplied."""
-    d = np.array([factor, factor, factor, 1.0, 1.0, 1.0])
-    return np.asarray(matrix * d[:, None] * d)
+def with_angles_times(matrix: Array, factor: float | Array) -> Array:
+    """Matrices (..., 6, 6) with their first three rows and columns multiplied."""
+    d = np.ones((*np.shape(factor), 6))
+    d[..., :3] = np.asarray(factor)[..., None]
+    return np.asarray(matrix * d[..., :, None] * d[..., None, :])
 
 
 def balancing_length(matrix: ArrayLike) -> float:
@@ -296,14 +295,24 @@ def stiffness_of_motion(twist: Array, stiffness: Array, is_singular: bool = Fals
     is_singular : bool
         K has no inverse: what may be rounding of its terms is zero.
     """
-    value, size = float(twist @ stiffness @ twist), np.abs(twist)
-    terms = float(size @ np.abs(stiffness) @ size)
-    rounding = numerics.EPSILON * terms
-    if rounding <= numerics.REPORTED_ERROR * abs(value):
-        return value
-    if is_singular and abs(value) <= numerics.ZERO * terms:
-        return 0.0
-    return value if rounding <= numerics.LOST_ERROR * abs(value) else None
+    (value,) = stiffnesses_of_motions(twist[None], stiffness[None], np.array([is_singular]))
+    return None if np.isnan(value) else float(value)
+
+
+def stiffnesses_of_motions(
+    twists: Array, stiffness: Array, is_singular: NDArray[np.bool_]
+) -> Array:
+    """`stiffness_of_motion` of each of N; NaN where it is lost."""
+    values, terms = (
+        np.einsum("ni,nij,nj->n", t, K, t)
+        for t, K in ((twists, stiffness), (np.abs(twists), np.abs(stiffness)))
+    )
+    rounding, size = numerics.EPSILON * terms, np.abs(values)
+    doubtful = rounding > numerics.REPORTED_ERROR * size
+    is_zero = doubtful & is_singular & (size <= numerics.ZERO * terms)
+    values[doubtful & (rounding > numerics.LOST_ERROR * size)] = np.nan
+    values[is_zero] = 0.0
+    return values
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:

@@ -20,15 +20,17 @@ Any number of the analysis of one posture as a quantity of many, by its path.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.analysis.asymmetry import largest_in_blocks, relative_changes, roots_of_positive
 from cartstiff.analysis.ellipsoids import (
     Freedom,
     Others,
@@ -37,12 +39,16 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_along,
     stiffness_ellipsoid,
 )
+from cartstiff.analysis.indices import isotropies
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
     UNITS,
+    block_scales,
     eliminate_each,
-    stiffness_of_motion,
+    stiffnesses_of_motions,
+    symmetric_part,
+    with_angles_times,
 )
 from cartstiff.analysis.posture import summarise
 from cartstiff.analysis.sections import unit_of
@@ -72,32 +78,6 @@ def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, 
     return result
 
 
-def symmetric_part(stack: Array) -> Array:
-    """Half the sum of each matrix and its transpose."""
-    half: Array = 0.5 * (stack + stack.swapaxes(-1, -2))
-    return half
-
-
-def scale_lengths(stack: Array, length: float | Array) -> Array:
-    """As `cartstiff.analysis.matrices.scale_lengths`; one length, or one a row."""
-    scale = np.ones((*np.shape(length), 6))
-    scale[..., :3] = 1.0 / np.asarray(length, float)[..., None]
-    scaled: Array = stack * scale[..., :, None] * scale[..., None, :]
-    return scaled
-
-
-def block_norms(stack: Array) -> tuple[Array, Array]:
-    """Frobenius norms of the rotation and translation blocks."""
-    rr = np.sqrt(np.einsum("nij,nij->n", stack[:, :3, :3], stack[:, :3, :3]))
-    tt = np.sqrt(np.einsum("nij,nij->n", stack[:, 3:, 3:], stack[:, 3:, 3:]))
-    return rr, tt
-
-
-def principal(blocks: Array) -> Array:
-    """Eigenvalues (N, 3) of the symmetric parts of 3x3 blocks, smallest first, with their signs."""
-    return numerics.eigenvalues(blocks)
-
-
 def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
     """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
     exists = np.isfinite(K).all(axis=(1, 2))
@@ -107,12 +87,12 @@ def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
             lengths = np.broadcast_to(length, exists.shape)[exists]
             values[exists] = eigenvalues(K[exists], C[exists], lengths)
         return values
-    scaled = scale_lengths(K, length)
+    scaled = with_angles_times(K, 1.0 / np.asarray(length))
     values = numerics.eigenvalues(scaled)
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
     rows = np.logical_not(plain) & np.isfinite(C).all(axis=(1, 2))
     if rows.any():
-        inverse = scale_lengths(C, 1.0 / np.asarray(length))
+        inverse = with_angles_times(C, length)
         values[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
     return values
 
@@ -147,11 +127,10 @@ def block_values(
         if exists.any():
             values[exists] = block_values(stack[exists], inverse[exists], keep, is_held, one)
         return values
-    values = principal((stack if is_held else inverse)[:, keep, keep])
+    values = numerics.eigenvalues((stack if is_held else inverse)[:, keep, keep])
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
     if not is_held:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.sort(1.0 / values, axis=1)
+        values = np.sort(1.0 / values, axis=1)
     known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
     for i in np.flatnonzero(known & np.logical_not(plain)):
         try:
@@ -162,39 +141,9 @@ def block_values(
         own = stack[alone]
         blocks = own[:, keep, keep]
         size = np.abs(blocks).max(axis=(1, 2))[:, None]
-        values[alone] = principal(blocks if is_held else eliminate_each(own, keep))
+        values[alone] = numerics.eigenvalues(blocks if is_held else eliminate_each(own, keep))
         values[alone] = np.where(np.abs(values[alone]) <= numerics.ZERO * size, 0.0, values[alone])
     return values
-
-
-def determinant(eigenvalues: Array, length: float) -> Array:
-    """Determinants (N,) from the eigenvalues with lengths scaled."""
-    product: Array = np.prod(eigenvalues, axis=-1) * length**6
-    return product
-
-
-def signs(eigenvalues: Array) -> tuple[Array, Array, Array]:
-    """How many eigenvalues count as negative, zero and positive, by the rule of `definiteness`."""
-    below, above = (eigenvalues < 0.0).sum(axis=-1), (eigenvalues > 0.0).sum(axis=-1)
-    return below, eigenvalues.shape[-1] - below - above, above
-
-
-def condition(eigenvalues: Array) -> Array:
-    """Largest over smallest absolute eigenvalue; infinite for a singular matrix."""
-    size = np.abs(eigenvalues)
-    high, low = size.max(axis=-1), size.min(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(low > 0.0, high / low, np.inf)
-    return np.where(np.isfinite(high), ratio, np.nan)
-
-
-def isotropy(eigenvalues: Array) -> Array:
-    """As `cartstiff.analysis.indices.isotropy`, from the eigenvalues."""
-    below, null, above = signs(eigenvalues)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.exp(np.log(eigenvalues).mean(axis=-1)) / eigenvalues.mean(axis=-1)
-    ratio = np.where((below == 0) & (null > 0) & (above > 0), 0.0, ratio)
-    return np.where((below > 0) | (above == 0), np.nan, ratio)
 
 
 #: Connections whose matrix may be asymmetric.
@@ -312,8 +261,7 @@ class Stacks:
 
         def make() -> tuple[Array, Array]:
             K, C = self.arrays[f"stiffness_{name}"], self.arrays[f"compliance_{name}"]
-            with np.errstate(invalid="ignore"):
-                even = numerics.is_about_symmetric(K) & numerics.is_about_symmetric(C)
+            even = numerics.is_about_symmetric(K) & numerics.is_about_symmetric(C)
             stiff, flexible = symmetric_part(K), symmetric_part(C)
             rows = np.flatnonzero(~even & np.isfinite(K + C).all(axis=(1, 2)))
             if rows.size:
@@ -527,10 +475,11 @@ def _or_none(matrix: Array) -> Array | None:
     return matrix if np.isfinite(matrix).all() else None
 
 
-_K, _C, _FREE = ("stiffness_{matrix}",), ("inverse",), ("free",)
+_PAIR, _FREE = ("stiffness_{matrix}", "inverse"), ("free",)
 _DEFLECT = ("compliance_{connection}", "pose", "wrench")
 _BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
 _STIFF, _SOFT = UNITS.stiffness, UNITS.compliance
+_ALONG = _STIFF["translation"]
 
 
 _FREEDOMS: tuple[Freedom, ...] = ("translation", "rotation")
@@ -557,33 +506,38 @@ def _principal(
     return s.once(f"{kind} {freedom} {others} {pair}", make)
 
 
-def _principal_quantities() -> list[Quantity]:
-    quantities = []
-    for kind, prefix, units in (("stiffness", "", _STIFF), ("compliance", "compliance_", _SOFT)):
-        for freedom in _FREEDOMS:
-            for others in _OTHERS:
-                needs = (*_K, *_C) if others == "held" else _FREE
-                for end, which, column in (("min", "smallest", 0), ("max", "largest", 2)):
+def _principal_quantities() -> Iterator[Quantity]:
+    ends = ("min", "smallest", 0), ("max", "largest", 2)
+    for kind, freedom, others, (end, which, column) in product(
+        ("stiffness", "compliance"), _FREEDOMS, _OTHERS, ends
+    ):
+        is_stiff, locked = kind == "stiffness", "rotation translation".replace(freedom, "").strip()
+        yield Quantity(
+            f"{'' if is_stiff else 'compliance_'}{freedom}_{others}_{end}",
+            f"{which} principal {freedom}al {kind}, {locked} {others}",
+            (_STIFF if is_stiff else _SOFT)[freedom],
+            partial(_end, kind=kind, freedom=freedom, others=others, column=column),
+            _PAIR if others == "held" else _FREE,
+            better="larger" if is_stiff else "smaller",
+        )
 
-                    def function(
-                        s: Stacks,
-                        key: tuple[str, Freedom, Others] = (kind, freedom, others),
-                        column: int = column,
-                    ) -> Array:
-                        return _principal(s, *key)[:, column]
 
-                    other = "rotation" if freedom == "translation" else "translation"
-                    quantities.append(
-                        Quantity(
-                            f"{prefix}{freedom}_{others}_{end}",
-                            f"{which} principal {freedom}al {kind}, {other} {others}",
-                            units[freedom],
-                            function,
-                            needs,
-                            better="larger" if kind == "stiffness" else "smaller",
-                        )
-                    )
-    return quantities
+def _end(s: Stacks, column: int, **which: Any) -> Array:
+    return _principal(s, **which)[:, column]
+
+
+def _directional_quantities() -> Iterator[Quantity]:
+    for (word, block, unit), others in product(
+        (("along", TRANSLATION, _ALONG), ("about", ROTATION, _STIFF["rotation"])), _OTHERS
+    ):
+        yield Quantity(
+            f"{word}_{others}",
+            f"stiffness {word} the direction, everything else {others}",
+            unit,
+            partial(_on_axis, block=block, others=others),
+            (*(_PAIR if others == "held" else _FREE), "pose"),
+            "direction",
+        )
 
 
 def _on_axis(s: Stacks, block: slice, others: str) -> Array:
@@ -594,8 +548,7 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
     K, C = s.pair("free")
     C = C[:, block, block]
     give = np.einsum("ni,nij,nj->n", u, C, u)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stiffness: Array = 1.0 / give
+    stiffness: Array = 1.0 / give
     exists = np.isfinite(K).all(axis=(1, 2))
     # Without a K, a direction that does not give is held by the structure: no number says how much.
     rigid = np.abs(give) <= numerics.ZERO * np.abs(C).max(axis=(1, 2))
@@ -613,14 +566,7 @@ def _held_on_axis(s: Stacks, block: slice, u: Array) -> Array:
     """`stiffness_of_motion` of turning about, or shifting along, a direction (N, 3)."""
     twists = np.zeros((len(u), 6))
     twists[:, block] = u
-    values: Array = np.einsum("ni,nij,nj->n", twists, s.K, twists)
-    size = np.abs(twists)
-    terms = numerics.EPSILON * np.einsum("ni,nij,nj->n", size, np.abs(s.K), size)
-    for i in np.flatnonzero(terms > numerics.REPORTED_ERROR * np.abs(values)):
-        is_singular = not np.isfinite(s.C[i]).all()
-        value = stiffness_of_motion(twists[i], s.K[i], is_singular)
-        values[i] = np.nan if value is None else value
-    return values
+    return stiffnesses_of_motions(twists, s.K, ~np.isfinite(s.C).all(axis=(1, 2)))
 
 
 def _deflection(s: Stacks, part: slice) -> Array:
@@ -632,70 +578,42 @@ def _deflection(s: Stacks, part: slice) -> Array:
 
 
 def _unstable(s: Stacks) -> Array:
-    rr, tt = block_norms(s.K)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
+    (rr, _), (_, tt) = np.moveaxis(block_scales(s.K), 0, -1)
+    length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
     values = eigenvalues(s.K, s.C, length)
-    return np.where(np.isnan(values).any(axis=1), np.nan, signs(values)[0])
+    return np.where(np.isnan(values).any(axis=1), np.nan, (values < 0.0).sum(axis=1))
 
 
 def _natural_length(s: Stacks) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        translation = _principal(s, "stiffness", "translation", "held")
-        rotation = _principal(s, "stiffness", "rotation", "free", pair="held")
-        positive = np.ones(len(translation), bool)
-        for values in (translation, rotation):
-            positive &= signs(values)[2] == 3
-        length = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
+    translation = _principal(s, "stiffness", "translation", "held")
+    rotation = _principal(s, "stiffness", "rotation", "free", pair="held")
+    length = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
+    positive = (translation[:, 0] > 0.0) & (rotation[:, 0] > 0.0)
     return np.where(positive, length, np.nan)
 
 
 def _asymmetry(s: Stacks) -> Array:
-    def size(K: Array) -> Array:
-        rr, tt = block_norms(K)
-        coupling = np.sqrt(rr * tt)
-        edge = np.sqrt(np.einsum("nij,nij->n", K[:, :3, 3:], K[:, :3, 3:]))
-        coupling = np.where(coupling == 0.0, edge, coupling)
-        scales = np.array([[rr, coupling], [coupling, tt]]).transpose(2, 0, 1)
-        scales = np.kron(scales, np.ones((1, 3, 3)))
-        scales[scales == 0.0] = 1.0
-        return (np.abs(K - K.swapaxes(1, 2)) / scales).max(axis=(1, 2))
-
-    return on_finite(size, s.arrays["stiffness_A"])
+    K = s.arrays["stiffness_A"]
+    return largest_in_blocks(K - K.swapaxes(1, 2), K)
 
 
 def _connection_change(s: Stacks) -> Array:
     """Largest change that `cartstiff.analysis.asymmetry.compare_connections` finds."""
-    reference = s.arrays[f"stiffness_{s.settings.connection}"]
-    base = scale_lengths(reference, s.settings.length)
-    half = symmetric_part(base)
-    values = on_finite(np.linalg.eigvalsh, half, shape=(6,))
-    positive = signs(values)[2] == 6
-    worst = np.full(len(base), np.nan)
+    reference, scale = s.arrays[f"stiffness_{s.settings.connection}"], 1.0 / s.settings.length
+    scaled = with_angles_times(reference, scale)
+    roots = on_finite(roots_of_positive, scaled, shape=(6, 6))
+    worst = np.full(len(reference), np.nan)
     for name in OF_MANY:
-        other = s.arrays[f"stiffness_{name}"]
-        if name == s.settings.connection:
-            continue
-        both = np.isfinite(other).all(axis=(1, 2)) & np.isfinite(base).all(axis=(1, 2))
-        change = np.full(len(base), np.nan)
-        d = scale_lengths(other - reference, s.settings.length)
-        if (rows := both & positive).any():
-            root = np.linalg.cholesky(half[rows])
-            left = np.linalg.solve(root, d[rows])
-            relative = np.linalg.solve(root, left.swapaxes(1, 2))
-            change[rows] = np.linalg.norm(relative, 2, axis=(1, 2))
-        if (rows := both & ~positive).any():
-            with np.errstate(divide="ignore", invalid="ignore"):
-                size = np.linalg.norm(base[rows], 2, axis=(1, 2))
-                change[rows] = np.linalg.norm(d[rows], 2, axis=(1, 2)) / size
-        worst = np.fmax(worst, change)
+        d = s.arrays[f"stiffness_{name}"] - reference
+        if name != s.settings.connection:
+            change = on_finite(relative_changes, scaled, roots, with_angles_times(d, scale))
+            worst = np.fmax(worst, change)
     return worst
 
 
 def _ratio(s: Stacks) -> Array:
     values = s.once("singular values", s.singular_values)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return values[:, -1] / values[:, 0]
+    return values[:, -1] / values[:, 0]
 
 
 def _manipulability(s: Stacks) -> Array:
@@ -704,83 +622,47 @@ def _manipulability(s: Stacks) -> Array:
     )
 
 
-def _vibration_quantities() -> list[Quantity]:
-    def lowest(s: Stacks, which: int) -> Array:
-        return s.frequencies()[:, which]
+def _column(s: Stacks, of: str, which: int) -> Array:
+    values: Array = getattr(s, of)()
+    return values[:, which]
 
-    def damped(s: Stacks, which: int) -> Array:
-        return s.damping_ratios()[:, which]
 
-    words = "natural frequency {} under the load, the lowest first"
-    share = "damping ratio of mode {} under the load, the slowest first"
-    return [
-        *(
-            Quantity(
-                f"frequency_{i + 1}", words.format(i + 1), "Hz", partial(lowest, which=i), ("pose",)
-            )
-            for i in range(6)
+def _vibration_quantities() -> Iterator[Quantity]:
+    for name, words, unit, of, asks in (
+        (
+            "frequency",
+            "natural frequency {} under the load, the lowest first",
+            "Hz",
+            "frequencies",
+            None,
         ),
-        *(
-            Quantity(
-                f"damping_{i + 1}",
-                share.format(i + 1),
-                "1",
-                partial(damped, which=i),
-                ("pose",),
-                "damping",
-            )
-            for i in range(6)
+        (
+            "damping",
+            "damping ratio of mode {} under the load, the slowest first",
+            "1",
+            "damping_ratios",
+            "damping",
         ),
-        Quantity(
-            "limiting_depth",
-            "depth of a milling cut that is stable at every speed",
-            "{length}",
-            lambda s: s.limiting_depths(),
-            ("pose",),
-            "milling",
-        ),
-    ]
+    ):
+        for i in range(6):
+            function = partial(_column, of=of, which=i)
+            yield Quantity(f"{name}_{i + 1}", words.format(i + 1), unit, function, ("pose",), asks)
+    yield Quantity(
+        "limiting_depth",
+        "depth of a milling cut that is stable at every speed",
+        "{length}",
+        Stacks.limiting_depths,
+        ("pose",),
+        "milling",
+    )
 
-
-_EVERY = tuple(f"stiffness_{name}" for name in OF_MANY)
 
 #: Every quantity by name.
 QUANTITIES: dict[str, Quantity] = {
     q.name: q
     for q in (
         *_principal_quantities(),
-        Quantity(
-            "along_free",
-            "stiffness along the direction, everything else free",
-            _STIFF["translation"],
-            lambda s: _on_axis(s, TRANSLATION, "free"),
-            (*_FREE, "pose"),
-            "direction",
-        ),
-        Quantity(
-            "along_held",
-            "stiffness along the direction, everything else held",
-            _STIFF["translation"],
-            lambda s: _on_axis(s, TRANSLATION, "held"),
-            (*_K, *_C, "pose"),
-            "direction",
-        ),
-        Quantity(
-            "about_free",
-            "stiffness about the direction, everything else free",
-            _STIFF["rotation"],
-            lambda s: _on_axis(s, ROTATION, "free"),
-            (*_FREE, "pose"),
-            "direction",
-        ),
-        Quantity(
-            "about_held",
-            "stiffness about the direction, everything else held",
-            _STIFF["rotation"],
-            lambda s: _on_axis(s, ROTATION, "held"),
-            (*_K, *_C, "pose"),
-            "direction",
-        ),
+        *_directional_quantities(),
         Quantity(
             "deflection",
             "displacement of the frame's origin under the given wrench",
@@ -803,8 +685,8 @@ QUANTITIES: dict[str, Quantity] = {
             "condition",
             "condition number of K at the characteristic length",
             "1",
-            lambda s: condition(s.eigenvalues()),
-            (*_K, *_C),
+            lambda s: numerics.condition(s.eigenvalues()),
+            _PAIR,
             "length",
             "smaller",
         ),
@@ -812,47 +694,47 @@ QUANTITIES: dict[str, Quantity] = {
             "isotropy",
             "geometric over arithmetic mean of the eigenvalues of K",
             "1",
-            lambda s: isotropy(s.eigenvalues()),
-            (*_K, *_C),
+            lambda s: isotropies(s.eigenvalues()),
+            _PAIR,
             "length",
         ),
         Quantity(
             "minimum",
             "smallest eigenvalue of K at the characteristic length",
-            _STIFF["translation"],
+            _ALONG,
             lambda s: s.eigenvalues()[:, 0],
-            (*_K, *_C),
+            _PAIR,
             "length",
         ),
         Quantity(
             "translation_condition",
             "condition number of the translational block of K",
             "1",
-            lambda s: condition(_principal(s, "stiffness", "translation", "held")),
-            (*_K, *_C),
+            lambda s: numerics.condition(_principal(s, "stiffness", "translation", "held")),
+            _PAIR,
             better="smaller",
         ),
         Quantity(
             "rotation_condition",
             "condition number of the rotational block of K",
             "1",
-            lambda s: condition(_principal(s, "stiffness", "rotation", "held")),
-            (*_K, *_C),
+            lambda s: numerics.condition(_principal(s, "stiffness", "rotation", "held")),
+            _PAIR,
             better="smaller",
         ),
         Quantity(
             "determinant",
             "determinant of K",
             UNITS.determinant,
-            lambda s: determinant(s.eigenvalues(), s.settings.length),
-            (*_K, *_C),
+            lambda s: np.prod(s.eigenvalues(), axis=1) * s.settings.length**6,
+            _PAIR,
         ),
         Quantity(
             "unstable_directions",
             "number of negative eigenvalues of K",
             "1",
             _unstable,
-            (*_K, *_C),
+            _PAIR,
             better="smaller",
         ),
         Quantity(
@@ -860,7 +742,7 @@ QUANTITIES: dict[str, Quantity] = {
             "length at which rotation and translation are equally stiff",
             "{length}",
             _natural_length,
-            (*_K, *_C),
+            _PAIR,
             better=None,
         ),
         Quantity(
@@ -876,7 +758,7 @@ QUANTITIES: dict[str, Quantity] = {
             "largest relative change of stiffness by another choice of connection",
             "1",
             _connection_change,
-            _EVERY,
+            tuple(f"stiffness_{name}" for name in OF_MANY),
             "length",
             "smaller",
         ),
