@@ -64,12 +64,12 @@ class ManyModes:
         """
         if self._is_plain:
             return _plain(self.elastic, self.q, count)
-        if self._loads is None and _on_open_lines(self.elastic):
-            frequencies, known = _on_lines(self.elastic, self.q, count)
-        elif self._loads is None and self.compliances is not None:
-            frequencies, known = _of_body(self.elastic, self.q, self.compliances, count)
-        else:
+        C = self.compliances
+        if C is None and _on_open_lines(self.elastic):
+            C = _of_lines(self.elastic, self.q)
+        if self._loads is not None or C is None:
             return self._each(lambda modes: modes.frequencies, count)
+        frequencies, known = _of_body(self.elastic, self.q, C, count)
         rows = np.flatnonzero(~known)[: self.one_by_one]
         left = replace(self, q=self.q[rows], wrenches=None)
         frequencies[rows] = left._each(lambda modes: modes.frequencies, count)
@@ -118,37 +118,13 @@ def _on_open_lines(elastic: ElasticMechanism) -> bool:
     )
 
 
-def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Singular values of ``k^1/2 G L^-T``, G the lines and ``L L^T = M``, over 2 pi.
-
-    Motions that cost nothing have the frequency 0, by the same measure as those of one posture.
-    Also in which rows they are known: where a body's mass does not tell all of its motions apart,
-    that is decided one by one.
-    """
+def _of_lines(elastic: ElasticMechanism, q: Array) -> Array:
+    """``C^B`` of a body on lines that carry nothing; NaN where a motion costs nothing."""
     platform, springs = elastic.mechanism, elastic.springs
     if not (isinstance(platform, Platform) and isinstance(springs, LineSprings)):
         raise TypeError("a platform on lines")
-    length, force = convert_length(Units(), elastic.units)
-    frequencies = np.full((len(q), max(count, 6)), np.nan)
-    sizes = np.repeat([platform.length, 1.0], 3)
-    for start in range(0, len(q), _ROWS):
-        part = q[start : start + _ROWS]
-        geometry, mass = _platform_masses(platform, part)
-        mass = mass / np.outer(sizes, sizes)
-        known = np.isfinite(mass).all(axis=(1, 2)) & (geometry.lengths.min(axis=1) > 0.0)
-        inertias = np.linalg.eigvalsh(np.where(known[:, None, None], mass, np.eye(6)))
-        known &= inertias[:, 0] > numerics.NEARBY * inertias[:, -1]
-        L = np.linalg.cholesky(np.where(known[:, None, None], mass, np.eye(6)))
-        G = np.sqrt(springs.stiffness)[:, None] * geometry.lines / sizes
-        _, omega, motions = np.linalg.svd(np.linalg.solve(L, G.swapaxes(1, 2)).swapaxes(1, 2))
-        if len(springs.stiffness) < 6:
-            omega = np.pad(omega, ((0, 0), (0, 6 - omega.shape[1])))
-        twists = np.abs(np.linalg.solve(L.swapaxes(1, 2), motions.swapaxes(1, 2)))
-        cost = np.einsum("nij,nik,nkj->nj", twists, np.abs(G.swapaxes(1, 2) @ G), twists)
-        omega = np.where(omega**2 <= numerics.IDLE * cost, 0.0, omega)[:, ::-1]
-        hertz = omega * np.sqrt(length / force) / (2.0 * np.pi)
-        frequencies[start : start + len(part), :6] = np.where(known[:, None], hertz, np.nan)
-    return frequencies[:, :count], np.isfinite(frequencies[:, 0])
+    lines = _platform_masses(platform, q)[0].lines
+    return numerics.invert_each((lines.swapaxes(1, 2) * springs.stiffness) @ lines)[0]
 
 
 def _platform_masses(platform: Platform, q: Array) -> tuple[LineGeometry, Array]:
