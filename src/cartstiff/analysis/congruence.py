@@ -94,25 +94,27 @@ def fit_diagonal(
         As `joint_stiffness`; code ``"singular"`` also if the desired matrix must be inverted
         (n > 6) and cannot.
     """
-    K, J = (
-        as_symmetric(desired, "desired stiffness"),
-        checked_array(jacobian, (6, "n"), "Jacobian", copy=False),
-    )
-    W = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
+    K, J, _, S = _checked(desired, jacobian, wrench, load_term)
     scale = balancing_length(K) if length is None else checked_length(length)
-    require_full_rank(J)
-    n = J.shape[1]
-    S = (
-        se3.chain_curvature(J, W)
-        if load_term is None
-        else checked_matrix(load_term, "load term", n)
-    )
     d = np.repeat([scale, 1.0], 3)
     K_l, J_l = K / d[:, None] / d, scale_jacobian(J, scale)
     fit = _fit_stiffness if J.shape[1] == 6 else _fit_compliance
     springs, reached, residual = fit(K_l, J_l, S)
     cartesian = None if reached is None else reached * d[:, None] * d
     return DiagonalFit(springs, cartesian, residual, scale)
+
+
+def _checked(
+    desired: ArrayLike, jacobian: ArrayLike, wrench: ArrayLike | None, load_term: ArrayLike | None
+) -> tuple[Array, Array, Array, Array]:
+    """K (6, 6), J (6, n) of full rank, W (6,) and S (n, n)."""
+    K = as_symmetric(desired, "desired stiffness")
+    J = checked_array(jacobian, (6, "n"), "Jacobian", copy=False)
+    W = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
+    require_full_rank(J)
+    if load_term is None:
+        return K, J, W, se3.chain_curvature(J, W)
+    return K, J, W, checked_matrix(load_term, "load term", J.shape[1])
 
 
 def _nnls(columns: list[Array], target: Array) -> Array:
@@ -300,19 +302,8 @@ def joint_stiffness(
     InputError
         If a shape is wrong or the desired matrix is not symmetric.
     """
-    K, J = (
-        as_symmetric(desired, "desired stiffness"),
-        checked_array(jacobian, (6, "n"), "Jacobian", copy=False),
-    )
-    W = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
-    require_full_rank(J)
-    n = J.shape[1]
-    core = J.T @ K @ J
-    S = (
-        se3.chain_curvature(J, W)
-        if load_term is None
-        else checked_matrix(load_term, "load term", n)
-    )
+    K, J, W, S = _checked(desired, jacobian, wrench, load_term)
+    core, n = J.T @ K @ J, J.shape[1]
     H = core.copy()
     if n > 6:
         Z = np.linalg.svd(scale_jacobian(J, reach(J)))[2][6:].T

@@ -300,7 +300,7 @@ def stiffness_of_motion(twist: Array, stiffness: Array, is_singular: bool = Fals
 
 
 def stiffnesses_of_motions(
-    twists: Array, stiffness: Array, is_singular: NDArray[np.bool_]
+    twists: Array, stiffness: Array, is_singular: NDArray[np.bool_] | np.bool_
 ) -> Array:
     """`stiffness_of_motion` of each of N; NaN where it is lost."""
     values, terms = (

@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
@@ -201,13 +200,21 @@ def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
     return tuple(names), np.array(values)
 
 
-def _factor(level: float, degrees: float) -> float:
-    """Half width of an interval over the standard deviation."""
-    if np.isinf(degrees):
-        return NormalDist().inv_cdf(0.5 + 0.5 * level)
-    from scipy.special import stdtrit
+def quantile(level: float, degrees: float = np.inf) -> float:
+    """Two-sided quantile of Student's t; of the normal distribution for infinite degrees.
 
-    return float(stdtrit(degrees, 0.5 + 0.5 * level))
+    Half the width of an interval over the standard deviation.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    tail = 0.5 + 0.5 * level
+    return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
+
+
+def check_level(level: float) -> None:
+    """Refuse what is no probability of an interval."""
+    if not 0.0 < level < 1.0:
+        raise InputError("level cannot be used", expected="between 0 and 1", got=level)
 
 
 def _draws(
@@ -233,8 +240,7 @@ def _draws(
 def _check(tolerances: Mapping[str, Tolerance], level: float) -> None:
     if not tolerances:
         raise InputError("no tolerances given", expected="at least one parameter")
-    if not 0.0 < level < 1.0:
-        raise InputError("level cannot be used", expected="between 0 and 1", got=level)
+    check_level(level)
 
 
 def propagate_first_order(
@@ -300,7 +306,7 @@ def propagate_first_order(
     parts = effects * (effects @ R)
     variance = np.maximum(np.sum(parts, axis=1), 0.0)
     total = np.sqrt(variance)
-    z = _factor(level, degrees)
+    z = quantile(level, degrees)
     with np.errstate(invalid="ignore", divide="ignore"):
         shares = parts.T / variance
     contributions = {name: read_only(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError
 from cartstiff.identify.measurements import Measurements, Observations
@@ -333,7 +334,6 @@ def fitted(
     noise: Noise,
     *,
     nuisance: Array | None = None,
-    weights: Array | None = None,
     start: Array | None = None,
     once: bool = False,
     progress: Callable[[int, float], None] | None = None,
@@ -350,8 +350,6 @@ def fitted(
         Noise of the observations.
     nuisance : ndarray (m, S), optional
         Columns of the nuisances.
-    weights : ndarray (m,), optional
-        As in `solved`.
     start : ndarray (P,), optional
         Default: the mechanism's own.
     once : bool
@@ -366,7 +364,7 @@ def fitted(
     """
     theta = unknowns.nominal if start is None else start.copy()
     N = np.zeros((len(model.observations), 0)) if nuisance is None else nuisance
-    search = _Search(model, unknowns, noise, N, weights, progress)
+    search = _Search(model, unknowns, noise, N, progress)
     solution, A, target = search.linear(theta)
     if model.is_linear or once:
         return Fit(solution, solution.theta, A, target, 1)
@@ -399,12 +397,10 @@ class _Search:
         unknowns: Unknowns,
         noise: Noise,
         nuisance: Array,
-        weights: Array | None,
         progress: Callable[[int, float], None] | None,
     ) -> None:
         self._model, self._unknowns, self._noise = model, unknowns, noise
-        self._nuisance, self._weights = nuisance, weights
-        self._progress = progress
+        self._nuisance, self._progress = nuisance, progress
         self._priors = [
             (p, *u.prior) for p, u in enumerate(unknowns.parameters) if u.prior is not None
         ]
@@ -430,7 +426,6 @@ class _Search:
             bounded=self._bounded,
             nuisance=self._nuisance,
             priors=self._priors,
-            weights=self._weights,
         )
         return solution, A, target
 
@@ -440,8 +435,7 @@ class _Search:
         What the rows do not determine stays where it is; nuisances are eliminated, which is exact
         since they enter linearly.
         """
-        weight = 1.0 if self._weights is None else np.sqrt(self._weights)
-        weight = np.broadcast_to(weight / solution.deviation, solution.deviation.shape)
+        weight = 1.0 / solution.deviation
         U, values, _ = np.linalg.svd(self._nuisance * weight[:, None], full_matrices=False)
         Q = U[:, : numerics.rank(values)] if values.size else U
         sizes, seen = self._sizes, self._model.observations
@@ -491,14 +485,6 @@ class _Search:
                 "the fit does not settle", iterations=found.nfev, residual=2.0 * float(found.cost)
             )
         return whole(found.x)
-
-
-def quantile(level: float, degrees: float) -> float:
-    """Two-sided quantile of Student's t; of the normal distribution for infinite degrees."""
-    from scipy.special import ndtri, stdtrit
-
-    tail = 0.5 + 0.5 * level
-    return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
 #: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array, checked_seed, plain
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
-from cartstiff.identify.fitting import quantile
 from cartstiff.identify.measurements import MEASURED, POSITION, TURN, Measurements
 from cartstiff.identify.models import model_of
 from cartstiff.identify.unknowns import Unknowns, unknowns_of

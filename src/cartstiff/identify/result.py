@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array
 from cartstiff.arrays import plain as listed
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
-from cartstiff.identify.fitting import Fit, Robust, Solved, quantile
+from cartstiff.identify.fitting import Fit, Robust, Solved
 from cartstiff.identify.measurements import POSITION, TURN, Measurements
 from cartstiff.identify.models import LinearModel, Model
 from cartstiff.identify.unknowns import Unknown, Unknowns

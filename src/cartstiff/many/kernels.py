@@ -325,9 +325,65 @@ def run(
     Coordinates of closed chains are replaced by those that close them, those of links that give by
     those where they carry the load; where none are found they stay, and the engine decides.
     """
-    if len(q):
-        with timed(_way(taken, kernel), len(q), kernel.program):
-            _run(taken, kernel, q, loads, arrays, verdicts, threads, size)
+    if not len(q):
+        return
+    with timed(_way(taken, kernel), len(q), kernel.program):
+        count = len(q)
+        exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
+        for name, array in arrays.items():
+            if name not in exists:
+                array[...] = np.nan
+        length, options = size or CHUNK, {}
+        if not isinstance(kernel, PortableKernel):
+            length = size or COMPILED_CHUNK
+            options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
+            with timed(MAKING):
+                kernel.entry(options["stream"])
+        if taken.has_derivatives:
+            length = min(length, EVALUATED_CHUNK)
+        is_compiled = not isinstance(kernel, PortableKernel)
+        if taken.is_closed:
+            length = min(length, CLOSED_CHUNK)
+        length = min(length, count)
+        standing = _Standing(taken, is_compiled, length, threads)
+        shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
+        if loads is not None and loads.ndim == 1:
+            shared["wrench"] = np.ascontiguousarray(loads)[None]
+        workspace = kernel.workspace(length, _workers(threads, length))
+        verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
+        for start in range(0, count, length):
+            stop = min(start + length, count)
+            rows = stop - start
+            inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
+            if loads is not None and loads.ndim == 2:
+                inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
+            stands = None
+            if standing:
+                q[start:stop], stands, _ = standing.found(inputs["q"], inputs)
+                inputs["q"] = np.ascontiguousarray(q[start:stop])
+            doubts = None
+            if taken.has_derivatives:
+                more, doubts = taken.untraced.derivatives(
+                    inputs["q"], is_compiled, inputs.get("wrench")
+                )
+                inputs.update(more)
+            chunk, copies = {"verdict": verdict}, []
+            for name, width in exists.items():
+                part = arrays[name][start:stop]
+                if part.flags.c_contiguous:
+                    chunk[name] = part.reshape(rows, width)
+                else:
+                    chunk[name] = np.empty((rows, width))
+                    copies.append((part, chunk[name]))
+            workspace.run(inputs, chunk, rows, **options)
+            for part, values in copies:
+                part[...] = values.reshape(part.shape)
+            verdicts[start:stop] = verdict[:rows, 0]
+            if doubts is not None:
+                doubted = doubts != PLAIN
+                verdicts[start:stop][doubted] = doubts[doubted]
+            if stands is not None:
+                verdicts[start:stop][~stands] = FALLBACK
 
 
 def _way(taken: TracedModel, kernel: Any) -> str:
@@ -337,71 +393,3 @@ def _way(taken: TracedModel, kernel: Any) -> str:
     way += ", quantities read at once" * ("readings" in kernel.program.outputs)
     way += ", chains closed by it too" * taken.is_closed
     return way + ", links bent by it too" * taken.settles
-
-
-def _run(
-    taken: TracedModel,
-    kernel: Any,
-    q: Array,
-    loads: Array | None,
-    arrays: Mapping[str, Array],
-    verdicts: NDArray[np.uint8],
-    threads: int,
-    size: int | None,
-) -> None:
-    count = len(q)
-    exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
-    for name, array in arrays.items():
-        if name not in exists:
-            array[...] = np.nan
-    length, options = size or CHUNK, {}
-    if not isinstance(kernel, PortableKernel):
-        length = size or COMPILED_CHUNK
-        options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
-        with timed(MAKING):
-            kernel.entry(options["stream"])
-    if taken.has_derivatives:
-        length = min(length, EVALUATED_CHUNK)
-    is_compiled = not isinstance(kernel, PortableKernel)
-    if taken.is_closed:
-        length = min(length, CLOSED_CHUNK)
-    length = min(length, count)
-    standing = _Standing(taken, is_compiled, length, threads)
-    shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
-    if loads is not None and loads.ndim == 1:
-        shared["wrench"] = np.ascontiguousarray(loads)[None]
-    workspace = kernel.workspace(length, _workers(threads, length))
-    verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
-    for start in range(0, count, length):
-        stop = min(start + length, count)
-        rows = stop - start
-        inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
-        if loads is not None and loads.ndim == 2:
-            inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
-        stands = None
-        if standing:
-            q[start:stop], stands, _ = standing.found(inputs["q"], inputs)
-            inputs["q"] = np.ascontiguousarray(q[start:stop])
-        doubts = None
-        if taken.has_derivatives:
-            more, doubts = taken.untraced.derivatives(
-                inputs["q"], is_compiled, inputs.get("wrench")
-            )
-            inputs.update(more)
-        chunk, copies = {"verdict": verdict}, []
-        for name, width in exists.items():
-            part = arrays[name][start:stop]
-            if part.flags.c_contiguous:
-                chunk[name] = part.reshape(rows, width)
-            else:
-                chunk[name] = np.empty((rows, width))
-                copies.append((part, chunk[name]))
-        workspace.run(inputs, chunk, rows, **options)
-        for part, values in copies:
-            part[...] = values.reshape(part.shape)
-        verdicts[start:stop] = verdict[:rows, 0]
-        if doubts is not None:
-            doubted = doubts != PLAIN
-            verdicts[start:stop][doubted] = doubts[doubted]
-        if stands is not None:
-            verdicts[start:stop][~stands] = FALLBACK

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, checked_kind
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.arguments import with_room
 from cartstiff.many.following import Assembler, Closed
 from cartstiff.many.kernels import CLOSED_CHUNK, Backend
 from cartstiff.many.postures import (
@@ -369,11 +370,7 @@ class MapJob:
         own = getattr(_THREAD, "buffers", None)
         n = len(self.elastic.mechanism.coordinates)
         if own is None or own[0] != (self.outputs, n):
-            shapes = {"pose": (4, 4), "jacobian": (6, n), "wrench": (6,), "energy": ()}
-            own = (
-                (self.outputs, n),
-                {name: np.empty((_ROWS, *shapes.get(name, (6, 6)))) for name in self.outputs},
-            )
+            own = (self.outputs, n), with_room(self.outputs, {}, (_ROWS, n))
             _THREAD.buffers = own
         return {name: array[:count] for name, array in own[1].items()}
 
@@ -545,9 +542,6 @@ class CommandedJob(MapJob):
         # Its arrays are memory that the next row is written to.
         values = {name: value.copy() for name, value in answer.values.items()}
         return answer._replace(poses=answer.poses.copy(), values=values)
-
-    def _is_force_beyond(self, q: Array) -> bool:  # noqa: ARG002
-        return False  # known from the equilibrium
 
     @property
     def _reader(self) -> None:

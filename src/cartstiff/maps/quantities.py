@@ -628,25 +628,24 @@ def _column(s: Stacks, of: str, which: int) -> Array:
 
 
 def _vibration_quantities() -> Iterator[Quantity]:
-    for name, words, unit, of, asks in (
-        (
-            "frequency",
-            "natural frequency {} under the load, the lowest first",
-            "Hz",
-            "frequencies",
-            None,
-        ),
+    for name, words, unit, of in (
+        ("frequency", "natural frequency {} under the load, the lowest first", "Hz", "frequencies"),
         (
             "damping",
             "damping ratio of mode {} under the load, the slowest first",
             "1",
             "damping_ratios",
-            "damping",
         ),
     ):
         for i in range(6):
-            function = partial(_column, of=of, which=i)
-            yield Quantity(f"{name}_{i + 1}", words.format(i + 1), unit, function, ("pose",), asks)
+            yield Quantity(
+                f"{name}_{i + 1}",
+                words.format(i + 1),
+                unit,
+                partial(_column, of=of, which=i),
+                ("pose",),
+                "damping" if name == "damping" else None,
+            )
     yield Quantity(
         "limiting_depth",
         "depth of a milling cut that is stable at every speed",

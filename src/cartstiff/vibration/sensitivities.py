@@ -17,17 +17,16 @@ repeated modes it is the eigenvalues of that form on the subspace, in their orde
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check_level, quantile
 from cartstiff.arrays import Array, Result, checked_array, plain
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
@@ -147,6 +146,26 @@ class Home:
                 row = self._row(name, numerics.WIDEST, modes)
                 best = row if row.error <= numerics.CONVERGED else best
         return best
+
+    def rows(
+        self,
+        names: Sequence[str],
+        modes: Modes | None,
+        given: Sensitivities | None,
+        progress: Callable[[int, int], None] | None,
+    ) -> tuple[dict[str, Row], str | None]:
+        """Derivatives by parameters, those that are given as they are; and which are none, why."""
+        rows: dict[str, Row] = {}
+        missing = [] if (left_out := self.parameters.left_out) is None else [left_out]
+        for done, name in enumerate(names, 1):
+            try:
+                row = None if given is None else given.row(name)
+                rows[name] = self.row(name, modes) if row is None else row
+            except CartstiffError as error:
+                missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
+            if progress is not None:
+                progress(done, len(names))
+        return rows, "; ".join(missing) or None
 
     def _observed(self, modes: Modes | None) -> tuple[Array, ...]:
         if self._here is None:
@@ -388,20 +407,12 @@ def sensitivities(
     if modes is not None and modes.spectrum.is_complex:
         raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
     home = Home(subject, reread)
-    rows: dict[str, Row] = {}
-    missing: list[str] = [] if (left_out := home.parameters.left_out) is None else [left_out]
     names = [
         name
         for name in home.parameters.nominal
         if geometry or name.partition(".")[0] in ("stiffness", "mass")
     ]
-    for done, name in enumerate(names, 1):
-        try:
-            rows[name] = home.row(name, modes)
-        except CartstiffError as error:
-            missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
-        if progress is not None:
-            progress(done, len(names))
+    rows, missing = home.rows(names, modes, None, progress)
     k = 0 if modes is None else modes.frequencies.size
     squares = np.array([r.squares for r in rows.values()]).reshape(len(rows), k)
     return Sensitivities(
@@ -416,7 +427,7 @@ def sensitivities(
         squares if modes is None else in_hertz(modes, squares),
         np.array([r.error for r in rows.values()]),
         tuple(home.parameters.is_angle(name) for name in rows),
-        "; ".join(missing) or None,
+        missing,
     )
 
 
@@ -550,35 +561,20 @@ def accuracy(
     known = home.nominal.elastic.identified
     if level is None:
         level = 0.95 if known is None else known.level
-    if not 0.0 < level < 1.0:
-        raise InputError("level cannot be used", expected="between 0 and 1", got=level)
-    effects: dict[str, list[Array]] = {}
-    missing = [] if (left_out := home.parameters.left_out) is None else [left_out]
-    varied = np.zeros(len(named), bool)
-    for i, (name, t) in enumerate(named.items()):
-        if progress is not None:
-            progress(i + 1, len(named))
-        try:
-            row = None if given is None else given.row(name)
-            row = home.row(name, modes) if row is None else row
-        except CartstiffError as error:
-            missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
-            continue
-        varied[i] = True
-        if home.state is not None:
-            effects.setdefault("pose", []).append(row.pose * t.deviation)
-        for letter, dK in zip(MATRICES, row.matrices, strict=True):
-            effects.setdefault(letter, []).append(dK * t.deviation)
-        if modes is not None:
-            effects.setdefault("frequencies", []).append(
-                in_hertz(modes, row.squares[None])[0] * t.deviation
-            )
-    if not varied.any():
-        raise UndefinedError("; ".join(missing), code="no-parameters")
+    check_level(level)
+    rows, missing = home.rows(list(named), modes, given, progress)
+    if not rows:
+        raise UndefinedError(missing or "", code="no-parameters")
+    varied = np.array([name in rows for name in named])
+    found = {} if home.state is None else {"pose": [r.pose for r in rows.values()]}
+    found |= {letter: [r.matrices[i] for r in rows.values()] for i, letter in enumerate(MATRICES)}
+    if modes is not None:
+        found["frequencies"] = [in_hertz(modes, r.squares) for r in rows.values()]
+    spreads = np.array([t.deviation for t in named.values()])[varied]
     R = np.eye(len(named)) if R is None else R
     deviations, shares = {}, {}
-    for quantity, rows in effects.items():
-        x = np.array(rows)
+    for quantity, slopes in found.items():
+        x = (np.array(slopes).T * spreads).T
         parts = x * np.tensordot(R[np.ix_(varied, varied)], x, 1)
         variance = np.maximum(parts.sum(axis=0), 0.0)
         if quantity == "frequencies" and modes is not None:
@@ -595,19 +591,18 @@ def accuracy(
     if modes is not None:
         nominal["frequencies"] = modes.frequencies
     kept = [name for name in deviations if name in nominal]
-    spreads = np.array([t.deviation for t in named.values()])[varied]
-    factor = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    factor = quantile(level)
     if known is not None and level == known.level and np.isfinite(home.parameters.degrees):
         factor = known.factor
     return Accuracy(
-        tuple(n for n, there in zip(named, varied, strict=True) if there),
+        tuple(rows),
         spreads,
         {n: nominal[n] for n in kept},
         {n: deviations[n] for n in kept},
         {n: shares[n] for n in kept},
         level,
         factor,
-        "; ".join(missing) or None,
+        missing,
     )
 
 
@@ -690,8 +685,7 @@ def intervals(
         measured = Identified(patterns, np.zeros(len(names)), C)
     measured = measured or Identified((), np.zeros(0), np.zeros((0, 0)))
     measured = measured if level is None else replace(measured, level=level)
-    if not 0.0 < measured.level < 1.0:
-        raise InputError("level cannot be used", expected="between 0 and 1", got=measured.level)
+    check_level(measured.level)
     t = tolerances or Tolerances()
     if given is None and t.any:
         given = sensitivities(modes, geometry=bool(t.length or t.angle))
