@@ -401,9 +401,7 @@ class _Search:
     ) -> None:
         self._model, self._unknowns, self._noise = model, unknowns, noise
         self._nuisance, self._progress = nuisance, progress
-        self._priors = [
-            (p, *u.prior) for p, u in enumerate(unknowns.parameters) if u.prior is not None
-        ]
+        self._priors = unknowns.priors
         self._sizes, self._bounded = unknowns.sizes, unknowns.is_bounded
         self._known: tuple[Array, tuple[Array, Array]] | None = None
         self.steps = 0
@@ -558,7 +556,6 @@ def robust_fit(
     """Fit about a plain fit's regressor; for a nonlinear model that regressor is kept."""
     seen = model.observations
     A, target = plain.regressor, plain.target
-    priors = [(p, *u.prior) for p, u in enumerate(unknowns.parameters) if u.prior is not None]
     unit, scales = _starting_units(noise, plain)
     divided = np.hstack([A, nuisance]) / unit[:, None]
     right = target / unit
@@ -586,7 +583,7 @@ def robust_fit(
             sizes=unknowns.sizes,
             bounded=unknowns.is_bounded,
             nuisance=nuisance,
-            priors=priors,
+            priors=unknowns.priors,
             weights=weights,
         )
         # Rows that were left out have no part in the fit: their residual is wider, not narrower.

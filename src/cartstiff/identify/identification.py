@@ -783,9 +783,8 @@ def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Ar
 
 
 def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
-    priors = sum(u.prior is not None for u in unknowns.parameters)
     wanted = len(unknowns.parameters) + offsets
-    if numbers + priors < wanted:
+    if numbers + len(unknowns.priors) < wanted:
         raise InputError(
             "fewer numbers than unknowns",
             got=f"{numbers} measured",

@@ -587,10 +587,9 @@ def plan(
 
 def _of_priors(unknowns: Unknowns) -> tuple[Array, int]:
     """What priors tell (P, P) of compliances in shares of their present values; their number."""
-    widths = np.zeros(len(unknowns.parameters))
-    for p, unknown in enumerate(unknowns.parameters):
-        if unknown.prior is not None:
-            widths[p] = (unknowns.sizes[p] / unknown.prior[1]) ** 2
+    widths, sizes = np.zeros(len(unknowns.parameters)), unknowns.sizes
+    for p, _, deviation in unknowns.priors:
+        widths[p] = (sizes[p] / deviation) ** 2
     return np.diag(widths), int(np.count_nonzero(widths))
 
 

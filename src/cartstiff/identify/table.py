@@ -244,14 +244,8 @@ def read_measurements(
             if not name:
                 raise InputError("no session", where=place, expected="a name in every row")
     mass, mass0 = _loads(table, "mass", count), _loads(table, "mass0", count)
-    if np.any(mass < 0) or np.any(mass0 < 0):
-        row = int(np.flatnonzero((mass < 0) | (mass0 < 0))[0])
-        raise InputError(
-            "mass cannot be used",
-            where=cells.places[row],
-            expected="zero or more",
-            got=f"{min(mass[row], mass0[row]):g}",
-        )
+    least = np.minimum(mass, mass0)
+    _refuse(least < 0, cells, "mass cannot be used", "zero or more", least)
     if axes is None and OF_PATH in unused and wrench.any():
         wrench = _in_base(elastic, q, wrench)
     measurements = Measurements(
@@ -271,6 +265,16 @@ def read_measurements(
     )
     _check_loads(measurements, elastic, cells)
     return measurements
+
+
+def _refuse(
+    bad: Array, cells: Cells, words: str, expected: str | None = None, got: Array | None = None
+) -> None:
+    """Refuse the first of the rows (N,) that are bad."""
+    if bad.any():
+        row = int(np.argmax(bad))
+        shown = None if got is None else f"{got[row]:g}"
+        raise InputError(words, where=cells.places[row], expected=expected, got=shown)
 
 
 def _numbers(cells: Cells, i: int, column: Column) -> Array:
@@ -325,9 +329,7 @@ def _postures(
             if name not in table or name in MEASURED:
                 continue
             values = table[name]
-            if np.isnan(values).any():
-                row = int(np.flatnonzero(np.isnan(values))[0])
-                raise InputError(f"no posture: column {name!r} is empty", where=cells.places[row])
+            _refuse(np.isnan(values), cells, f"no posture: column {name!r} is empty")
             q[:, j] = values * (length if coordinate.is_length else 1.0)
             is_given[j] = True
             column = next(c for c in columns if c.name == name)
@@ -454,14 +456,8 @@ def _measured(
         if spread is None:
             spread = np.full(len(cells.rows), deviations.get(name, np.nan))
         bad = (spread <= 0) | (np.isnan(spread) & ~np.isnan(table[name]) & (f"sd_{name}" in table))
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise InputError(
-                f"standard deviation of {name!r} cannot be used",
-                where=cells.places[row],
-                expected="above zero",
-                got=f"{spread[row]:g}",
-            )
+        words = f"standard deviation of {name!r} cannot be used"
+        _refuse(bad, cells, words, "above zero", spread)
         values[name], sds[name] = table[name] * factor, spread * factor
     if not values and not is_open:
         raise InputError(
@@ -473,17 +469,11 @@ def _measured(
     if any(turned) and not all(turned):
         raise InputError("an orientation needs all of roll, pitch, yaw", where=cells.place)
     for name in TURN[1:] if all(turned) else ():
-        if (np.isnan(values[name]) != np.isnan(values[TURN[0]])).any():
-            row = int(np.argmax(np.isnan(values[name]) != np.isnan(values[TURN[0]])))
-            raise InputError(
-                "an orientation needs all of roll, pitch, yaw", where=cells.places[row]
-            )
+        differ = np.isnan(values[name]) != np.isnan(values[TURN[0]])
+        _refuse(differ, cells, "an orientation needs all of roll, pitch, yaw")
     if values and not is_open:
         nothing = np.all([np.isnan(v) for v in values.values()], axis=0)
-        if nothing.any():
-            raise InputError(
-                "nothing was measured in this row", where=cells.places[int(np.argmax(nothing))]
-            )
+        _refuse(nothing, cells, "nothing was measured in this row")
     return values, sds
 
 
@@ -505,12 +495,7 @@ def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, A
     directions = np.stack([table[name] for name in names], axis=1)
     size = np.linalg.norm(directions, axis=1)
     bad = ~np.isnan(values["d"]) & ~(size > 0.0)
-    if bad.any():
-        raise InputError(
-            "the dial gauge has no direction",
-            expected="nx, ny, nz, not all zero",
-            where=cells.places[int(np.argmax(bad))],
-        )
+    _refuse(bad, cells, "the dial gauge has no direction", "nx, ny, nz, not all zero")
     with np.errstate(invalid="ignore", divide="ignore"):
         return directions / size[:, None]
 

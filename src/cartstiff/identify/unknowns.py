@@ -95,6 +95,11 @@ class Unknowns:
         return np.array([u.nominal for u in self.parameters])
 
     @property
+    def priors(self) -> list[tuple[int, float, float]]:
+        """Parameters that are known beforehand: place, value, standard deviation."""
+        return [(p, *u.prior) for p, u in enumerate(self.parameters) if u.prior is not None]
+
+    @property
     def is_bounded(self) -> Array:
         """Which cannot be negative (P,)."""
         return np.array([u.has_stiffness for u in self.parameters], bool)
