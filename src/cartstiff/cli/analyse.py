@@ -18,6 +18,7 @@ from cartstiff.cli.options import (
     MechanismRequest,
     UnitsCommand,
     add_sensitivities,
+    checked_tolerance,
     command_option,
     load_options,
     mechanism_options,
@@ -152,13 +153,7 @@ class AnalysisRequest:
             only_with("target", target_order=self.target_order)
         if self.direction is not None and not any(self.direction):
             raise InputError("must not be zero", where="--direction", got=self.direction)
-        if self.tolerance is not None and not (min(self.tolerance) >= 0 and any(self.tolerance)):
-            raise InputError(
-                "cannot be used",
-                where="--tolerance",
-                got=self.tolerance,
-                expected="zero or more, not all zero",
-            )
+        checked_tolerance(self.tolerance)
         if self.samples == 1:
             raise InputError(
                 "cannot be used", where="--samples", expected="0, or 2 and more", got="1"

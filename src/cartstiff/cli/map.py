@@ -40,6 +40,7 @@ from cartstiff.cli.types import (
     file_option,
     flag,
     json_option,
+    only_with,
     option,
     option_group,
     progress_option,
@@ -490,8 +491,8 @@ def command(
         )
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
-    if added_load_at is not None and added_load is None:
-        raise InputError("is for --added-load", where="--added-load-at")
+    if added_load is None:
+        only_with("added-load", added_load_at=added_load_at)
     applied.check_world(load=request.wrench, added_load=added_load, direction=direction)
     asked: dict[str, Any] = {
         **applied.keywords(request.wrench),

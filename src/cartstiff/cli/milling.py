@@ -8,7 +8,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cartstiff.cli.types import ANGLE, DIRECTION, POINT, Numbers, option, option_group
+from cartstiff.cli.types import ANGLE, DIRECTION, POINT, Numbers, only_with, option, option_group
 from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
@@ -92,9 +92,7 @@ def cutter(
         For numbers that cannot be used, or other options without --milling.
     """
     if milling is None:
-        for name, given in (("feed", feed), ("normal", normal), ("tip", tip)):
-            if given is not None:
-                raise InputError("is for --milling", where=f"--{name}")
+        only_with("milling", feed=feed, normal=normal, tip=tip)
         return None
     from cartstiff.vibration.chatter import Milling
 
@@ -119,9 +117,8 @@ class LobesRequest:
 
     def __post_init__(self) -> None:
         if self.lobes is None:
-            for name in ("milling", "feed", "normal", "tip"):
-                if getattr(self, name) is not None:
-                    raise InputError("is for --lobes", where=f"--{name}")
+            of_milling = {"feed": self.feed, "normal": self.normal, "tip": self.tip}
+            only_with("lobes", milling=self.milling, **of_milling)
             return
         if self.milling is None:
             raise InputError("needs a force law", where="--lobes", expected="--milling")

@@ -19,7 +19,16 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import Progress, say, say_unused
-from cartstiff.cli.types import OutputFile, Values, count, file_option, flag, option, option_group
+from cartstiff.cli.types import (
+    OutputFile,
+    Values,
+    count,
+    file_option,
+    flag,
+    only_with,
+    option,
+    option_group,
+)
 from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
 
 #: Keywords of `source_from_options`.
@@ -267,8 +276,8 @@ def report_command(
     wrench = request.balanced_wrench
     applied.check_world(load=wrench)
     applied.check_load(wrench is not None)
-    if map_path is None and quantity is not None:
-        raise InputError("is for --map", where="--quantity")
+    if map_path is None:
+        only_with("map", quantity=quantity)
     elastic, q = request.load()
     sections = []
     if map_path is not None:

@@ -18,7 +18,7 @@ from pydantic import (
 
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.loading.mechanism_file import first_error, place_of
+from cartstiff.loading.mechanism_file import first_error, known_keys, place_of
 from cartstiff.loading.schema import Number, Pair, Positive, Text, Vector, keyed, only_one
 from cartstiff.loading.yaml_file import Lines, read_yaml
 
@@ -379,7 +379,7 @@ def read_study(
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
-        raise first_error(error, data, lines, path, ("study",), _keys()) from None
+        raise first_error(error, data, lines, path, ("study",), known_keys(StudyModel)) from None
     for name, measure in study.measures.items():
         if measure.value is not None:
             kind = "objectives" if name in study.objectives else "constraints"
@@ -400,16 +400,6 @@ def _with(data: dict[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(cases, dict) and all(isinstance(case, dict) for case in cases.values()):
             own["cases"] = {name: {**case, **load} for name, case in cases.items()}
     return {**data, **own}
-
-
-def _keys() -> set[str]:
-    """Every key of a study."""
-    models, keys = [StudyModel], set[str]()
-    while models:
-        model = models.pop()
-        keys.update(model.model_fields)
-        models.extend(model.__subclasses__())
-    return keys
 
 
 def check_names(study: Study, parameters: Mapping[str, float]) -> None:

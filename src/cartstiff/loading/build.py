@@ -939,7 +939,7 @@ def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) ->
     axes, angles = _joints(legs.platform_joints, m, f"{where}, key legs.platform_joints")
     diameters = None
     if legs.diameter is not None:
-        diameters = _each(legs.diameter, m, f"{where}, key legs.diameter")
+        diameters = _per_leg(legs.diameter, m, f"{where}, key legs.diameter")
     place = f"{where}, key legs.force"
     forces = pair_per_leg(legs.force, m, place, "[least, largest]")
     if forces is not None and np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
@@ -962,10 +962,7 @@ def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
         return None
     numbers = np.array(value, float)
     pairs = np.broadcast_to(numbers, (m, 2)) if numbers.ndim == 1 else numbers
-    if len(pairs) != m:
-        raise InputError(
-            "wrong count", where=where, expected=f"{m} pairs, one per leg", got=len(pairs)
-        )
+    _check_count(pairs, m, "pairs", where)
     for i in np.flatnonzero(pairs[:, 0] > pairs[:, 1])[:1]:
         raise InputError(
             "limits are the wrong way round",
@@ -976,12 +973,19 @@ def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
     return pairs
 
 
-def _each(value: Any, m: int, where: str) -> Array:
+def _check_count(values: Array, m: int, what: str, where: str) -> None:
+    if len(values) != m:
+        expected = f"{m} {what}, one per leg"
+        raise InputError("wrong count", where=where, expected=expected, got=len(values))
+
+
+def _per_leg(value: float | list[float] | None, m: int, where: str) -> Array | None:
+    """Numbers (m,) from one for all legs or one each; None without any."""
+    if value is None:
+        return None
     values = np.asarray(value, float)
-    if values.ndim == 1 and len(values) != m:
-        raise InputError(
-            "wrong count", where=where, expected=f"{m} numbers, one per leg", got=len(values)
-        )
+    if values.ndim == 1:
+        _check_count(values, m, "numbers", where)
     return np.broadcast_to(values, (m,)).copy()
 
 
@@ -990,15 +994,13 @@ def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | N
     if model is None:
         return None, None
     axes = np.array(model.axis, float)
-    if axes.ndim == 2 and len(axes) != m:
-        raise InputError(
-            "wrong count", where=f"{where}.axis", expected=f"{m} axes, one per leg", got=len(axes)
-        )
+    if axes.ndim == 2:
+        _check_count(axes, m, "axes", f"{where}.axis")
     axes = np.broadcast_to(axes, (m, 3))
     sizes = np.linalg.norm(axes, axis=1)
     if not sizes.min() > 0.0:
         raise InputError("an axis has no direction", where=f"{where}.axis", got=model.axis)
-    return axes / sizes[:, None], _each(model.angle, m, f"{where}.angle")
+    return axes / sizes[:, None], _per_leg(model.angle, m, f"{where}.angle")
 
 
 # Starts of a leg besides the file's posture, and the seed that makes them the same every time.
@@ -1129,29 +1131,9 @@ def serial_of(
     )
 
 
-def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) -> Array | None:
-    if value is None:
-        return None
-    if isinstance(value, list) and len(value) != m:
-        raise InputError(
-            "wrong count",
-            where=f"{where}, key legs.{key}",
-            expected=f"{m} numbers, one per leg",
-            got=str(len(value)),
-        )
-    return np.broadcast_to(np.asarray(value, float), (m,)).copy()
-
-
 def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> ElasticMechanism:
     """Elastic mechanism of a body held by lines."""
     m = len(file.base)
-    if len(file.platform) != m:
-        raise InputError(
-            "base and platform differ in number",
-            where=f"{where}, key platform",
-            expected=f"{m} points",
-            got=str(len(file.platform)),
-        )
     limits = pair_per_leg(file.legs.limits, m, f"{where}, key legs.limits", "[shortest, longest]")
     T_F_P = pose_of(file.pose)
     T_P_M = pose_of(file.frame)
@@ -1181,7 +1163,7 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
     springs = _legs(file, platform, T_F_M, geometry.lengths, where)
     rest = None if np.isnan(springs.rest_length).all() else springs.rest_length
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
-    dampers = _per_leg(file.legs.damping, m, "damping", where)
+    dampers = _per_leg(file.legs.damping, m, f"{where}, key legs.damping")
     damping = dampers if dampers is not None and dampers.any() else None
     notes = []
     if rest is not None:
@@ -1201,9 +1183,10 @@ def _legs(
     legs, m = file.legs, len(lengths)
     strut = legs.strut
     value, key = (legs.stiffness, "stiffness") if strut is None else (strut.axial, "strut.axial")
-    stiffness = _per_leg(value, m, key, where)
-    rest = _per_leg(legs.rest_length, m, "rest_length", where)
-    preload = _per_leg(legs.preload, m, "preload", where)
+    place = f"{where}, key legs."
+    stiffness = _per_leg(value, m, place + key)
+    rest = _per_leg(legs.rest_length, m, f"{place}rest_length")
+    preload = _per_leg(legs.preload, m, f"{place}preload")
     if stiffness is None:  # the schema requires it
         raise InputError("legs have no stiffness", where=where)
     rests = np.full(m, np.nan) if rest is None else rest
@@ -1272,7 +1255,7 @@ def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | No
     if mass is None:
         return None
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
-    values = [_per_leg(getattr(mass, key), m, f"mass.{key}", where) for key in keys]
+    values = [_per_leg(getattr(mass, key), m, f"{where}, key legs.mass.{key}") for key in keys]
     return Struts(*(np.zeros(m) if value is None else value for value in values))
 
 

@@ -318,7 +318,7 @@ def first_error(
     got = chosen["input"]
     got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
     if kind == "extra_forbidden":
-        close = get_close_matches(str(at[-1]), (known or _known_keys()) - {at[-1]}, n=3)
+        close = get_close_matches(str(at[-1]), (known or known_keys(FileModel)) - {at[-1]}, n=3)
         what, got = "unknown key", repr(at[-1])
         expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
     elif kind == "missing":
@@ -348,8 +348,9 @@ def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | 
     return tuple(at)
 
 
-def _known_keys() -> set[str]:
-    models: list[type[BaseModel]] = [FileModel]
+def known_keys(base: type[BaseModel]) -> set[str]:
+    """Every key of the models of a file."""
+    models = [base]
     keys: set[str] = set()
     while models:
         model = models.pop()

@@ -55,10 +55,6 @@ class Link:
 
     def xml(self) -> str:
         """Link and joint."""
-
-        def words(values: Array) -> str:
-            return '"' + " ".join(repr(float(x)) for x in values) + '"'
-
         name, (mass, centre, I) = quoteattr(self.name), self.body  # noqa: E741
         link = f"  <link name={name}/>"
         if mass > 0.0:
@@ -68,7 +64,7 @@ class Link:
                 if i <= j
             )
             link = (
-                f"  <link name={name}><inertial><origin xyz={words(centre)}/>"
+                f'  <link name={name}><inertial><origin xyz="{numbers(centre)}"/>'
                 f'<mass value="{mass!r}"/><inertia {moments}/></inertial></link>'
             )
         kind, more = "fixed", ""
@@ -76,12 +72,13 @@ class Link:
             low, high = np.clip(self.limits, -_FAR, _FAR).tolist()
             kind = "prismatic" if self.slides else "revolute"
             more = (
-                f'<axis xyz={words(self.axis)}/><limit lower="{low!r}" upper="{high!r}" '
+                f'<axis xyz="{numbers(self.axis)}"/><limit lower="{low!r}" upper="{high!r}" '
                 'effort="0" velocity="0"/>'
             )
             if not self.slides and not np.isfinite(self.limits).all():
                 kind, more = "continuous", more.partition("<limit")[0]
-        at = f"xyz={words(self.T[:3, 3])} rpy={words(se3.roll_pitch_yaw(self.T))}"
+        rpy = numbers(se3.roll_pitch_yaw(self.T))
+        at = f'xyz="{numbers(self.T[:3, 3])}" rpy="{rpy}"'
         return (
             f'{link}\n  <joint name={quoteattr(self.joint or "to " + self.name)} type="{kind}">'
             f"<parent link={quoteattr(self.parent)}/><child link={name}/><origin {at}/>{more}"

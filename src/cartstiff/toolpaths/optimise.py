@@ -187,6 +187,7 @@ def _forward(
     return (total if complete else None), reached, origins
 
 
+@dataclass(eq=False)
 class Steps:
     """What a step of the coordinates costs: forbidden beyond a bound, dearer the larger below it.
 
@@ -204,16 +205,11 @@ class Steps:
         A step from one number to another is forbidden.
     """
 
-    def __init__(
-        self,
-        q: Sequence[Array],
-        periodic: Array,
-        bounds: Array,
-        price: float = 0.0,
-        sides: Sequence[Array] | None = None,
-    ) -> None:
-        self.q, self.periodic, self.bounds, self.price = q, periodic, bounds, price
-        self.sides = sides
+    q: Sequence[Array]
+    periodic: Array
+    bounds: Array
+    price: float = 0.0
+    sides: Sequence[Array] | None = None
 
     def crosses(self, i: int, a: Array, b: Array) -> Array:
         """Which steps change sides: bool (len(a), len(b))."""
@@ -1246,7 +1242,6 @@ def optimise_path(
         raise InputError("smoothness cannot be used", expected="0 or more", got=smoothness)
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
-    connection = connection or ("load" if loaded else "B")
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
     if load.kind != "dead" and not loaded:
         raise InputError(
@@ -1331,27 +1326,21 @@ def _angles(path: ToolPath, poses: Array, free: Free) -> Array | None:
     return np.unwrap(turn)
 
 
+@dataclass(eq=False)
 class _Search:
     """The search for one path: judging candidates, and ways through them."""
 
-    def __init__(
-        self,
-        solver: PathSolver,
-        path: ToolPath,
-        grid: Choices,
-        cost: PathCost,
-        objective: Objective,
-        bounds: Array,
-        singular: float,
-        smoothness: float,
-        collisions: Collisions | None,
-        advance: Callable[[], None],
-    ) -> None:
-        self.solver, self.path, self.grid, self.cost = solver, path, grid, cost
-        self.objective, self.bounds, self.singular = objective, bounds, singular
-        self.smoothness, self.price = smoothness, 0.0
-        self.collisions, self.advance = collisions, advance
-        self.names = cost.elastic.names
+    solver: PathSolver
+    path: ToolPath
+    grid: Choices
+    cost: PathCost
+    objective: Objective
+    bounds: Array
+    singular: float
+    smoothness: float
+    collisions: Collisions | None
+    advance: Callable[[], None]
+    price: float = 0.0
 
     def judged(self, q: Array, points: Array) -> tuple[Judged, Array]:
         """Judgement of postures (N, n) at points (N,), and their poses."""
@@ -1450,7 +1439,10 @@ class _Search:
             if way is None:
                 wound = self.solver.periodic & ~periodic
                 return broken(
-                    costs_now, steps, self.bounds, [self.names[j] for j in wound.nonzero()[0]]
+                    costs_now,
+                    steps,
+                    self.bounds,
+                    [self.cost.elastic.names[j] for j in wound.nonzero()[0]],
                 )
             picked = np.array([rows[k] for rows, k in zip(q, way, strict=True)])
             followed, wound = self._turned_on(picked, periodic)
