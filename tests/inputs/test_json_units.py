@@ -11,8 +11,7 @@ import pytest
 
 from cartstiff.cli.main import command as group
 from cartstiff.cli.main import main
-from cartstiff.cli.options import UnitsCommand
-from cartstiff.cli.types import OptionType, Pairs
+from cartstiff.cli.options import OptionType, Pairs, UnitsCommand
 
 MM = ("--units", "mm,deg")
 Q = "0.2,-1,1.2,0.3,1,0.1"

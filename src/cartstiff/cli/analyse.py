@@ -14,37 +14,35 @@ import click
 
 from cartstiff.choices import AXES, AXES_WORDS, LEVELS, ORDERS
 from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    UnitsCommand,
-    add_sensitivities,
-    checked_tolerance,
-    command_option,
-    load_options,
-    mechanism_options,
-    sensitivities_option,
-)
-from cartstiff.cli.output import Progress, json_text, say, wants_json
-from cartstiff.cli.types import (
     DIRECTION,
     POINT,
     TOLERANCE,
     WRENCH,
+    LoadRequest,
+    MechanismRequest,
     Number,
     Numbers,
     OutputFile,
+    UnitsCommand,
     Values,
+    add_sensitivities,
+    checked_tolerance,
     choice,
+    command_option,
     count,
     explain_option,
     file_option,
     flag,
     gathered,
     json_option,
+    load_options,
+    mechanism_options,
     only_with,
     option,
     option_group,
+    sensitivities_option,
 )
+from cartstiff.cli.output import Progress, json_text, say, wants_json
 from cartstiff.errors import InputError
 from cartstiff.matrix_names import LETTERS
 

@@ -7,18 +7,21 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cli.options import LoadRequest, load_options, tool_options, units_option
-from cartstiff.cli.output import Progress, say, tell
-from cartstiff.cli.types import (
+from cartstiff.cli.options import (
     PICTURE,
     WRENCH,
+    LoadRequest,
     OutputFile,
     count,
     json_option,
+    load_options,
     option,
     option_group,
     progress_option,
+    tool_options,
+    units_option,
 )
+from cartstiff.cli.output import Progress, say, tell
 from cartstiff.errors import InputError
 
 _EPILOG = """\b

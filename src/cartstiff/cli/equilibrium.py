@@ -10,33 +10,31 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import (
+    FILE,
+    PICTURE,
     LoadRequest,
     MechanismRequest,
+    Number,
+    OutputFile,
+    Pairs,
     UnitsCommand,
+    Values,
     add_accuracy,
     add_sensitivities,
     checked_tolerance,
     column_factors,
     command_option,
+    flag,
+    json_option,
     load_options,
     mechanism_options,
+    option,
+    option_group,
     sensitivities_option,
     tolerance_option,
 )
 from cartstiff.cli.output import say_unused, tell
 from cartstiff.cli.tables import WRENCH
-from cartstiff.cli.types import (
-    FILE,
-    PICTURE,
-    Number,
-    OutputFile,
-    Pairs,
-    Values,
-    flag,
-    json_option,
-    option,
-    option_group,
-)
 from cartstiff.errors import InputError
 
 _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")

@@ -6,9 +6,16 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, UnitsCommand, mechanism_options
+from cartstiff.cli.options import (
+    MechanismRequest,
+    OutputFile,
+    UnitsCommand,
+    choice,
+    json_option,
+    mechanism_options,
+    option,
+)
 from cartstiff.cli.output import say, say_unused, tell
-from cartstiff.cli.types import OutputFile, choice, json_option, option
 
 
 @click.command(

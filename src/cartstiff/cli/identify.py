@@ -14,33 +14,31 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import (
-    MechanismRequest,
-    UnitsCommand,
-    file_options,
-    frame_option,
-    given_length,
-    tool_options,
-)
-from cartstiff.cli.output import say, say_unused, tell
-from cartstiff.cli.types import (
     FILE,
     PICTURE,
     POINT,
     WRENCH,
     Axes,
     JointValues,
+    MechanismRequest,
     Number,
     OutputFile,
     TableUnits,
+    UnitsCommand,
     Values,
     choice,
+    file_options,
     flag,
+    frame_option,
     gathered,
+    given_length,
     json_option,
     option,
     option_group,
     repeated_option,
+    tool_options,
 )
+from cartstiff.cli.output import say, say_unused, tell
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.parsing import parse_numbers
 

@@ -12,16 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.cli.milling import vibration_options
 from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    UnitsCommand,
-    load_options,
-    mechanism_options,
-)
-from cartstiff.cli.output import say, say_unused, tell
-from cartstiff.cli.types import (
     ANGLE,
     DIRECTION,
     FILE,
@@ -31,21 +22,28 @@ from cartstiff.cli.types import (
     Amount,
     Axes,
     Factors,
+    LoadRequest,
+    MechanismRequest,
     Number,
     Numbers,
     Pairs,
+    UnitsCommand,
     choice,
     count,
     explain_option,
     file_option,
     flag,
     json_option,
+    load_options,
+    mechanism_options,
     only_with,
     option,
     option_group,
     progress_option,
     repeated_option,
+    vibration_options,
 )
+from cartstiff.cli.output import say, say_unused, tell
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.matrix_names import OF_MANY
 

@@ -10,36 +10,36 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cartstiff.choices import AXES, ORDERS, RESPONSES
-from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import (
+    DIRECTION,
+    FILE,
+    PICTURE,
+    POINT,
     LoadRequest,
+    LobesRequest,
     MechanismRequest,
+    Numbers,
+    OutputFile,
     UnitsCommand,
     add_accuracy,
     add_intervals,
     add_sensitivities,
     checked_tolerance,
+    choice,
+    cutting_options,
+    damping_of,
+    flag,
+    json_option,
     load_options,
     mechanism_options,
+    only_with,
+    option,
+    option_group,
     sensitivities_option,
     tolerance_option,
 )
 from cartstiff.cli.output import tell
 from cartstiff.cli.tables import read_target
-from cartstiff.cli.types import (
-    DIRECTION,
-    FILE,
-    PICTURE,
-    POINT,
-    Numbers,
-    OutputFile,
-    choice,
-    flag,
-    json_option,
-    only_with,
-    option,
-    option_group,
-)
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.parsing import parse_numbers
 
@@ -157,8 +157,6 @@ class ResponseRequest:
     @property
     def damped(self) -> Damping:
         """What damps."""
-        from cartstiff.cli.milling import damping_of
-
         return damping_of(self.damping, self.rayleigh)
 
     def _range(self) -> tuple[float, float, int]:

@@ -8,33 +8,31 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.milling import vibration_options
 from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    UnitsCommand,
-    column_factors,
-    load_options,
-    mechanism_options,
-)
-from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.types import (
     DIRECTION,
     PICTURE,
     WRENCH,
     Axes,
     JointValues,
+    LoadRequest,
+    MechanismRequest,
     OutputFile,
+    UnitsCommand,
     Values,
     choice,
+    column_factors,
     count,
     flag,
     json_option,
+    load_options,
+    mechanism_options,
     option,
     option_group,
     progress_option,
     repeated_option,
+    vibration_options,
 )
+from cartstiff.cli.output import Progress, tell
 from cartstiff.errors import InputError, check_name
 from cartstiff.matrix_names import OF_MANY
 

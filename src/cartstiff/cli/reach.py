@@ -9,27 +9,25 @@ import click
 
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    UnitsCommand,
-    load_options,
-    mechanism_options,
-)
-from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.types import (
     PICTURE,
     POSE,
+    LoadRequest,
+    MechanismRequest,
     Number,
     Numbers,
     OutputFile,
+    UnitsCommand,
     choice,
     count,
     flag,
     json_option,
+    load_options,
+    mechanism_options,
     option,
     option_group,
     progress_option,
 )
+from cartstiff.cli.output import Progress, tell
 from cartstiff.errors import InputError, UndefinedError
 
 _ASSEMBLE_EXAMPLES = """\b

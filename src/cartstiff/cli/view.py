@@ -13,22 +13,20 @@ import click
 from cartstiff.cli.options import (
     LoadRequest,
     MechanismRequest,
-    UnitsCommand,
-    command_option,
-    load_options,
-    mechanism_options,
-)
-from cartstiff.cli.output import Progress, say, say_unused
-from cartstiff.cli.types import (
     OutputFile,
+    UnitsCommand,
     Values,
+    command_option,
     count,
     file_option,
     flag,
+    load_options,
+    mechanism_options,
     only_with,
     option,
     option_group,
 )
+from cartstiff.cli.output import Progress, say, say_unused
 from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
 
 #: Keywords of `source_from_options`.
