@@ -72,10 +72,10 @@ def test_targets_that_are_none(tmp_path, refused):
         ("elbow_joint=0:1:9999999,wrist_1_joint=0:1:9999999", "has too many parts"),
     ],
 )
-def test_more_postures_than_there_is_room_for(grid, words, tmp_path):
-    file = tmp_path / "m.zarr"
-    _refused(_run("map", "ur5", "--grid", grid, "--quantity", "condition", "-o", str(file)), words)
-    assert not file.exists()
+def test_more_postures_than_there_is_room_for(grid, words, refused):
+    refused(
+        *("map", "ur5", "--grid", grid, "--quantity", "condition", "-o", "m.zarr"), words=(words,)
+    )
 
 
 @pytest.mark.parametrize("closed", ["1", "2", "1, 2"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import resource
 import struct
 import subprocess
@@ -56,22 +57,41 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_much_from_little_is_refused(case, tmp_path):
-    name, text, words = CASES[case]
-    (tmp_path / name).write_text(text)
+#: Commands one after another in one small process: exit codes and what came out.
+_REFUSE = """
+import contextlib, io, json, sys
+from cartstiff.cli.main import main
+found = []
+for name in sys.argv[1:]:
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        try:
+            main(["analyse", name])
+        except SystemExit as end:
+            found.append([end.code, out.getvalue(), error.getvalue()])
+print(json.dumps(found))
+"""
+
+
+def test_much_from_little_is_refused(tmp_path):
+    files = [f"{i}-{name}" for i, (name, _, _) in enumerate(CASES.values())]
+    for file, (_, text, _) in zip(files, CASES.values(), strict=True):
+        (tmp_path / file).write_text(text)
     done = subprocess.run(
-        [sys.executable, "-m", "cartstiff", "analyse", name],
+        [sys.executable, "-c", _REFUSE, *files],
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        check=False,
+        check=True,
         env={"PYTHONPATH": SOURCE, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (ROOM, ROOM)),
     )
-    assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert words in done.stderr
-    assert done.stderr.count("\n") == 1
+    found = dict(zip(CASES, json.loads(done.stdout), strict=True))
+    for case, (_, _, words) in CASES.items():
+        code, out, line = found[case]
+        assert (code, out) == (2, ""), (case, line)
+        assert words in line, case
+        assert line.count("\n") == 1, case
 
 
 def test_what_is_within_the_limits_is_read(tmp_path):

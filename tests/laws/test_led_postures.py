@@ -118,7 +118,6 @@ def test_all_ways_lead_to_the_same_posture():
     single = Assembler(elastic, elastic.q, [], "auto", 64).together(q)
     assert single[1].all()
     np.testing.assert_allclose(single[0], many.q, atol=CLOSE)
-    one = np.array([cartstiff.analyse(elastic, row).q for row in q])
     for _ in range(3):  # machine code answers from the 200th question on
         one = np.array([cartstiff.analyse(elastic, row).q for row in q])
     np.testing.assert_allclose(one, many.q, atol=CLOSE)
