@@ -47,9 +47,9 @@ def _missing(reason: str) -> None:
     pytest.skip(words)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def chromium() -> Iterator[Any]:
-    """One browser for the tests of a file.
+    """One browser for the tests of this folder.
 
     While it runs, playwright keeps an event loop running in this thread: it must be gone before
     tests that run one of their own.
@@ -102,7 +102,8 @@ class Pages:
     def __init__(self, browser: Any) -> None:
         self._browser = browser
         self._shared: dict[str, Any] = {}
-        self._watches: list[Watch] = []
+        #: Those of the test that runs.
+        self._own: list[Any] = []
 
     def open(
         self,
@@ -126,8 +127,8 @@ class Pages:
             viewport=viewport, color_scheme=theme, offline=offline, accept_downloads=True
         )
         watch = Watch()
-        self._watches.append(watch)
         page = context.new_page()
+        self._own.append(page)
         page.set_default_timeout(_PATIENCE)
         page.add_init_script(_HEARD + _UNDRAWN)
         page.on(
@@ -144,6 +145,7 @@ class Pages:
         """The same page for every test that asks for it, as if it had just been opened."""
         if url not in self._shared:
             self._shared[url] = self.open(url)
+            self._own.pop()
         page = self._shared[url]
         page.evaluate(RESET)
         settled(page)
@@ -151,10 +153,16 @@ class Pages:
         return page
 
     def check(self) -> None:
-        """No error came into any console since the last check, and nothing left this machine."""
-        for watch in self._watches:
-            faults, outside = watch.faults(), watch.outside()
-            watch.requests.clear()
+        """No error came into any console since the last check, and nothing left this machine.
+
+        Pages that nobody shares are closed.
+        """
+        own, self._own = self._own, []
+        for page in own:
+            page.context.close()
+        for page in (*self._shared.values(), *own):
+            faults, outside = page.watch.faults(), page.watch.outside()
+            page.watch.requests.clear()
             assert outside == []
             assert faults == []
 
@@ -184,7 +192,7 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def _pages(chromium: Any) -> Pages:
     return Pages(chromium)
 

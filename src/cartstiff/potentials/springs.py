@@ -172,6 +172,8 @@ class TabulatedLaw(SpringLaw):
                 a, b = float(knots[i]), float(knots[i + 1])
                 for _ in range(200):
                     middle = 0.5 * (a + b)
+                    if middle in (a, b):
+                        break
                     if (self.evaluate(middle)[1] > torque) == (high > low):
                         b = middle
                     else:
