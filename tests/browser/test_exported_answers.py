@@ -32,4 +32,3 @@ def test_a_posture_that_the_file_never_saw(seed, tmp_path, pages):
     force = T[:3, :3].T @ one.W[3:]
     close(found["wrench"], np.concatenate([np.zeros(3), force]), 1e-12)
     close(found["load"]["compliance"], one.at_origin.compliance(q))
-    page.context.close()

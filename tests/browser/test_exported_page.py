@@ -70,7 +70,6 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     page.keyboard.press("1")
     page.wait_for_selector("body.refused")
     assert "this file shows one posture" in page.inner_text("#verdict-text")
-    page.context.close()
 
 
 def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
@@ -136,7 +135,6 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     page.evaluate("() => window.cartstiff.move(2, 1)")
     settled(page)
     assert not page.locator("#banner").is_visible()
-    page.context.close()
 
 
 def test_parts_can_be_hidden(tmp_path, pages):
@@ -159,7 +157,6 @@ def test_parts_can_be_hidden(tmp_path, pages):
     page.check("text=Translation ellipsoid")
     settled(page)
     assert page.evaluate(visible)
-    page.context.close()
 
 
 def test_a_trajectory_has_a_time_slider(tmp_path, pages):
@@ -175,7 +172,6 @@ def test_a_trajectory_has_a_time_slider(tmp_path, pages):
     settled(page)
     assert np.allclose(result(page)["q"], q[-1], atol=1e-12)
     assert "1 s" in page.inner_text(".time-label")
-    page.context.close()
 
 
 def test_a_live_page_gives_itself_as_a_file(serve, pages, tmp_path):
@@ -190,4 +186,3 @@ def test_a_live_page_gives_itself_as_a_file(serve, pages, tmp_path):
     waiting.value.save_as(path)
     other = pages.open(path.as_uri(), offline=True)
     assert {key: result(other)[key] for key in expected} == expected
-    other.context.close()

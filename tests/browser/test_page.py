@@ -157,7 +157,6 @@ def test_nothing_sticks_out(serve, pages, width, height):
 def test_no_words_are_cut_or_cover_others_at_any_size(serve, pages, name):
     page = pages.open(serve(name).url, viewport={"width": 1280, "height": 720})
     assert {size: looked_at(page, size) for size in SIZES} == {size: [] for size in SIZES}
-    page.context.close()
 
 
 def test_a_view_that_was_turned_stays_in_another_pane(ur5):

@@ -119,5 +119,3 @@ def test_rows_are_states_and_mechanisms_with_their_ratios(two, pages):
     page.keyboard.press("a")
     settled(page)
     assert "A" not in rows(page)
-    page.context.close()
-    again.context.close()

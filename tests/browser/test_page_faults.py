@@ -31,7 +31,6 @@ def test_a_logarithmic_colour_bar_says_so(serve, pages):
     assert bar.locator(".ends").inner_text().split() == ["1", "10000"]
     changed(page, quantity_of_map="narrow")
     assert bar.inner_text().split("\n")[0] == "narrow, N/m"
-    page.context.close()
 
 
 def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
@@ -60,7 +59,6 @@ def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
     assert len(colours) == 7
     assert colours[0] == colours[2] == colours[4] != colours[1] == colours[3] == colours[5]
     assert len(set(colours)) == 3
-    page.context.close()
 
 
 LINK = """<link name="l{k}"><visual><geometry><mesh filename="gone{k}.stl"/></geometry></visual>
@@ -96,7 +94,6 @@ def test_a_long_list_of_joints_is_searched(serve, pages, long_arm):
     assert [i for i, (x, y) in enumerate(zip(before, after, strict=True)) if x != y] == [10]
     page.get_by_label("Find a joint").fill("")
     assert sliders.count() == 11
-    page.context.close()
     few = pages.shared(serve("ur5").url)
     assert not few.get_by_label("Find a joint").is_visible()
 
@@ -110,7 +107,6 @@ def test_missing_meshes_are_one_line_and_leave_the_picture_free(serve, pages, lo
     legend, pane = page.locator("#legend").bounding_box(), page.locator("#pane").bounding_box()
     assert legend["height"] < 0.5 * pane["height"]
     assert np.abs(page.evaluate(TOOL)).max() < 0.95
-    page.context.close()
 
 
 def test_assumed_springs_are_said_beside_the_verdict(serve, pages):
@@ -128,7 +124,6 @@ def test_assumed_springs_are_said_beside_the_verdict(serve, pages):
     )
     assert page.inner_text("header .chip") == "stiffness assumed"
     assert page.get_attribute("header .chip", "title") == words
-    page.context.close()
 
 
 def test_a_sweep_is_followed_between_its_samples(serve, pages):
@@ -193,4 +188,3 @@ def test_no_control_lies_under_another(serve, pages, size):
     settled(page)
     page.click("summary:has-text('Show')")  # its list lies over the picture, as it should
     assert page.evaluate(COVERED) == []
-    page.context.close()

@@ -84,7 +84,6 @@ def test_a_point_of_a_map_becomes_the_posture(serve, pages, tmp_path):
         settled(page)
         q = page.evaluate("() => window.cartstiff.numbers.result.q")
         assert np.allclose(q, cloud.q[np.argmax(values)], rtol=0, atol=1e-13)
-        page.context.close()
 
 
 def test_points_that_are_no_postures_say_so(serve, pages, tmp_path):
@@ -112,4 +111,3 @@ def test_points_that_are_no_postures_say_so(serve, pages, tmp_path):
         heard(page, words)
         settled(page)
         assert page.evaluate("() => window.cartstiff.state.q") == before
-        page.context.close()

@@ -98,7 +98,6 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
             assert table[near, 1:] == pytest.approx(
                 np.array(row, float) * SHOWN.get(key, 1.0), rel=1e-6, abs=1e-15, nan_ok=True
             ), key
-    page.context.close()
 
 
 def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
@@ -188,4 +187,3 @@ def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
     assert page.inner_text(".reading").split(":")[0] == said.split(":")[0]  # stays where it was
     page.click("#strip button[title*=whole]")
     assert page.locator(".plot.heat g rect").count() == before
-    page.context.close()

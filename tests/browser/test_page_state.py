@@ -133,7 +133,6 @@ def test_the_first_view_holds_the_tool_and_nothing_is_wider_than_the_screen(serv
     page = pages.open(serve("ur5").url, viewport={"width": width, "height": height})
     settled(page)
     assert_seen(page, width)
-    page.context.close()
 
 
 #: Corners of what is framed: largest share of the pane's half width, and dots down from its top.
@@ -160,7 +159,6 @@ def test_all_corners_of_what_is_framed_are_seen_beside_the_legend(serve, pages, 
     across, lowest, legend = page.evaluate(CORNERS)
     assert across < 0.95
     assert lowest < legend
-    page.context.close()
 
 
 def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):
@@ -188,7 +186,6 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
     page.wait_for_selector("body.lost")
     page.click("text=JSON")
     page.wait_for_selector("#banner:has-text('connection was lost')")
-    page.context.close()
 
 
 def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
@@ -241,7 +238,6 @@ def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
     assert page.evaluate(VALUES) == labels
     page.keyboard.press("i")
     page.wait_for_selector("#report:has-text('the browser cannot do that')")
-    page.context.close()
 
 
 def test_springs_that_nobody_measured_are_said_beside_the_verdict(serve, pages):
@@ -279,7 +275,6 @@ def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path)
     at = se3.pose(translation=[0, 0, 0.2])
     analysis = analyse_posture(result, connection=connection, at=at)
     assert page.text_content("#report pre") == summary_text(analysis, arm.units, "full")
-    page.context.close()
 
 
 def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
