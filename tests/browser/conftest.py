@@ -166,6 +166,11 @@ class Pages:
             assert outside == []
             assert faults == []
 
+    def close(self) -> None:
+        """Close what is shared."""
+        for page in self._shared.values():
+            page.context.close()
+
 
 # Curves that took long on a busy machine are computed when they are asked for.
 CURVES_ANEW = """() => {
@@ -192,9 +197,11 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="package")
-def _pages(chromium: Any) -> Pages:
-    return Pages(chromium)
+@pytest.fixture(scope="module")
+def _pages(chromium: Any) -> Iterator[Pages]:
+    found = Pages(chromium)
+    yield found
+    found.close()
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.support.generated import Arm, close
 from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
+from tests.support.generated import Arm, close
 
 
 # Those of six joints or more: the file of another holds one posture.

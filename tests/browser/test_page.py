@@ -9,13 +9,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from tests.browser.conftest import VIEWPORT, heard
 from tools.look import SIZES, looked_at
 from tools.screenshot import ready, settled
 
 import cartstiff
 from cartstiff.page.server import Background
 from cartstiff.page.source import Source
+from tests.browser.conftest import VIEWPORT, heard
 
 #: Cells show three digits at least.
 SHOWN = 5.1e-3

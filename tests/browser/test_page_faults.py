@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.browser.test_page_state import TOOL, changed
 from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Cloud, Source, read_cloud
+from tests.browser.test_page_state import TOOL, changed
 
 
 def test_zero_is_zero_where_limits_allow_it(serve, pages):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.browser.test_page_state import TOOL, changed
 from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers
+from tests.browser.test_page_state import TOOL, changed
 
 
 @pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.browser.conftest import heard
 from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.maps import Axis, Grid, compute_map, open_map
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Cloud, Source, cloud_of_workspace, read_cloud
+from tests.browser.conftest import heard
 
 # Places on the screen, from -1 to 1, of the points of a map.
 POINTS = """() => {

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.browser.test_page import moved, transforms
 from tools.screenshot import ready, settled
 
 import cartstiff
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
+from tests.browser.test_page import moved, transforms
 
 PLAYED = (
     "(least) => window.cartstiff.swing.picture !== null && window.cartstiff.swing.picture > least"

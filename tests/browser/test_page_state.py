@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from tests.browser.test_page import close, matrix
 from tools.screenshot import settled
 
 import cartstiff
@@ -15,6 +14,7 @@ from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
 from cartstiff.page.messages import ViewState
 from cartstiff.report.analysis import summary_text
+from tests.browser.test_page import close, matrix
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
 TOOL = """() => {
