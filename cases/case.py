@@ -116,7 +116,10 @@ class Case(_Entry):
     title: Text
     about: Text = Field(description="what is computed and why it is worth checking")
     source: Source
-    inputs: dict[str, Any] = Field(description="all numbers that go in, with their units in words")
+    inputs: dict[str, Any] = Field(
+        description="all numbers that go in, with their units in words",
+        json_schema_extra={"additionalProperties": True},  # which older releases leave out
+    )
     asked: list[Asked] = Field(max_length=200)
     verdict: Literal[
         "reproduced", "reproduced after a correction", "contradicts itself", "inputs incomplete"
