@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from importlib import import_module
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -39,7 +39,7 @@ def run(*words: str) -> str:
 
 @pytest.mark.parametrize("name", list(_COMMANDS))
 def test_the_same_options_on_every_command(name):
-    command = import_module(_COMMANDS[name][0]).command
+    command = cartstiff_command.get_command(click.Context(cartstiff_command), name)
     options = {word for parameter in command.params for word in parameter.opts}
     assert (TOOL | LOAD) - options == LACKS.get(name, set())
 
