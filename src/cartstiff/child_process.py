@@ -54,7 +54,9 @@ def answer_of(
     """
     # Python's own modules come before a file of the same name beside the user's script.
     places = [*(sysconfig.get_path(kind) for kind in ("stdlib", "platstdlib")), *sys.path]
-    environment = {**(more or {}), "PYTHONPATH": os.pathsep.join(filter(None, places))}
+    # A process with threads, as NumPy would start, gets no network of its own.
+    alone = {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, places))}
+    environment = {**(more or {}), **alone}
     command = [sys.executable, "-P", "-B", worker]
     try:
         # In the root folder nobody finds a place for log files.
