@@ -333,15 +333,15 @@ def run(
         for name, array in arrays.items():
             if name not in exists:
                 array[...] = np.nan
+        is_compiled = not isinstance(kernel, PortableKernel)
         length, options = size or CHUNK, {}
-        if not isinstance(kernel, PortableKernel):
+        if is_compiled:
             length = size or COMPILED_CHUNK
             options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
             with timed(MAKING):
                 kernel.entry(options["stream"])
         if taken.has_derivatives:
             length = min(length, EVALUATED_CHUNK)
-        is_compiled = not isinstance(kernel, PortableKernel)
         if taken.is_closed:
             length = min(length, CLOSED_CHUNK)
         length = min(length, count)

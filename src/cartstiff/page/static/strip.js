@@ -15,7 +15,7 @@ const OF = ["connection", "quantity", "point", "axes", "stiffness", "load", "loa
 const LEAST_SEEN = 0.02;
 // Where this many sweeps in succession took longer than that (s), they are not repeated by themselves: the
 // first of all may wait for machine code to be made, and the next ones are quick.
-const [SLOW_ONES, QUICK] = [2, 1];
+const [SLOW_SWEEPS, QUICK] = [2, 1];
 
 export function strip(store) {
   let series = null; // {kind, coordinate, at, rows, key, others}
@@ -208,7 +208,7 @@ export function strip(store) {
       return showCursor();
     }
     clearTimeout(timer);
-    const waits = slow >= SLOW_ONES && !now;
+    const waits = slow >= SLOW_SWEEPS && !now;
     again.hidden = !waits;
     if (isPlaying() || waits) return;
     timer = setTimeout(() => compute(wanted), now ? 0 : 350);
