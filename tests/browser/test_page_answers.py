@@ -341,26 +341,3 @@ def test_a_map_of_deflections_says_what_the_page_says_or_why_it_does_not(opened)
             if page.url.startswith("http"):  # the server answers every posture that has an answer
                 assert result.tangent_compliance is None or "unstable" in why[0]
     assert checked > 50
-
-
-def test_curves_that_took_long_twice_wait_to_be_asked_for(opened):
-    """Once may be machine code that was made; whoever asks for them has them."""
-    page = opened("ur5")
-    shows = "#strip svg.plot:not(.computing)[aria-label^='Principal {}']"
-    again = "#strip button[title^='The posture or the load']"
-    page.wait_for_selector(shows.format("stiffness"), state="attached")
-    page.evaluate(
-        """() => {
-            const { source } = window.cartstiff;
-            source.through = source.onanswer;
-            source.onanswer = (data, commands) =>
-                source.through(data.do === "sweep" ? { ...data, seconds: 5 } : data, commands);
-        }"""
-    )
-    for quantity in ("compliance", "stiffness"):
-        page.keyboard.press("s")
-        page.wait_for_selector(shows.format(quantity), state="attached")
-    page.keyboard.press("s")
-    page.click(again)
-    page.wait_for_selector(shows.format("compliance"), state="attached")
-    page.wait_for_selector(again, state="hidden")
