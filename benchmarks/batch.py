@@ -3,7 +3,7 @@
 Four stiffness matrices (three compliances, where a mechanism has fewer than six motions) of
 postures 0.05 rad, or characteristic lengths, about home (a fiftieth of that where flexures hold the
 platform), into buffers that are used again. Closed chains start with their motors moved on and
-everything else still at home; of links that give nothing is bent yet. The engine takes some of the
+everything else still at home; compliant links are not deflected yet. The engine takes some of the
 same postures, its numbers are compared before anything is timed, and contenders take turns. The
 lean Pinocchio loop of a UR5 says how fast the machine is: the requirements are for one on which it
 takes 30 us.
@@ -30,7 +30,7 @@ LOAD = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 ENGINE = 40
 AGREEMENT = 1e-9
 ARM = Path(__file__).resolve().parents[1] / "examples" / "flexible_arm.yaml"
-FLEXIBLE_ARM = "ur5, two links that give"
+FLEXIBLE_ARM = "ur5, two compliant links"
 
 
 @dataclass(frozen=True)

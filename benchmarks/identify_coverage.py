@@ -10,7 +10,7 @@ share of 95 % intervals that hold the true compliance, of parameters called dete
 called "at least", and of the former by parameter, each with the share's own standard deviation; how
 many springs were called not identifiable, and how many of the determined ones are off by more than
 six deviations. Then the same campaigns with gross errors of 20 deviations in 5 % of the rows: how
-many of these are named, how many more are in rows that are told as hardly checked by others, how
+many of these are named, how many more are in rows that the note calls hardly checked by others, how
 many rows are named besides, and how many robust estimates lie in the intervals of the clean data;
 and how many of least squares without the wrong rows, and no others, do. A row that is wrong cannot
 say what it said: what an estimate without it departs by has the variance of that estimate less that
@@ -183,10 +183,10 @@ def _line(found: Counter[str]) -> str:
     if found["gross"]:
         parts.append(
             f"gross errors named {found['named']}/{found['gross']} (besides: "
-            f"{found['named besides']}), {found['unchecked']} more in rows told as hardly "
+            f"{found['named besides']}), {found['unchecked']} more in rows noted as hardly "
             f"checked ({found['unchecked rows']} of {found['rows']} rows), "
             f"robust estimates inside "
-            f"{found['robust inside']}/{found['robust']}, those that are told the wrong "
+            f"{found['robust inside']}/{found['robust']}, those with the wrong "
             f"rows {found['told inside']}"
         )
     return ", ".join(parts)

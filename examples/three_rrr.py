@@ -1,4 +1,4 @@
-"""A planar 3-RRR manipulator out of its plane: links that give decide what motors cannot.
+"""A planar 3-RRR manipulator out of its plane: compliant links decide what motors cannot.
 
 In the plane the motors' springs and the links share the deflection; out of the plane the motors
 have no say. The picture shows the sinking under 50 N while the platform turns about its own axis.

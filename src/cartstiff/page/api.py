@@ -185,7 +185,7 @@ def _in_notebook() -> bool:
 
 
 def open_page(url: str) -> None:
-    """Have the user's browser open a page; nothing is said where there is none."""
+    """Have the user's browser open a page; silent where there is none."""
     # A browser in a snap sees its user's files, but no hidden ones and not this /tmp.
     home = Path.home()
     folder = home if (home / "snap").is_dir() and os.access(home, os.W_OK) else None

@@ -136,7 +136,7 @@ class _Load:
     Attributes
     ----------
     added : ndarray (6,) or None
-        The load that is asked about, as it was given.
+        The load of the report, as it was given.
     held : ndarray (6,) or None
         What holds the mechanism at the posture before the load, at the same point and along the
         same axes; None where its springs hold it there.

@@ -33,7 +33,7 @@ _Axes = Literal["body", "inertial"]
 
 
 class _Strict(BaseModel):
-    # Tuples are lists in JSON, so strictness is asked of the numbers and words themselves.
+    # Tuples are lists in JSON, so strictness is required of the numbers and words themselves.
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
@@ -76,7 +76,7 @@ class ViewState(_Strict):
     payload : (4,) or None
         A mass in kg on the body, and its centre in M.
     command : list of float or None
-        How far each spring's drive is told to move on from `q`; the pose that results is shown.
+        How far each spring's drive is commanded to move from `q`; the pose that results is shown.
     ghost : list of float or None
         A second posture, drawn pale.
     quantity_of_map : str or None
@@ -200,7 +200,7 @@ class Analysis(_Asked):
 
 
 class Export(_Asked):
-    """The page at this state as one file; what it does not say of the page stands in `address`."""
+    """The page at this state as one file; the rest of the page's state is in `address`."""
 
     do: Literal["export"]
     address: str | None = Field(default=None, max_length=20_000)

@@ -4,7 +4,7 @@ Files are a fixed table; nothing in a request is ever a path. A socket is opened
 the same origin. Each tab has its own `Session`.
 
 Any user of this machine reaches a port on it, and any web page can make a browser call one. What
-they do not know is the token that stands in the page's address: without it every request gets a
+they do not know is the token in the page's address: without it every request gets a
 403 and nothing else.
 """
 
@@ -170,7 +170,7 @@ class GatedServer(HTTPServer):
         super().on_close(server_conn)
 
 
-#: Sockets that may be open at once; further tabs are told so.
+#: Sockets that may be open at once; further tabs are refused with words.
 MOST_TABS = 24
 #: Messages per second and tab; what exceeds it is dropped.
 MOST_MESSAGES = 2000
@@ -211,7 +211,7 @@ class TabSocket(Guarded, WebSocketHandler):
             raise HTTPError(403)
 
     def open(self, *_: str) -> None:
-        """Begin to answer; a tab too many is told so."""
+        """Begin to answer; a tab too many is refused with words."""
         self.set_nodelay(True)
         asked = self.get_query_argument("mechanism", "0")
         known = [str(k) for k in range(1 + len(self._page.beside))]
@@ -550,7 +550,7 @@ class PageServer:
     def _prepare(self) -> None:
         """Read the meshes of a picture, and import what that takes, before anybody asks."""
         for source in (self.source, *self.beside):
-            with suppress(Exception):  # the tab that asks is told
+            with suppress(Exception):  # the tab that asks gets the reason
                 Session(source, self.picture).hello()
 
     def source_of(self, number: int) -> Source:

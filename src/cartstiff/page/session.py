@@ -70,7 +70,7 @@ PictureMaker = Callable[[ElasticMechanism], Any]
 
 
 def refusal(error: CartstiffError, number: int, do: str | None = None) -> Answer:
-    """What a tab is told when its message cannot be answered."""
+    """The answer to a message that cannot be served."""
     code = error.code if isinstance(error, UndefinedError) else None
     return Answer({"id": number, "do": do, "error": str(error), "code": code})
 
@@ -85,7 +85,7 @@ class Session:
     picture : callable
         Makes a picture of a mechanism.
     told : mapping, optional
-        What else a new page is told.
+        What else a new page is sent.
     """
 
     def __init__(
@@ -232,7 +232,7 @@ class Session:
     # -- postures ---------------------------------------------------------------------------
 
     def result(self, state: ViewState) -> PostureStiffness:
-        """The posture of a state, with its springs, its load and what its drives are told."""
+        """The posture of a state, with its springs, its load and the commands of its drives."""
         commanded = state.command is not None and any(state.command)
         elastic, q = self._placed(state, is_left=not commanded)
         axes = {} if state.load_axes == "body" else {"load_axes": "world"}

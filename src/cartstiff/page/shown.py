@@ -236,7 +236,7 @@ def slider_coordinates(elastic: ElasticMechanism) -> list[int]:
     if mechanism.actuated is not None:
         return list(mechanism.actuated)
     if not mechanism.closures or elastic.springs is None:
-        return [i for i in every if i not in mechanism.held]  # not the links that give
+        return [i for i in every if i not in mechanism.held]  # not the compliant links
     stiff = np.asarray(elastic.springs.stiffness) > 0
     return [i for i in every if i < len(stiff) and stiff[i] and i not in mechanism.held] or every
 
@@ -458,7 +458,7 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
         rates = posture.actuation * posture.coordinate_lengths
         if motions is not None:
             rates = rates @ motions
-        # Fewer actuators than motions (links that give): springs hold the rest.
+        # Fewer actuators than motions (compliant links): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
             near = (n.values for n in result.notes if n.code.endswith("type-2-singularity"))
             known = next(near, {}).get("singular_values")

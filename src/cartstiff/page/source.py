@@ -98,7 +98,7 @@ class Source:
     load_kind, load_at, load_axes
         What it does, where and along which axes, as in `cartstiff.page.messages.ViewState`.
     command : list of float or None
-        What the drives are told at first, one number a spring.
+        Commands of the drives at first, one number a spring.
     reload : callable or None
         Gives the mechanism with another frame of interest, by name.
     trajectory : Playback or None
@@ -178,7 +178,7 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     path : Path
         A map, or a table whose name ends in ``.csv``.
     elastic : ElasticMechanism, optional
-        Positions of a table are told in its units, limits with its bounds; a map of the same
+        Positions of a table are in its units, limits with its bounds; a map of the same
         coordinates brings those of each point.
 
     Raises

@@ -148,7 +148,7 @@ def _smallest(sizes: list[float]) -> float:
 
 
 Scale = Linear | Root | Logarithmic
-#: By name; the first is that of pictures where nothing else is said.
+#: By name; the first is that of pictures where nothing else is chosen.
 SCALES: dict[str, type[Linear | Logarithmic]] = {"root": Root, "linear": Linear, "log": Logarithmic}
 
 

@@ -50,7 +50,7 @@ class Row {
     return JSON.stringify(this.units) === JSON.stringify(this.main.hello.mechanism.units);
   }
 
-  /** What it is asked to show now. */
+  /** The state to show now. */
   wished() {
     const { state, legend } = this.main;
     const looks = { ...LOOKS(state), quantity: state.quantity, mode: null, ghost: null, measures: this.sameUnits ? legend?.measures ?? null : null };

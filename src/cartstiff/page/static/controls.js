@@ -200,7 +200,7 @@ export function controls(store) {
   });
 }
 
-/** What the drives are told: how far each moves on from the posture. */
+/** Commands of the drives: how far each moves from the posture. */
 function drivesPanel(store, before) {
   const { node, note } = section("Commands of the drives");
   before.before(node);
@@ -224,7 +224,7 @@ function drivesPanel(store, before) {
       list.append(el("div", { class: "slider" }, el("label", { title: name }, name), number, el("span", { class: "unit" }, isLength ? store.unit("length") : ""), el("span", { class: "limit" }), range, el("span", { class: "limit" })));
       return { range, number, times, isLength };
     });
-    node.replaceChildren(node.firstChild, el("p", { class: "dim small" }, "How far each drive is told to move on from the posture: the rest positions of the springs go with it, and the pose that results under the load is shown."),
+    node.replaceChildren(node.firstChild, el("p", { class: "dim small" }, "How far each drive moves from the posture: the rest positions of the springs move with it, and the pose that results under the load is shown."),
       list, el("button", { type: "button", onclick: () => store.change({ command: null }) }, "None"));
   });
   const set = () => {

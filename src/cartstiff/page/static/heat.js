@@ -27,7 +27,7 @@ const hue = (share) => {
   return `rgb(${STOPS[k].map((x, i) => Math.round(x + (at - k) * (STOPS[k + 1][i] - x))).join(" ")})`;
 };
 
-/** `what` says what is drawn: {shown, along, key, busy}, and is told: {choose, zoom, toggle, read, computed}. */
+/** `what` says what is drawn: {shown, along, key, busy}, with callbacks {choose, zoom, toggle, read, computed}. */
 export function heat(store, what) {
   const select = el("select", { "aria-label": "And along what", title: "A second coordinate: the values become colours", onchange: () => what.choose(select.value) });
   const plot = svg("svg", { role: "img", class: "plot heat", "aria-label": "no values yet" });

@@ -155,7 +155,7 @@ export function matrixPanel(store) {
   }
   const scaleWords = "colour: sign and size within blocks of one unit";
 
-  /** A compliance of legs is inverted: what that costs is said from the twelfth digit on. */
+  /** A compliance of legs is inverted: a note states the lost digits from the twelfth on. */
   function lostDigits() {
     const C = store.shown.quantity === "compliance" && store.numbers.legs && store.matrix(store.shown.connection);
     const error = C ? sureOfInverse(C) : 0;

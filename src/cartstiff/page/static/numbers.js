@@ -17,7 +17,7 @@ export function verdictLine(store) {
   const chip = el("span", { class: "badge chip", hidden: true });
   node.after(chip);
 
-  /** What is said of the springs' numbers belongs beside what follows from them. */
+  /** Notes about the springs' numbers belong beside the results that follow from them. */
   function doubt() {
     const { source } = store.hello.mechanism;
     const assumed = store.numbers.result.notes.find(({ code }) => code === "stiffness-assumed");

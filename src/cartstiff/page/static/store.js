@@ -215,7 +215,7 @@ export class Store {
     this.legend = data.legend;
     this.refuse(null);
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
-    // What drives are told is added to the coordinates that they had before, "q" of the numbers.
+    // Commands of drives are added to the coordinates that they had before, "q" of the numbers.
     const before = numbers.q ?? numbers.result.q;
     if (!this.wanted || this.towards) this.state.q = before.slice();
     else {
