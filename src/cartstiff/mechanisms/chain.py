@@ -13,6 +13,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,7 +44,7 @@ from cartstiff.numerics import (
     ROUNDING,
     SMALLEST_STEP,
 )
-from cartstiff.potentials.contract import IDENTITY, Evaluation, SecondOrderMap
+from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
 
 
 @dataclass(frozen=True)
@@ -236,6 +237,8 @@ class Chain(Mechanism):
     descriptions : sequence of Description
         Files that say what the links look like.
     """
+
+    length_powers: ClassVar = {"body": 0, "base_pose": POSE, "frame_offset": POSE, "legs": 0}
 
     def __init__(
         self,

@@ -14,8 +14,8 @@ leg was drawn (its *home*); the driven one is a distance or an angle of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.potentials.contract import POSE
 
 Family = Literal["strut", "rail", "crank"]
 
@@ -99,19 +100,11 @@ class LegShape:
         """Signs of the root that the driven coordinate may take: its working modes."""
         return (1,) if self.family == "strut" else (-1, 1)
 
-    def scaled(self, a: float) -> LegShape:
-        """The same leg with all lengths times `a`."""
-        T = np.array(self.end_home)
-        T[:3, 3] *= a
-        home = self.home if self.family == "crank" else self.home * a
-        return replace(
-            self,
-            anchor=self.anchor * a,
-            crank=self.crank * a,
-            rod=self.rod * a,
-            home=home,
-            end_home=T,
-        )
+    @property
+    def length_powers(self) -> dict[str, Any]:
+        """See `cartstiff.potentials.contract.rescaled`."""
+        home = int(self.family != "crank")
+        return {"anchor": 1, "crank": 1, "rod": 1, "home": home, "end_home": POSE}
 
     def driven(self, B: Array, mode: int) -> tuple[Array, Array]:
         """Driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
@@ -341,12 +334,7 @@ class PlacedLeg:
     T_M_end: Array
     diameter: float | None = None
 
-    def scaled(self, a: float) -> PlacedLeg:
-        """The same leg with all lengths times `a`."""
-        T = np.array(self.T_M_end)
-        T[:3, 3] *= a
-        diameter = None if self.diameter is None else self.diameter * a
-        return replace(self, shape=self.shape.scaled(a), T_M_end=T, diameter=diameter)
+    length_powers: ClassVar = {"shape": 0, "T_M_end": POSE, "diameter": 1}
 
     def rod(self, q: Array, pose: Array) -> tuple[Array, Array]:
         """Ends (..., 3) of the rod at coordinates q (..., n) and poses (..., 4, 4) of M."""

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +39,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.potentials.contract import IDENTITY, Evaluation, SecondOrderMap
+from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
 from cartstiff.potentials.loads import DeadForce
 
@@ -67,6 +68,8 @@ class Struts:
     fixed_com: Array
     moving_com: Array
     radius: Array
+
+    length_powers: ClassVar = {"fixed_com": 1, "moving_com": 1, "radius": 1}
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -191,11 +194,7 @@ class LegLimits:
     diameters: Array | None = None
     forces: Array | None = None
 
-    def in_units(self, a: float) -> LegLimits:
-        """The same with lengths a times as many."""
-        if self.diameters is None:
-            return self
-        return replace(self, diameters=self.diameters * a)
+    length_powers: ClassVar = {"diameters": 1}
 
     def pairs(self, anchors: Array, points: Array) -> list[tuple[int, int]]:
         """Legs that may come near each other: all that share no joint."""
@@ -438,6 +437,13 @@ class Platform(Mechanism):
         Limits besides the lengths; its platform axes in the frame of interest.
     """
 
+    length_powers: ClassVar = {
+        **dict.fromkeys(("anchors", "points", "points_P", "mass_centre", "limits", "length"), 1),
+        **dict.fromkeys(("T_P_M", "frame_offset", "base_pose"), POSE),
+        "body_inertia": np.add.outer(*[np.repeat([1, 0], 3)] * 2),
+        **dict.fromkeys(("leg_limits", "struts"), 0),
+    }
+
     def __init__(
         self,
         base: ArrayLike,
@@ -490,9 +496,9 @@ class Platform(Mechanism):
         spread = float(np.ptp(np.vstack([self.points, self.anchors]), axis=0).max())
         #: Root mean square distance of the body's points from the frame's origin.
         self.length = radius or spread or 1.0
-        self._close()
+        self.close()
 
-    def _close(self) -> None:
+    def close(self) -> None:
         """What is kept of a platform elsewhere stays true: its arrays cannot be written to."""
         for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre", "body_inertia"):
             getattr(self, name).flags.writeable = False
@@ -505,7 +511,7 @@ class Platform(Mechanism):
         """The same, for computing many platforms that differ in their points."""
         other = copy(self)
         other.is_one_of_many = True
-        other._close()
+        other.close()
         return other
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
@@ -515,7 +521,7 @@ class Platform(Mechanism):
         other.anchors = checked_array(base, None, "base points")
         other.points_P = checked_array(platform, None, "platform points")
         other.points = other.points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
-        other._close()
+        other.close()
         return other
 
     def at(self, q: ArrayLike) -> PlatformPosture:
@@ -553,7 +559,7 @@ class Platform(Mechanism):
         first = self.mass * self.mass_centre + mass * np.asarray(centre, float)
         other.mass_centre = first / other.mass if other.mass > 0.0 else self.mass_centre
         other.body_inertia = self.body_inertia + _spatial(mass, centre, np.zeros((3, 3)))
-        other._close()
+        other.close()
         return other
 
     def with_masses(self, masses: Mapping[str, float]) -> Platform:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +23,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.potentials.contract import Evaluation, SecondOrderMap
+from cartstiff.potentials.contract import POSE, Evaluation, SecondOrderMap
 
 #: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
 MOST_COORDINATES = 200
@@ -192,6 +192,8 @@ class FixedFrame:
 
     joint: int
     T_j_f: Array
+
+    length_powers: ClassVar = {"T_j_f": POSE}
 
     @cached_property
     def is_joint(self) -> bool:

@@ -23,7 +23,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -107,6 +107,11 @@ class Section(NamedTuple):
     bending: tuple[float, float]
     shear: tuple[float, float] = (np.inf, np.inf)
 
+    @property
+    def length_powers(self) -> dict[str, int]:
+        """See `cartstiff.potentials.contract.rescaled`."""
+        return {"torsion": 2, "bending": 2}
+
     def times(self, factor: float) -> Section:
         """A section that is stiffer by a factor in every way."""
         (bend_y, bend_z), (shear_z, shear_y) = self.bending, self.shear
@@ -158,6 +163,8 @@ class Beam(Potential):
     section: Section
     link: str = ""
     mass: float = 0.0
+
+    length_powers: ClassVar = {"length": 1, "section": 0}
 
     def __post_init__(self) -> None:
         indices = np.array(self.indices, int).reshape(-1, 6)

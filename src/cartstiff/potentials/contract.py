@@ -8,9 +8,10 @@ a covector. A potential answers with energy, gradient and Hessian in the same co
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -86,8 +87,44 @@ class Posture(Protocol):
         """Potential energy of all masses in a uniform field, with derivatives."""
 
 
+#: Powers of the unit of length in the entries of a pose.
+POSE = np.outer([1, 1, 1, 0], [0, 0, 0, 1])
+
+
+def rescaled(thing: Any, a: float) -> Any:
+    """The same with all lengths times `a`, forces as they are.
+
+    Whatever holds such numbers names them in `length_powers`, with the power of the unit of length
+    that is in each of them: one number, or one for each entry. Parts with powers of their own have
+    any.
+    """
+    powers = thing.length_powers
+    changed = {name: _times(getattr(thing, name), a, powers[name]) for name in powers}
+    if isinstance(thing, tuple):
+        return thing._replace(**changed)  # type: ignore[attr-defined]
+    if is_dataclass(thing):
+        return replace(thing, **changed)  # type: ignore[type-var]
+    other = copy(thing)
+    vars(other).update(changed)
+    return other
+
+
+def _times(value: Any, a: float, power: Any) -> Any:
+    if value is None:
+        return None
+    if hasattr(value, "length_powers"):
+        return rescaled(value, a)
+    if isinstance(value, tuple):
+        powers = power if isinstance(power, tuple) else (power,) * len(value)
+        return tuple(_times(v, a, p) for v, p in zip(value, powers, strict=True))
+    return value * a**power
+
+
 class Potential(ABC):
     """A potential energy of a mechanism."""
+
+    #: See `rescaled`; None: its numbers are not known, so that it stays in its units.
+    length_powers: ClassVar[Mapping[str, Any] | None] = None
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
@@ -98,6 +135,23 @@ class Potential(ABC):
     @abstractmethod
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
+
+    def in_units(self, a: float, sizes: Array, efforts: Array) -> Potential:  # noqa: ARG002
+        """The same with lengths times `a`, and coordinates and their forces (n,) times others.
+
+        Raises
+        ------
+        InputError
+            If its numbers are not known.
+        """
+        if self.length_powers is not None:
+            scaled: Potential = rescaled(self, a)
+            return scaled
+        if a == 1.0:
+            return self
+        raise InputError(
+            "is not converted to other units", where="--units", got=type(self).__name__
+        )
 
     def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
         """Sum (n,) of the absolute generalised forces of its members, whose sum is the gradient.

@@ -19,7 +19,7 @@ The strut has buckled where H is not positive on the motions that leave its end 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.jets import cosines_of, sines_of
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, PosePotential, Posture
+from cartstiff.potentials.contract import POSE, Evaluation, PosePotential, Posture
 from cartstiff.potentials.line_springs import LineSprings
 
 SLIDE = 6
@@ -61,11 +61,10 @@ class Flexure(NamedTuple):
         """Of the slides along x, y, z and the hinges about x, y, z."""
         return [self.shear, self.shear, self.axial, self.bending, self.bending, self.torsion]
 
-    def scaled(self, a: float) -> Flexure:
-        """The same with all lengths times `a`."""
-        return Flexure(
-            self.axial / a, self.shear / a, self.bending * a, self.torsion * a, self.offset * a
-        )
+    @property
+    def length_powers(self) -> dict[str, float]:
+        """See `cartstiff.potentials.contract.rescaled`."""
+        return {"axial": -1.0, "shear": -1.0, "bending": 1, "torsion": 1, "offset": 1}
 
 
 class StrutStates(NamedTuple):
@@ -107,6 +106,15 @@ class FlexureStruts(LineSprings):
     home: Array
     feet: Array
     made: Array
+
+    length_powers: ClassVar = {
+        **LineSprings.length_powers,
+        "feet": POSE,
+        "home": POSE,
+        "made": 1,
+        "lower": 0,
+        "upper": 0,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -158,24 +166,6 @@ class FlexureStruts(LineSprings):
             feet=feet,
             made=made,
             home=se3.inverse(T_F_M) @ home,
-        )
-
-    def scaled(self, a: float) -> FlexureStruts:
-        """The same with all lengths times `a`."""
-        feet, home = np.array(self.feet), np.array(self.home)
-        feet[:, :3, 3] *= a
-        home[:, :3, 3] *= a
-        return replace(
-            self,
-            anchors=self.anchors * a,
-            points=self.points * a,
-            feet=feet,
-            home=home,
-            stiffness=self.stiffness / a,
-            rest_length=self.rest_length * a,
-            made=self.made * a,
-            lower=self.lower.scaled(a),
-            upper=self.upper.scaled(a),
         )
 
     @property

@@ -11,6 +11,7 @@ all in components of B: g = (b x u, u), W = t g and, with D = [-[b]x, I],
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -131,6 +132,14 @@ class LineSprings(PosePotential):
     unilateral: bool = False
     balanced_at: tuple[Array, Array] | None = None
 
+    length_powers: ClassVar = {
+        "anchors": 1,
+        "points": 1,
+        "stiffness": -1.0,
+        "rest_length": 1,
+        "balanced_at": (1, 0),
+    }
+
     def __post_init__(self) -> None:
         for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
             numbers = getattr(self, name)
@@ -220,18 +229,6 @@ class LineSprings(PosePotential):
     def replaced(self, stiffness: Array, rest: Array) -> LineSprings:
         """The same lines with other stiffnesses and rest lengths."""
         return replace(self, stiffness=stiffness, rest_length=rest, balanced_at=None)
-
-    def scaled(self, a: float) -> LineSprings:
-        """The same lines with all lengths times `a`."""
-        at = self.balanced_at
-        return replace(
-            self,
-            anchors=self.anchors * a,
-            points=self.points * a,
-            stiffness=self.stiffness / a,
-            rest_length=self.rest_length * a,
-            balanced_at=None if at is None else (at[0] * a, at[1]),
-        )
 
     @property
     def is_complete(self) -> bool:

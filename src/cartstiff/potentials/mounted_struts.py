@@ -14,7 +14,7 @@ terms of S_W within T'.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.potentials.contract import POSE
 from cartstiff.potentials.flexure_struts import (
     ROUNDINGS,
     FlexureStruts,
@@ -47,11 +48,11 @@ class Mount(NamedTuple):
     place: Array
     stiffness: Array
 
-    def scaled(self, a: float) -> Mount:
-        """The same with all lengths times `a`."""
-        place, sizes = np.array(self.place), np.repeat([a, 1.0], 3)
-        place[:3, 3] *= a
-        return Mount(place, self.stiffness * a / np.outer(sizes, sizes))
+    @property
+    def length_powers(self) -> dict[str, Array]:
+        """See `cartstiff.potentials.contract.rescaled`."""
+        slides = np.repeat([1.0, 0.0], 3)
+        return {"place": POSE, "stiffness": 1.0 - slides - slides[:, None]}
 
     def displaced(self, x: Array) -> tuple[Array, Array]:
         """Motion (N, 4, 4) of what is beyond for coordinates x (N, 6), and its body Jacobian."""
@@ -75,16 +76,13 @@ class MountedStruts(FlexureStruts):
     base: Mount | None = None
     tip: Mount | None = None
 
+    length_powers: ClassVar = {**FlexureStruts.length_powers, "base": 0, "tip": 0}
+
     @staticmethod
     def of(struts: FlexureStruts, base: Mount | None, tip: Mount | None) -> MountedStruts:
         """The same struts between springs."""
         own = {field.name: getattr(struts, field.name) for field in fields(FlexureStruts)}
         return MountedStruts(**own, base=base, tip=tip)
-
-    def scaled(self, a: float) -> MountedStruts:
-        """The same with all lengths times `a`."""
-        base, tip = (None if end is None else end.scaled(a) for end in (self.base, self.tip))
-        return MountedStruts.of(super().scaled(a), base, tip)
 
     def lengths_at(self, T_a_b: Array) -> Array:
         """Distances (m,) of the struts' ends at a pose of M, base and platform having given way."""

@@ -44,6 +44,17 @@ class SpringLaw(ABC):
             If the law does not reach that torque.
         """
 
+    def in_units(self, size: float, effort: float) -> SpringLaw:  # noqa: ARG002
+        """The same law of deflections `size` times and torques `effort` times as large in number.
+
+        Raises
+        ------
+        InputError
+            If its numbers are not known.
+        """
+        what = "a spring's law is not converted to other units"
+        raise InputError(what, where="--units", got=type(self).__name__)
+
 
 @dataclass(frozen=True)
 class PolynomialLaw(SpringLaw):
@@ -71,6 +82,11 @@ class PolynomialLaw(SpringLaw):
             torque = torque + c * x**power
             stiffness = stiffness + power * c * x ** (power - 1)
         return energy, torque, stiffness
+
+    def in_units(self, size: float, effort: float) -> PolynomialLaw:
+        """The same law in other units."""
+        c = enumerate(self.coefficients, start=1)
+        return PolynomialLaw(tuple(x * effort / size**k for k, x in c))
 
     def change_at_torque(self, power: int, x: float) -> float:
         """Change of the tangent stiffness per coefficient of a power, under a torque that stays."""
@@ -158,6 +174,11 @@ class TabulatedLaw(SpringLaw):
             torque + d * (slope + d * (second + d * third)),
             slope + d * (2 * second + 3 * d * third),
         )
+
+    def in_units(self, size: float, effort: float) -> TabulatedLaw:
+        """The same law in other units."""
+        deflections, torques = (x * size for x in self.deflections), self.torques
+        return TabulatedLaw(tuple(deflections), tuple(t * effort for t in torques))
 
     def deflection_for(self, torque: float) -> float:
         """Deflection by bisection on the monotone branch that brackets the torque."""
@@ -273,6 +294,12 @@ class JointSprings(Potential):
             energies[j], torque[j], diagonal[j] = law.evaluate(float(x[j]))
         return Evaluation(float(energies.sum()), torque, np.diag(diagonal))
 
+    def in_units(self, a: float, sizes: Array, efforts: Array) -> JointSprings:  # noqa: ARG002
+        """The same springs in other units."""
+        own = {j: law.in_units(float(sizes[j]), float(efforts[j])) for j, law in self.laws.items()}
+        k, rest = self.stiffness * efforts / sizes, self.rest * sizes
+        return replace(self, stiffness=k, rest=rest, laws=own)
+
     def replaced(self, stiffness: Array, rest: Array) -> JointSprings:
         """The same springs with other stiffnesses and rest positions."""
         return replace(self, stiffness=stiffness, rest=rest)
@@ -341,6 +368,11 @@ class CoupledSprings(Potential):
         gradient[at] = force
         hessian[np.ix_(at, at)] = self.matrix
         return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
+
+    def in_units(self, a: float, sizes: Array, efforts: Array) -> CoupledSprings:  # noqa: ARG002
+        """The same spring in other units."""
+        at = self.indices
+        return replace(self, matrix=self.matrix * efforts[at][:, None] / sizes[at])
 
     def diagnostics(self, posture: Posture) -> list[Note]:
         """Compression that would matter in a cantilever with the same compliance.
