@@ -11,7 +11,7 @@ import pytest
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture, summarise
-from cartstiff.analysis.sections import Analysis, numbers, unit_of
+from cartstiff.analysis.sections import numbers, unit_of
 from cartstiff.analysis.tolerances import Tolerances
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import UnknownNameError
@@ -35,7 +35,6 @@ def test_output_of_analyse_has_the_form(name):
         pytest.skip("example-robot-data is not installed")
     result = cartstiff.analyse(cartstiff.load(name))
     analysis = analyse_posture(result, direction=[1.0, 2.0, 2.0], wrench=[0, 0, 0, 0, 0, 5.0])
-    assert Analysis.model_validate(analysis).connection == analysis["connection"]
     _valid(result.as_dict() | {"analysis": analysis}, "analyse")
 
 
