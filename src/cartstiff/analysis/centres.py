@@ -24,6 +24,7 @@ from cartstiff.analysis.matrices import (
     as_symmetric,
     invert,
     move_stiffness,
+    symmetric_pair,
     symmetric_part,
 )
 from cartstiff.analysis.screws import coupling_matrix
@@ -71,10 +72,6 @@ def _translation(K: Array, C: Array | None) -> tuple[Ellipsoid, Array]:
     return shape, G @ (shape.axes * shape.eigenvalues)
 
 
-def _given(matrix: ArrayLike | None, what: str) -> Array | None:
-    return None if matrix is None else as_symmetric(matrix, what)
-
-
 def centre_of_stiffness(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
     r"""Point (3,) at which the coupling block K_rt is symmetric, [Loncaric]_.
 
@@ -94,7 +91,7 @@ def centre_of_stiffness(stiffness: ArrayLike, compliance: ArrayLike | None = Non
         Code ``"no-centre-of-stiffness"`` where two principal values of K_tt add to zero (rank one,
         or indefinite); code ``"ill-conditioned"`` where the matrices do not know it.
     """
-    known = _translation(as_symmetric(stiffness), _given(compliance, "compliance"))
+    known = _translation(*symmetric_pair(stiffness, compliance))
     return _symmetrising_point(*known, "centre of stiffness", "translational stiffness")
 
 
@@ -110,7 +107,8 @@ def centre_of_compliance(compliance: ArrayLike, stiffness: ArrayLike | None = No
         Code ``"no-centre-of-compliance"`` where two principal values of C_rr add to zero; code
         ``"ill-conditioned"`` where the matrices do not know it.
     """
-    C, K = as_symmetric(compliance, "compliance"), _given(stiffness, "stiffness")
+    C = as_symmetric(compliance, "compliance")
+    K = None if stiffness is None else as_symmetric(stiffness)
     shape, G = compliance_ellipsoid(C, "rotation", "free", None, K), coupling_matrix(K, C)
     moved = C[TRANSLATION, ROTATION] @ shape.axes
     if G is not None:
@@ -132,8 +130,8 @@ def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = No
         Code ``"no-centre-of-elasticity"`` where K_tt is singular; code ``"ill-conditioned"`` where
         the matrices do not know it.
     """
-    K = as_symmetric(stiffness)
-    G = coupling_matrix(K, _given(compliance, "compliance"))
+    K, C = symmetric_pair(stiffness, compliance)
+    G = coupling_matrix(K, C)
     if G is None:
         raise UndefinedError(
             "the centre of elasticity is not a single point: the translational stiffness is "
@@ -156,7 +154,7 @@ def point_of_least_coupling(stiffness: ArrayLike, compliance: ArrayLike | None =
         Code ``"no-point-of-least-coupling"`` where K_tt has rank one or zero: a whole line
         of points serves equally; code ``"ill-conditioned"`` where the matrices do not know it.
     """
-    known = _translation(as_symmetric(stiffness), _given(compliance, "compliance"))
+    known = _translation(*symmetric_pair(stiffness, compliance))
     name, block = "point of least coupling", "squared translational stiffness"
     return _symmetrising_point(*known, name, block, power=2)
 
@@ -182,31 +180,21 @@ class Centres(Result):
 
 def centres_of(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centres:
     """All centres at once; the compliance is inverted from the stiffness unless given."""
-    points: dict[str, Array] = {}
-    reasons: dict[str, UndefinedError] = {}
-    K, C = as_symmetric(stiffness), _given(compliance, "compliance")
-
-    def of_compliance() -> Array:
-        return centre_of_compliance(invert(K) if C is None else C, K)
-
+    K, C = symmetric_pair(stiffness, compliance)
     functions: dict[str, Callable[[], Array]] = {
-        "compliance": of_compliance,
+        "compliance": lambda: centre_of_compliance(invert(K) if C is None else C, K),
         "stiffness": partial(centre_of_stiffness, K, C),
         "elasticity": partial(centre_of_elasticity, K, C),
         "least_coupling": partial(point_of_least_coupling, K, C),
     }
+    points: dict[str, Array | None] = dict.fromkeys(functions)
+    reasons: dict[str, UndefinedError] = {}
     for name, function in functions.items():
         try:
             points[name] = function()
         except UndefinedError as error:
             reasons[name] = error
-    return Centres(
-        points.get("stiffness"),
-        points.get("compliance"),
-        points.get("elasticity"),
-        points.get("least_coupling"),
-        reasons,
-    )
+    return Centres(**points, reasons=reasons)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +240,7 @@ def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
 
 def _checked_pair(stiffness: ArrayLike, compliance: ArrayLike | None) -> tuple[Array, Array | None]:
     """Stiffness and compliance; UndefinedError where the entries of K do not hold soft motions."""
-    K = as_symmetric(stiffness)
-    C = None if compliance is None else as_symmetric(compliance, "compliance")
+    K, C = symmetric_pair(stiffness, compliance)
     error = 0.0 if C is None else error_of_soft_directions(K, C)
     if error > numerics.LOST_ERROR:
         raise UndefinedError(

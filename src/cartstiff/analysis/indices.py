@@ -7,7 +7,7 @@ in force per length throughout. Where an index depends on l, its exponent says h
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,7 @@ from cartstiff.analysis.matrices import (
     loss_of_elimination,
     lost_digits,
     scale_lengths,
+    symmetric_pair,
     with_angles_times,
 )
 from cartstiff.arrays import Array, Result, checked_array, checked_length, real_array
@@ -122,8 +123,7 @@ def indices_of(
     UndefinedError
         Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
     """
-    K = as_symmetric(stiffness)
-    C = None if compliance is None else as_symmetric(compliance, "compliance")
+    K, C = symmetric_pair(stiffness, compliance)
     values, x, kind = spectrum(K, length, C)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = condition(values)
@@ -192,9 +192,16 @@ def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
     return np.array([condition(numerics.eigenvalues(scale_lengths(K, s))) for s in scales])
 
 
+class BestLength(NamedTuple):
+    """Length of the least condition number, and that number."""
+
+    best_length: float
+    condition_at_best_length: float
+
+
 def best_conditioned_length(
     stiffness: ArrayLike, compliance: ArrayLike | None = None
-) -> tuple[float, float]:
+) -> BestLength:
     r"""Length at which the condition number is smallest, and that number.
 
     For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are convex in
@@ -206,8 +213,7 @@ def best_conditioned_length(
     UndefinedError
         Code ``"not-positive"`` if K is not positive definite.
     """
-    K = as_symmetric(stiffness)
-    C = None if compliance is None else as_symmetric(compliance, "compliance")
+    K, C = symmetric_pair(stiffness, compliance)
     start = balancing_length(K)
 
     def at(lengths: Array) -> Array:
@@ -235,5 +241,5 @@ def best_conditioned_length(
         cost = np.where(smallest[:, 0] > 0.0, numerics.condition(smallest), np.inf)
         least = int(np.argmin(cost))
         if high - low <= numerics.NEGLIGIBLE_STEP:
-            return float(start * np.exp(t[least])), float(cost[least])
+            return BestLength(float(start * np.exp(t[least])), float(cost[least]))
         low, high = float(t[max(least - 1, 0)]), float(t[min(least + 1, 32)])

@@ -92,6 +92,14 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
     return symmetric_part(m)
 
 
+def symmetric_pair(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> tuple[Array, Array | None]:
+    """Stiffness and, where it is known, its inverse, checked as by `as_symmetric`."""
+    known = None if compliance is None else as_symmetric(compliance, "compliance")
+    return as_symmetric(stiffness), known
+
+
 def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Asked for every posture of a page: on a few floats NumPy takes ten times as long.

@@ -28,6 +28,7 @@ from cartstiff.analysis.matrices import (
     eliminate,
     loss_of_elimination,
     lost_digits,
+    symmetric_pair,
 )
 from cartstiff.arrays import Array, Result, checked_length, checked_matrix, checked_vector
 from cartstiff.errors import InputError, UndefinedError
@@ -79,12 +80,7 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
     UndefinedError
         Code ``"no-natural-length"`` unless both blocks are positive definite.
     """
-    return _natural_length(*_checked(stiffness, compliance))
-
-
-def _checked(K: ArrayLike, C: ArrayLike | None) -> tuple[Array, Array | None]:
-    """Stiffness and compliance as symmetric matrices."""
-    return as_symmetric(K), None if C is None else as_symmetric(C, "compliance")
+    return _natural_length(*symmetric_pair(stiffness, compliance))
 
 
 def _natural_length(K: Array, C: Array | None) -> float:
@@ -191,7 +187,7 @@ def characteristic_length(
         return CharacteristicLength(value, "inertia", "radius of gyration of the body")
     if stiffness is None:
         return length_of_pair(None, None)
-    return length_of_pair(*_checked(stiffness, compliance))
+    return length_of_pair(*symmetric_pair(stiffness, compliance))
 
 
 def length_of_pair(K: Array | None, C: Array | None) -> CharacteristicLength:

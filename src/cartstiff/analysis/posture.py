@@ -6,8 +6,9 @@ mechanism: deflection, joint stiffness for a target, uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,11 +20,13 @@ from cartstiff.analysis.centres import centres_of, decoupling_frame, normal_form
 from cartstiff.analysis.congruence import joint_stiffness
 from cartstiff.analysis.deflection import (
     Deflection,
+    SpringShares,
     compliance_deflection,
     joint_shares,
     spring_shares,
 )
 from cartstiff.analysis.ellipsoids import (
+    Ellipsoid,
     compliance_ellipsoid,
     stiffness_about,
     stiffness_along,
@@ -78,7 +81,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 if TYPE_CHECKING:
-    from cartstiff.analysis.tolerances import Propagation, Tolerances, UncertainParameters
+    from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 
 
 def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
@@ -182,18 +185,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
         legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
-        rows = [
-            {"name": leg, "elongation": e, "force": f, "energy": u, "share": s, "is_length": True}
-            for leg, e, f, u, s in zip(
-                r.elastic.spring_names,
-                legs.elongation.tolist(),
-                legs.force.tolist(),
-                legs.energy.tolist(),
-                legs.share.tolist(),
-                strict=True,
-            )
-        ]
-        return {"kind": "springs", "shares": rows, "load_share": legs.load_share}
+        return _of_springs(r.elastic.spring_names, [True] * len(k), legs)
     coordinates = r.elastic.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian
@@ -202,27 +194,21 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
         H = H + J.T @ change_from_symmetric(r, name) @ J
         shares = joint_shares(J, H, whole.wrench, whole.point)
-        rows = [
-            {
-                "name": c.name,
-                "motion": shares.motion[i],
-                "is_length": c.is_length,
-                "twist": shares.twists[:, i],
-                "displacement": shares.displacements[:, i],
-                "energy": shares.energy[i],
-                "share": shares.share[i],
-            }
-            for i, c in enumerate(coordinates)
-        ]
-        return {"kind": "joints", "shares": rows, "load_share": 0.0}
+        columns = {
+            "name": [c.name for c in coordinates],
+            "motion": shares.motion,
+            "is_length": [c.is_length for c in coordinates],
+            "twist": shares.twists.T,
+            "displacement": shares.displacements.T,
+            "energy": shares.energy,
+            "share": shares.share,
+        }
+        return {"kind": "joints", "shares": _rows(columns), "load_share": 0.0}
     motion = r.motion_under(whole.wrench, change_from_symmetric(r, name))
-    rows, stiffness, elongations = [], [], []
+    found: list[tuple[str, bool | None, float, float]] = []
     if isinstance(springs, JointSprings):
-        k = np.diag(springs.evaluate(posture).hessian)
-        for j in np.flatnonzero(k):
-            rows.append({"name": coordinates[j].name, "is_length": coordinates[j].is_length})
-            stiffness.append(k[j])
-            elongations.append(motion[j])
+        each = zip(coordinates, np.diag(springs.evaluate(posture).hessian), motion, strict=False)
+        found += [(c.name, c.is_length, k, x) for c, k, x in each if k]
     for link in r.elastic.potentials:
         if not isinstance(link, (CoupledSprings, Beam)):
             continue
@@ -231,19 +217,25 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         x = motion[at]
         size = float(np.linalg.norm(x)) or 1.0
         hessian = link.evaluate(posture).hessian[np.ix_(at, at)]
-        rows.append({"name": f"{link.link or coordinates[at[0]].name} (link)", "is_length": None})
-        stiffness.append(float(x @ hessian @ x) / size**2)
-        elongations.append(size)
-    if not rows:
+        label = f"{link.link or coordinates[at[0]].name} (link)"
+        found.append((label, None, float(x @ hessian @ x) / size**2, size))
+    if not found:
         raise UndefinedError("no springs share the deflection", code="no-shares")
-    parts = spring_shares(elongations, stiffness, whole)
-    for i, row in enumerate(rows):
-        row |= {
-            "elongation": parts.elongation[i],
-            "force": parts.force[i],
-            "energy": parts.energy[i],
-            "share": parts.share[i],
-        }
+    names, are_lengths, stiffness, elongations = zip(*found, strict=True)
+    return _of_springs(names, are_lengths, spring_shares(elongations, stiffness, whole))
+
+
+def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """A table, row by row."""
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _of_springs(
+    names: Sequence[str], are_lengths: Sequence[bool | None], parts: SpringShares
+) -> dict[str, Any]:
+    """Each spring's part."""
+    own = {key: getattr(parts, key).tolist() for key in ("elongation", "force", "energy", "share")}
+    rows = _rows({"name": names, **own, "is_length": are_lengths})
     return {"kind": "springs", "shares": rows, "load_share": parts.load_share}
 
 
@@ -288,10 +280,6 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
 
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")
-_POINTS = ("stiffness", "compliance", "elasticity", "least_coupling")
-_SCREW = ("direction", "point", "pitch")
-_EIGENSCREW = (*_SCREW, "eigenvalue", "rotational_stiffness", "translational_stiffness")
-_COMPLIANT_AXIS = (*_SCREW, "stiffness")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -407,12 +395,12 @@ def summarise(
         "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, notes),
         "directions": _directions(K, free[1], C is None, axes),
     }
-    result |= _of_stiffness(K, C, scale.value, metric, springs, notes)
+    of_stiffness = {} if K is None else _of_stiffness(K, C, scale.value, metric, springs, notes)
+    result |= dict.fromkeys(_OF_STIFFNESS) | of_stiffness
     minus = stiffness.get("A")
-    result["asymmetry"] = result["connections"] = None
-    if minus is not None:
-        predicted = asymmetries.asymmetry_of(minus, W)
-        result["asymmetry"] = section(("size", "residual", "agrees", "predicted"), predicted)
+    predicted = None if minus is None else asymmetries.asymmetry_of(minus, W)
+    result["asymmetry"] = section("asymmetry", predicted)
+    result["connections"] = None
     if name is not None:
         result["connections"] = asymmetries.compare_connections(
             stiffness, reference=name, length=scale.value, threshold=threshold
@@ -445,28 +433,22 @@ def _ellipsoids(
     notes: Notes,
 ) -> dict[str, Any]:
     """Nested by quantity, freedom and others; `pairs` by the last."""
-    tables: dict[str, Any] = {}
-    for i, (quantity, function) in enumerate(
-        (("stiffness", stiffness_ellipsoid), ("compliance", compliance_ellipsoid))
-    ):
-        tables[quantity] = {
-            freedom: {
-                others: None
-                if pair[i] is None
-                else notes.attempt(
-                    f"{quantity} of {freedom}, others {others}",
-                    function,
-                    pair[i],
-                    freedom,
-                    others,
-                    None,
-                    pair[1 - i],
-                )
-                for others, pair in pairs.items()
-            }
+    functions = {"stiffness": stiffness_ellipsoid, "compliance": compliance_ellipsoid}
+
+    def shape(quantity: str, freedom: Any, others: Any) -> Ellipsoid | None:
+        matrix, inverse = pairs[others][:: 1 if quantity == "stiffness" else -1]
+        what = f"{quantity} of {freedom}, others {others}"
+        call = partial(functions[quantity], freedom=freedom, others=others, inverse=inverse)
+        found: Ellipsoid | None = None if matrix is None else notes.attempt(what, call, matrix)
+        return found
+
+    return {
+        quantity: {
+            freedom: {others: shape(quantity, freedom, others) for others in pairs}
             for freedom in _FREEDOMS
         }
-    return tables
+        for quantity in functions
+    }
 
 
 def _directions(
@@ -518,7 +500,7 @@ _OF_STIFFNESS = (
 
 
 def _of_stiffness(
-    K: Array | None,
+    K: Array,
     C: Array | None,
     length: float,
     metric: tuple[str, Array],
@@ -526,8 +508,6 @@ def _of_stiffness(
     notes: Notes,
 ) -> dict[str, Any]:
     """Sections that need the stiffness matrix."""
-    if K is None:
-        return dict.fromkeys(_OF_STIFFNESS)
     K = as_symmetric(K)
     points = centres_of(K, C)
     for what, reason in points.reasons.items():
@@ -535,46 +515,33 @@ def _of_stiffness(
     screws = notes.attempt("eigenscrews", eigenscrews, K, C)
     wrenches = notes.attempt("wrench-compliant axes", wrench_compliant_axes, K, C)
     twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
-    numbers = notes.attempt("indices", indices_of, K, length, C)
+    indices = notes.attempt("indices", indices_of, K, length, C)
     best = notes.attempt("indices", best_conditioned_length, K, C)
     judgement = notes.attempt("springs in parallel", realisability, K, C)
     realised = None
     if springs and judgement is not None and judgement.passive:
         realised = notes.attempt("springs in parallel", realise, K, length, C)
     return {
-        "definiteness": None if numbers is None else numbers.definiteness,
-        "centres": section(_POINTS, points),
+        "definiteness": None if indices is None else indices.definiteness,
+        "centres": section("centres", points),
         "normal_form": notes.attempt("normal form", normal_form, K, C),
         "decoupling_frame": notes.attempt("decoupling frame", decoupling_frame, K, C),
-        "eigenscrews": None
-        if screws is None
-        else {
-            "screws": [section(_EIGENSCREW, e, e.screw) for e in screws.screws],
+        "eigenscrews": screws
+        and {
+            "screws": [section("eigenscrews.screws", e, e.screw) for e in screws.screws],
             "complete": screws.complete,
             "complex_eigenvalues": [[z.real, z.imag] for z in screws.complex_eigenvalues],
         },
-        "wrench_compliant_axes": None if wrenches is None else _axes(wrenches),
-        "twist_compliant_axes": None if twists is None else _axes(twists),
-        "indices": None
-        if numbers is None
-        else {
-            **plain(numbers),
-            "best_length": None if best is None else best[0],
-            "condition_at_best_length": None if best is None else best[1],
-        },
+        "wrench_compliant_axes": _axes(wrenches),
+        "twist_compliant_axes": _axes(twists),
+        "indices": section("indices", indices, best),
         "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C),
-        "synthesis": None
-        if judgement is None
-        else {
-            **plain(judgement),
-            "springs": None if realised is None else realised.springs,
-            "residual": None if realised is None else realised.residual,
-        },
+        "synthesis": section("synthesis", judgement, realised),
     }
 
 
-def _axes(axes: Sequence[CompliantAxis]) -> list[dict[str, Any]]:
-    return [section(_COMPLIANT_AXIS, axis, axis.screw) for axis in axes]
+def _axes(axes: Sequence[CompliantAxis] | None) -> list[Any] | None:
+    return axes and [section("wrench_compliant_axes", axis, axis.screw) for axis in axes]
 
 
 @checked
@@ -695,13 +662,9 @@ def analyse_posture(
             got=f"samples={samples}",
         )
     answer, notes = sections(result, springs)
-    if answer["synthesis"] is not None or target is not None:
-        section = None
-        if target is not None:
-            section = notes.attempt(
-                "joint stiffness for the target", target_section, result, target
-            )
-        answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(section)}
+    if target is not None:
+        found = notes.attempt("joint stiffness for the target", target_section, result, target)
+        answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(found)}
     answer["uncertainty"] = None
     if tolerances is not None or result.elastic.identified is not None:
         from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
@@ -762,35 +725,26 @@ def _uncertainty(
     from cartstiff.analysis.tolerances import propagate_first_order, propagate_monte_carlo
 
     named = parameters.named
-    total = samples or 1 + 4 * len(named)
-    done = 0
+    total, done = samples or 1 + 4 * len(named), 0
 
     def function(values: dict[str, float]) -> dict[str, Array]:
         nonlocal done
         done += 1
         if progress is not None:
             progress(done, total)
-        values_there = evaluate(parameters.at(values))
-        missing = {name: np.full(x.shape, np.nan) for name, x in nominal.items()}
-        return {
-            name: values_there[name]
-            if name in values_there and values_there[name].shape == x.shape
-            else missing[name]
-            for name, x in nominal.items()
-        }
+        found = evaluate(parameters.at(values))
+        kept = {n: x for n, x in found.items() if n in nominal and x.shape == nominal[n].shape}
+        return {name: x * np.nan for name, x in nominal.items()} | kept
 
     try:
-        p: Propagation = (
-            propagate_monte_carlo(
+        if samples:
+            p = propagate_monte_carlo(
                 function, named, samples=samples, correlation=parameters.correlation
             )
-            if samples
-            else propagate_first_order(
+        else:
+            p = propagate_first_order(
                 function, named, correlation=parameters.correlation, degrees=parameters.degrees
             )
-        )
-    except InputError as error:
-        raise UndefinedError(f"within the tolerances {error}", code="no-samples") from None
     except UndefinedError:
         raise
     except CartstiffError as error:

@@ -21,9 +21,9 @@ from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
     Definiteness,
-    as_symmetric,
     balancing_length,
     lost_digits,
+    symmetric_pair,
     with_angles_times,
 )
 from cartstiff.arrays import Array, Result, checked_length, checked_vector
@@ -156,8 +156,7 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
     UndefinedError
         Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
     """
-    K = as_symmetric(stiffness)
-    C = None if compliance is None else as_symmetric(compliance, "compliance")
+    K, C = symmetric_pair(stiffness, compliance)
     length = balancing_length(K)
     values, vectors, signs = spectrum(K, length, C)
     sign = -1.0 if signs.startswith("negative") else 1.0
@@ -287,10 +286,6 @@ def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array 
     return G
 
 
-def _given_pair(K: ArrayLike, C: ArrayLike | None) -> tuple[Array, Array | None]:
-    return as_symmetric(K), None if C is None else as_symmetric(C, "compliance")
-
-
 def wrench_compliant_axes(
     stiffness: ArrayLike, compliance: ArrayLike | None = None
 ) -> tuple[CompliantAxis, ...]:
@@ -305,7 +300,7 @@ def wrench_compliant_axes(
     UndefinedError
         Code ``"ill-conditioned"`` where neither knows a stiffness or an axis.
     """
-    K, C = _given_pair(stiffness, compliance)
+    K, C = symmetric_pair(stiffness, compliance)
     length = balancing_length(K)
     shape = stiffness_ellipsoid(K, "translation", "held", None, C)
     G = coupling_matrix(K, C)
@@ -336,7 +331,7 @@ def twist_compliant_axes(
         Code ``"singular"`` where K_tt is singular: the translation is then not determined; code
         ``"ill-conditioned"`` where neither stiffness nor compliance knows a value or an axis.
     """
-    K, C = _given_pair(stiffness, compliance)
+    K, C = symmetric_pair(stiffness, compliance)
     G = coupling_matrix(K, C)
     if G is None:
         raise UndefinedError(

@@ -30,9 +30,9 @@ from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
-    as_symmetric,
     balancing_length,
     block_scales,
+    symmetric_pair,
 )
 from cartstiff.analysis.screws import SWAP_FORM, screw_of_wrench
 from cartstiff.arrays import Array, Result
@@ -126,15 +126,8 @@ def realisability(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> 
     UndefinedError
         Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
     """
-    K = as_symmetric(stiffness)
-    return _judged(K, *_factor(K, compliance, balancing_length(K)))
-
-
-def _factor(K: Array, compliance: ArrayLike | None, length: float) -> tuple[Array, Array]:
-    """Eigenvalues (6,) and eigenvectors (6, 6) with lengths scaled; zero is what is rounding."""
-    C = None if compliance is None else as_symmetric(compliance, "compliance")
-    values, vectors, _ = spectrum(K, length, C)
-    return values, vectors
+    K, C = symmetric_pair(stiffness, compliance)
+    return _judged(K, *spectrum(K, balancing_length(K), C)[:2])
 
 
 def _judged(K: Array, values: Array, vectors: Array) -> Realisability:
@@ -286,10 +279,10 @@ def realise(
         Code ``"not-passive"`` if K has a negative eigenvalue; code ``"ill-conditioned"`` where the
         digits of springs do not hold the softer directions of their sum.
     """
-    K = as_symmetric(stiffness)
-    judgement = _require_passive(K, compliance)
+    K, C = symmetric_pair(stiffness, compliance)
+    judgement = _require_passive(K, C)
     scale = balancing_length(K) if length is None else length
-    values, vectors = _factor(K, compliance, scale)
+    values, vectors, _ = spectrum(K, scale, C)
     kept = values > 0.0
     screws, rest = _split(vectors[:, kept] * np.sqrt(values[kept]), judgement.by_line_springs)
     rest = _with_signs(rest)
