@@ -59,23 +59,32 @@ class Model(Protocol):
         """Predictions (m,) and derivatives (m, P) at parameters (P,)."""
 
 
+def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechanism:
+    """The mechanism without loads of its own; its cables hold like bars.
+
+    Its springs are at rest where the motors are commanded to be, q (n,); without it their rest
+    positions are open.
+    """
+    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
+    springs = elastic.springs
+    if springs is None:
+        return replace(elastic, potentials=inner)
+    rest = np.full(len(springs.stiffness), np.nan)
+    if isinstance(springs, JointSprings):
+        k, rigid = springs.stiffness.copy(), list(springs.rigid)
+        rest = rest if q is None else q.copy()
+        k[rigid], rest[rigid] = np.inf, np.nan
+        springs = JointSprings(k, rest, springs.laws)
+    else:
+        if q is not None:  # a platform's posture has lines
+            rest = getattr(elastic.mechanism.at(q), "lines").lengths  # noqa: B009
+        springs = replace(springs.replaced(springs.stiffness, rest), unilateral=False)
+    return replace(elastic, springs=springs, potentials=inner)
+
+
 def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
     """The mechanism with all rest positions open, without gravity and loads."""
-    springs = elastic.springs
-    if springs is not None:
-        rest = np.full(len(springs.stiffness), np.nan)
-        if isinstance(springs, JointSprings):
-            springs = JointSprings(_with_rigid(springs), rest, springs.laws)
-        else:
-            springs = replace(springs.replaced(springs.stiffness, rest), unilateral=False)
-    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
-    return replace(elastic, springs=springs, potentials=inner, gravity=None)
-
-
-def _with_rigid(springs: JointSprings) -> Array:
-    k = springs.stiffness.copy()
-    k[list(springs.rigid)] = np.inf
-    return k
+    return replace(unloaded(elastic), gravity=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,13 +241,10 @@ class LinearModel:
 
     def _at(self, theta: Array) -> tuple[Array, Array]:
         """The same for forces in the springs that do not depend on their stiffness."""
-        F, C, own_forces, own_twist = self._forces(theta)
-        seen = self.observations
+        _, C, _, own_twist = self._forces(theta)
+        felt, seen_by = self.forces_in(theta)
         W, weighs = self._loads
-        place = self._distinct[1][seen.row]
-        a = seen.functional
-        felt = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
-        seen_by = np.einsum("mei,mi->me", F[place], a)
+        a, place = self.observations.functional, self._distinct[1][self.observations.row]
         twist = np.einsum("mij,mj->mi", C[place], W) + weighs[:, None] * own_twist[place]
         A = derivatives(seen_by, felt, self.unknowns.patterns)
         return np.einsum("mi,mi->m", a, twist), A
@@ -448,7 +454,7 @@ class LoadedModel:
     def _at(self, theta: Array) -> tuple[Array, Array]:
         """The same for compliances that are not all but zero."""
         seen, p = self.observations, np.asarray(self.measured.point)
-        bare = _bare(self.unknowns.mechanism(theta))
+        mechanism = self.unknowns.mechanism(theta)
         first, groups = self._settings
         differs = np.zeros(len(self.measured), bool)
         differs[seen.row[~seen.is_absolute]] = True
@@ -458,7 +464,7 @@ class LoadedModel:
         for k, n in enumerate(first):
             rows = np.flatnonzero(groups == k)
             at = np.flatnonzero(np.isin(seen.row, rows))
-            elastic = _told(bare, self.measured.q[n])
+            elastic = unloaded(mechanism, self.measured.q[n])
             loaded = self._state(elastic, int(n), inertial[n], theta)
             rigid = _State(self.linear.poses[n], np.zeros((6, len(theta))))
             before = rigid
@@ -519,29 +525,6 @@ def _solved(system: System, start: Array, forces: Array, *, is_first: bool) -> S
                 raise
             return staged
         return solve(system, forces, settle=False)
-
-
-def _bare(elastic: ElasticMechanism) -> ElasticMechanism:
-    """The mechanism without loads of its own; its cables hold like bars."""
-    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
-    springs = elastic.springs
-    if isinstance(springs, LineSprings):
-        springs = replace(springs, unilateral=False)
-    return replace(elastic, potentials=inner, springs=springs)
-
-
-def _told(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
-    """The mechanism with its springs at rest where the motors are told to be."""
-    springs = elastic.springs
-    if isinstance(springs, JointSprings):
-        k, rest = springs.stiffness.copy(), q.copy()
-        k[list(springs.rigid)], rest[list(springs.rigid)] = np.inf, np.nan
-        return replace(elastic, springs=JointSprings(k, rest, springs.laws))
-    if isinstance(springs, LineSprings):
-        posture = elastic.mechanism.at(q)
-        lengths = getattr(posture, "lines").lengths  # noqa: B009 - a platform's posture has lines
-        return replace(elastic, springs=springs.replaced(springs.stiffness, lengths))
-    return elastic
 
 
 def needs_equilibrium(elastic: ElasticMechanism) -> bool:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import quantile
-from cartstiff.arrays import Array, checked_seed, plain
+from cartstiff.arrays import Array, checked_seed, plain_dict
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.measurements import MEASURED, POSITION, TURN, Measurements
 from cartstiff.identify.models import model_of
@@ -403,34 +403,30 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         rows = []
-        for p, u in enumerate(self.unknowns.parameters):
-            s = float(self.deviations[-1, p])
-            k = 1.0 / u.nominal if u.has_stiffness and not u.is_scale else None
+        for u, s in zip(self.unknowns.parameters, self.deviations[-1].tolist(), strict=True):
+            k = 1.0 / u.nominal if u.has_stiffness and not u.is_scale else np.nan
             half = self.factor * s
+            interval = [k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None]
             rows.append(
                 {
                     "name": u.name,
                     "stiffness": k,
                     "unit": u.unit,
-                    "relative_sd": plain(s),
-                    "interval": [None, None]
-                    if k is None or not np.isfinite(s)
-                    else [k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None],
+                    "relative_sd": s,
+                    "interval": interval if np.isfinite(s) else [None, None],
                 }
             )
-        falls = [
-            {"rows": int(n), "worst_relative_sd": plain(w)}
-            for n, w in zip(self.counts, self._worst, strict=True)
-        ]
-        return {
+        falls = zip(self.counts, self._worst, strict=True)
+        data = {
             "schema": "cartstiff-identify-plan/1",
             "criterion": self.criterion,
             "rows": len(self.rows),
             "level": self.level,
             "parameters": rows,
-            "by_rows": falls,
-            "not_identifiable": list(self.lost),
+            "by_rows": [{"rows": n, "worst_relative_sd": worst} for n, worst in falls],
+            "not_identifiable": self.lost,
         }
+        return plain_dict(data)
 
     @property
     def factor(self) -> float:

@@ -11,6 +11,7 @@ import io
 import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,8 +20,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import quantile
-from cartstiff.arrays import Array
-from cartstiff.arrays import plain as listed
+from cartstiff.arrays import Array, plain_dict
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.identify.fitting import Fit, Robust, Solved
@@ -99,17 +99,6 @@ class Checks:
     lack_of_fit: float | None
     left_out: Array
     patterns: tuple[Pattern, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "chi_squared": self.chi_squared,
-            "freedom": self.freedom,
-            "probability": self.probability,
-            "repeats": self.repeats,
-            "lack_of_fit": self.lack_of_fit,
-            "patterns": [vars(p) for p in self.patterns],
-        }
 
 
 def inflation_of(checks: Checks) -> float:
@@ -215,16 +204,18 @@ def _lack_of_fit(
     return repeats, float(fdtrc(rest, repeats, max(total - pure, 0.0) / rest / (pure / repeats)))
 
 
+def _range_of(columns: Array) -> Array:
+    """Orthonormal basis (m, r) of what the columns reach, each at its own size."""
+    used = columns[:, np.abs(columns).any(axis=0)]
+    U, values, _ = np.linalg.svd(used / np.linalg.norm(used, axis=0), full_matrices=False)
+    return np.asarray(U[:, : numerics.rank(values)])
+
+
 def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Array:
     """Leave-one-posture-out residuals (m,)."""
     solution = fit.solved
     m = len(solution.residual)
-    whole = solution.whitened
-    used = np.abs(whole).any(axis=0)
-    U, values, _ = np.linalg.svd(
-        whole[:, used] / np.linalg.norm(whole[:, used], axis=0), full_matrices=False
-    )
-    U = U[:m, : numerics.rank(values)]
+    U = _range_of(solution.whitened)[:m]
     r = solution.residual / solution.deviation
     answer = np.full(m, np.nan)
     group = postures[row]
@@ -268,11 +259,7 @@ def _patterns(
             candidates.append(("drift", name, np.where(columns == name, time - time.mean(), 0.0)))
     solution = fit.solved
     m = len(solution.residual)
-    B = (solution.whitened[:m])[kept]
-    used = np.abs(B).any(axis=0)
-    scaled = B[:, used] / np.linalg.norm(B[:, used], axis=0)
-    U, values, _ = np.linalg.svd(scaled, full_matrices=False)
-    U = U[:, : numerics.rank(values)]
+    U = _range_of(solution.whitened[:m][kept])
     r = (solution.residual / solution.deviation)[kept]
     r = r - U @ (U.T @ r)
     freedom = len(r) - U.shape[1] - 1
@@ -293,13 +280,11 @@ def _patterns(
         t = abs(size) * np.sqrt(left / rest)
         tested.append(Pattern(kind, name, size, float(2.0 * stdtr(freedom, -t))))
     tested.sort(key=lambda p: p.probability)
-    answer = []
-    for i, p in enumerate(tested):
-        probability = min(1.0, p.probability * (len(tested) - i))
-        if probability >= _SIGNIFICANT:
-            break
-        answer.append(Pattern(p.kind, p.name, p.size, probability))
-    return tuple(answer)
+    by_holm = (
+        replace(p, probability=min(1.0, p.probability * (len(tested) - i)))
+        for i, p in enumerate(tested)
+    )
+    return tuple(takewhile(lambda p: p.probability < _SIGNIFICANT, by_holm))
 
 
 Verdict = Literal["determined", "at-least", "not-identifiable", "negative"]
@@ -515,15 +500,12 @@ class Identification:
         return answer
 
     def _rank(self) -> int:
-        from cartstiff import numerics
-
         return numerics.rank(self.chosen.solved.singular_values)
 
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff identify --json``."""
         noise = self.noise()
         first = noise.get("length") or noise["angle"]
-        mechanism, units = self.elastic.mechanism, self.elastic.units
         robust = dict(zip(self.unknowns.names, self.robust.fit.theta, strict=True))
         plain = dict(zip(self.unknowns.names, self.plain.theta, strict=True))
         parameters = []
@@ -536,43 +518,38 @@ class Identification:
                     "unit": e.unknown.unit,
                     "compliance": e.compliance,
                     "sd": e.deviation,
-                    "interval": list(e.stiffness_interval),
-                    "compliance_interval": None if e.interval is None else list(e.interval),
+                    "interval": e.stiffness_interval,
+                    "compliance_interval": e.interval,
                     "identifiable": e.verdict == "determined",
                     "verdict": e.verdict,
-                    "plain": float(plain[e.name]) if known else None,
-                    "robust": float(robust[e.name]) if known else None,
+                    "plain": plain[e.name] if known else None,
+                    "robust": robust[e.name] if known else None,
                 }
             )
-        return {
+        data = {
             "schema": IDENTIFY_SCHEMA,
-            "mechanism": {
-                "name": self.elastic.name,
-                "kind": mechanism.kind,
-                "joints": list(self.elastic.names),
-            },
-            **mechanism.frames_as_dict(),
-            "units": units.as_dict(),
+            **self.elastic.about(),
             "model": "loaded equilibrium" if self.loaded else "linear in the load",
             "fit": self.fit,
             "level": self.level,
             "rows": self.rows,
-            "used": [int(n) for n in self.measured.rows],
-            "rejected": [vars(r) for r in self.rejected],
+            "used": self.measured.rows,
+            "rejected": self.rejected,
             "parameters": parameters,
-            "covariance": listed(self.covariance),
-            "degrees": listed(self.degrees),
+            "covariance": self.covariance,
+            "degrees": self.degrees,
             "residual_rms": first["residual_rms"],
             "sigma": first["sigma"],
             "leave_one_out_rms": first["leave_one_out_rms"],
             "noise": noise,
             "inflation": self.inflation,
             "suspects": self.suspects,
-            "singular_values": self.chosen.solved.singular_values.tolist(),
+            "singular_values": self.chosen.solved.singular_values,
             "unseen": self.weak_directions(),
-            "checks": self.checks.as_dict(),
-            "notes": [note.as_dict() for note in self.notes],
+            "checks": {k: v for k, v in vars(self.checks).items() if k != "left_out"},
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
 
 def _rms(values: Array) -> float:
