@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,10 +53,8 @@ from cartstiff.statics.small_motions import (
     unstable_up_to,
     vibrations,
 )
-from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.leg_length_basis import leg_length_basis
+from cartstiff.stiffness.compute import PostureStiffness, reduced_at
 from cartstiff.stiffness.posture_notes import near_constraint
-from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.tensor import StiffnessTensor, codes_of, numbers_text
 
 
@@ -576,17 +574,8 @@ class Equilibrium(Result, ShownInLines):
         evaluation = elastic.evaluate(posture)
         without = System(self.elastic, (), None, self._system.limits)
         constraints = without.constraints(posture, self._solution.contacts)
-        reduction = reduce_to(
-            posture.motion,
-            evaluation,
-            None if constraints is None else constraints[1],
-            posture.length,
-            posture.coordinate_lengths,
-            force=force,
-            by_lengths=partial(leg_length_basis, elastic, posture)
-            if posture.coordinates_are_pose
-            else None,
-        )
+        closure = None if constraints is None else constraints[1]
+        reduction = reduced_at(elastic, posture, evaluation, closure, force)
         notes = (*self.notes, *reduction.states, *near_constraint(reduction))
         # What loads exert is no rounding, however stiff the springs are that carry it.
         W = reduction.force

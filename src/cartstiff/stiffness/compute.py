@@ -16,7 +16,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation
+from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 from cartstiff.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
     LoadKind,
@@ -119,17 +119,7 @@ def analyse_at(
     """`analyse` at a posture whose closures are shut; `force` (6,) is the wrench in M, if any."""
     asked = elastic
     elastic, energy = asked._balanced_with_evaluation(posture, force)
-    reduction = reduce_to(
-        posture.motion,
-        energy,
-        posture.closure,
-        posture.length,
-        posture.coordinate_lengths,
-        force=force,
-        by_lengths=partial(leg_length_basis, elastic, posture)
-        if posture.coordinates_are_pose
-        else None,
-    )
+    reduction = reduced_at(elastic, posture, energy, posture.closure, force)
     return PostureStiffness(
         elastic,
         fixed(posture.q),
@@ -140,6 +130,18 @@ def analyse_at(
         _load_is_given=force is not None and any(force.tolist()),
         _asked=asked,
     )
+
+
+def reduced_at(
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    energy: Evaluation,
+    closure: SecondOrderMap | None,
+    force: Array | None,
+) -> Reduction:
+    """The reduction of an energy at a posture to the end-effector, under constraints."""
+    sizes, by_lengths = posture.coordinate_lengths, partial(leg_length_basis, elastic, posture)
+    return reduce_to(posture.motion, energy, closure, posture.length, sizes, force, by_lengths)
 
 
 def _without_energy(

@@ -3,17 +3,13 @@ r"""Motions that are free, and compliances from them: ``C = J H^-1 J^T`` without
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.stiffness.rounding import norm
 
 _NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
 
@@ -28,11 +24,9 @@ class FreeMotions:
         J: output per motion.
     hessian : ndarray, shape (f, f)
         H_L on them.
-    terms : callable
-        Sizes (f, f) of the terms whose sum each entry of `hessian` is. A motion all of whose
+    terms : ndarray, shape (f, f)
+        Sizes of the terms whose sum each entry of `hessian` is. A motion all of whose
         entries are below `IDLE` times these costs nothing.
-    largest : callable
-        A bound on all entries of `terms`, found with less work.
     basis : ndarray, shape (n, f), or None
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
@@ -48,18 +42,12 @@ class FreeMotions:
 
     jacobian: Array
     hessian: Array
-    terms: Callable[[], Array]
-    largest: Callable[[], float]
+    terms: Array
     basis: Array | None = None
     is_symmetric: bool = True
     by_lengths: Callable[[], FreeMotions | None] | None = None
     springs: tuple[Array, Array] | None = None
     error: float = 0.0
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything, with what the callables answer in their places."""
-        known = ("terms", self._terms), ("largest", self._largest), ("by_lengths", self._by_lengths)
-        return {**vars(self), **{name: partial(copy, value) for name, value in known}}
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
         """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
@@ -94,14 +82,9 @@ class FreeMotions:
         inverses, errors = numerics.invert_each(H)
         if loss > errors[-1]:
             errors[-1] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
-        # A bound on what is added up alone tells but for rare cases: no entry of |J|^T |D| |J| is
-        # larger.
-        added = norm(changes) * norm(J) ** 2
-        diagonal = H[:count].diagonal(0, 1, 2)
-        if not diagonal.min(initial=1.0) > numerics.IDLE * (self._largest + added):
-            terms = self._terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
-            idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
-            errors[:count][idle] = np.inf
+        terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
+        idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
+        errors[:count][idle] = np.inf
         basis = self._by_lengths if errors.max() > numerics.REPORTED_ERROR else None
         if basis is None:
             return inverses, errors
@@ -133,14 +116,6 @@ class FreeMotions:
     @cached_property
     def _by_lengths(self) -> FreeMotions | None:
         return None if self.by_lengths is None else self.by_lengths()
-
-    @cached_property
-    def _terms(self) -> Array:
-        return self.terms()
-
-    @cached_property
-    def _largest(self) -> float:
-        return self.largest()
 
     def motion(self, inverse: Array, wrench: Array) -> Array:
         """Motion of all coordinates (n,) under an output force (6,)."""

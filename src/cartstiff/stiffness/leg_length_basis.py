@@ -46,8 +46,7 @@ def leg_length_basis(elastic: ElasticMechanism, posture: MechanismPosture) -> Fr
     return FreeMotions(
         motions,
         basis.stiffness,
-        lambda: basis.terms,
-        lambda: float(np.abs(basis.terms).max()),
+        basis.terms,
         motions,
         numerics.is_symmetric(rest),
         springs=(lines, k),

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -47,10 +48,6 @@ from cartstiff.stiffness.tensor import Compliance, StiffnessTensor, codes_of, nu
 
 SCHEMA = "cartstiff/1"
 
-_EYE_4 = np.eye(4)
-
-_BODY = np.eye(4).tolist()
-
 
 @dataclass(frozen=True, eq=False)
 class StiffnessInFrame:
@@ -77,11 +74,6 @@ class StiffnessInFrame:
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
     _of_symmetric_tangent: Callable[[], Array | None]
-
-    @cached_property
-    def is_body_frame(self) -> bool:
-        """Whether N is M itself."""
-        return _is_body_frame(self.T_M_N)
 
     def pair(self, name: str, others: str) -> tuple[Array | None, Array | None]:
         """Symmetric matrices K and C, each the other's inverse, that principal values come from.
@@ -119,10 +111,8 @@ class StiffnessInFrame:
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
         C = self._of_symmetric_tangent()
-        if C is None or self.is_body_frame:
-            return C
         back = se3.adjoint(se3.inverse(self.T_M_N))
-        return np.asarray(back @ C @ back.T)
+        return None if C is None else np.asarray(back @ C @ back.T)
 
 
 def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:
@@ -142,30 +132,22 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
     matrices = {**result.matrices, "load": result.tangent}
     compliances = {**result.compliances, "load": result.tangent_compliance}
-    W, load, pose = result.wrench, result.load, result.pose
-    if not _is_body_frame(T_M_N):
-        forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
-        matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
-        compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
-        W = None if W is None else read_only(forth.T @ W)
-        pose = read_only(pose @ T_M_N)
-        load = LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3])))
+    W, load = result.wrench, result.load
+    forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
+    matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
+    compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
     for table in (matrices, compliances):
         minus = table["A"]
         table["+"] = None if minus is None else minus.T
     return StiffnessInFrame(
         read_only(T_M_N),
-        pose,
-        W,
-        load,
+        read_only(result.pose @ T_M_N),
+        None if W is None else read_only(forth.T @ W),
+        LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3]))),
         NamedArrays(matrices),
         NamedArrays(compliances),
         partial(getattr, result, "inverse_of_symmetric_tangent"),
     )
-
-
-def _is_body_frame(T: Array) -> bool:
-    return bool(T.tolist() == _BODY)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -200,7 +182,22 @@ class PostureStiffness(ShownInLines):
     _asked: ElasticMechanism | None = None
 
     def _lines(self) -> list[str]:
-        return posture_lines(self)
+        elastic, W = self.elastic, self.wrench
+        exists = [name for name, K in self.matrices.items() if K is not None]
+        return [
+            f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at {elastic.mechanism.frame}",
+            f"  q        {numbers_text(self.q)}",
+            "  load     "
+            + (
+                "none that balances"
+                if W is None
+                else f"{numbers_text(W)} (moment, force; body axes)"
+            ),
+            "  matrices "
+            + (", ".join(f"K^{name}" for name in exists) or "none exists here")
+            + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
+            f"  notes    {codes_of(self.notes)}",
+        ]
 
     def _repr_html_(self) -> str:
         lines = super()._repr_html_()
@@ -307,16 +304,10 @@ class PostureStiffness(ShownInLines):
     def _inverses(self) -> dict[str, numerics.Inverse | None]:
         """`compliances` with their errors."""
         free, chart = self.reduction.free, self._flat.hessian
-        if free is None or self.wrench is None:
-            return dict.fromkeys(("A", "B", "K", "F", "load"))
-        if self._changes.any():
-            B, A, K, load, *F = free.compliances(self._changes, chart)
-        else:  # then one Hessian serves all, but for a chart that is not the coordinates themselves
-            own = chart is self.evaluation.hessian and self.posture.closure is None
-            B, *F = free.compliances(other=None if own else chart)
-            A = K = load = B
-            F = F or [B] * own
-        return {"A": A, "B": B, "K": K, "F": F[0] if F else None, "load": load}
+        is_known = self.wrench is not None
+        found = free.compliances(self._changes, chart) if free and is_known else ()
+        each = dict(zip_longest(("B", "A", "K", "load", "F"), found))
+        return {name: each[name] for name in ("A", "B", "K", "F", "load")}
 
     @cached_property
     def is_loaded(self) -> bool:
@@ -397,14 +388,14 @@ class PostureStiffness(ShownInLines):
         InputError
             If it is not a rigid motion.
         """
-        T = _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
-        key = None if T_M_N is None else T.tobytes()
+        T = np.eye(4) if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        key = T.tobytes()
         if key not in self._frames:
             self._frames[key] = stiffness_in_frame(self, T)
         return self._frames[key]
 
     @cached_property
-    def _frames(self) -> dict[bytes | None, StiffnessInFrame]:
+    def _frames(self) -> dict[bytes, StiffnessInFrame]:
         """Frames that have been asked for: numbers and picture read the same object."""
         return {}
 
@@ -503,11 +494,37 @@ class PostureStiffness(ShownInLines):
 
     def load_as_dict(self) -> dict[str, Any]:
         """What the load does, where it acts, and the tangent that follows, as plain data."""
-        return load_dict(self)
+        K, C = self.tangent, self.tangent_compliance
+        return {
+            "kind": self.load.kind,
+            "at": list(self.load.at),
+            "meaning": self.load.words,
+            "stiffness": None if K is None else K.tolist(),
+            "compliance": None if C is None else C.tolist(),
+        }
 
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""
-        return posture_dict(self)
+
+        def plain(array: Array | None) -> list[Any] | None:
+            return None if array is None else array.tolist()
+
+        return {
+            "schema": SCHEMA,
+            **self.elastic.about(),
+            "order": se3.ANGULAR_LINEAR,
+            "q": self.q.tolist(),
+            "pose": self.pose.tolist(),
+            "jacobian": plain(self.jacobian),
+            "wrench": plain(self.wrench),
+            "load": self.load_as_dict(),
+            **gravity_loads(self.elastic).as_dict(),
+            "energy": None if np.isnan(self.energy) else self.energy,
+            "stored_energy": None if np.isnan(self.stored_energy) else self.stored_energy,
+            "stiffness": {name: plain(K) for name, K in self.matrices.items()},
+            "compliance": {name: plain(C) for name, C in self.compliances.items()},
+            "notes": [note.as_dict() for note in self.notes],
+        }
 
 
 def named_tensor(
@@ -538,55 +555,3 @@ def named_tensor(
     other = result.load.connection if connection == "load" else connection
     moved = bi_invariant.to_connection(other)
     return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)
-
-
-def posture_lines(result: PostureStiffness) -> list[str]:
-    """Mechanism, posture, load, what exists, and codes of notes, a line each."""
-    elastic, W = result.elastic, result.wrench
-    exists = [name for name, K in result.matrices.items() if K is not None]
-    return [
-        f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at {elastic.mechanism.frame}",
-        f"  q        {numbers_text(result.q)}",
-        "  load     "
-        + ("none that balances" if W is None else f"{numbers_text(W)} (moment, force; body axes)"),
-        "  matrices "
-        + (", ".join(f"K^{name}" for name in exists) or "none exists here")
-        + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
-        f"  notes    {codes_of(result.notes)}",
-    ]
-
-
-def load_dict(result: PostureStiffness) -> dict[str, Any]:
-    """What the load does, where it acts, and the tangent that follows, as plain data."""
-    K, C = result.tangent, result.tangent_compliance
-    return {
-        "kind": result.load.kind,
-        "at": list(result.load.at),
-        "meaning": result.load.words,
-        "stiffness": None if K is None else K.tolist(),
-        "compliance": None if C is None else C.tolist(),
-    }
-
-
-def posture_dict(result: PostureStiffness) -> dict[str, Any]:
-    """What ``cartstiff analyse --json`` prints, as plain data."""
-
-    def plain(array: Array | None) -> list[Any] | None:
-        return None if array is None else array.tolist()
-
-    return {
-        "schema": SCHEMA,
-        **result.elastic.about(),
-        "order": se3.ANGULAR_LINEAR,
-        "q": result.q.tolist(),
-        "pose": result.pose.tolist(),
-        "jacobian": plain(result.jacobian),
-        "wrench": plain(result.wrench),
-        "load": result.load_as_dict(),
-        **gravity_loads(result.elastic).as_dict(),
-        "energy": None if np.isnan(result.energy) else result.energy,
-        "stored_energy": None if np.isnan(result.stored_energy) else result.stored_energy,
-        "stiffness": {name: plain(K) for name, K in result.matrices.items()},
-        "compliance": {name: plain(C) for name, C in result.compliances.items()},
-        "notes": [note.as_dict() for note in result.notes],
-    }

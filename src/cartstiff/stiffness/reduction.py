@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
@@ -39,7 +38,7 @@ from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 from cartstiff.stiffness.closures import decomposed, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
-from cartstiff.stiffness.rounding import force_roundoff, norm, symmetric_part, zero_roundoff
+from cartstiff.stiffness.rounding import force_roundoff, symmetric_part, zero_roundoff
 
 
 @dataclass(frozen=True, repr=False)
@@ -159,7 +158,6 @@ def reduce_to(
     length: float,
     coordinate_lengths: Array,
     force: Array | None = None,
-    what: str = "end-effector",
     by_lengths: Callable[[], FreeMotions | None] | None = None,
 ) -> Reduction:
     """Reduce an energy in coordinates to an output; equations (1) to (3) of this module.
@@ -178,14 +176,12 @@ def reduce_to(
         1 for an angle, `length` for a distance: the natural size of each coordinate.
     force : ndarray (6,), optional
         The physical wrench, where the structure carries a part that the coordinates do not feel.
-    what : str
-        Name of the output in messages.
     by_lengths : callable, optional
         See `FreeMotions`.
     """
     rows = np.repeat([1.0, 1.0 / length], 3)
     with numerics.one_thread(len(energy.gradient)):
-        return _reduced(output, energy, closure, rows, coordinate_lengths, force, what, by_lengths)
+        return _reduced(output, energy, closure, rows, coordinate_lengths, force, by_lengths)
 
 
 def _reduced(
@@ -195,7 +191,6 @@ def _reduced(
     rows: Array,
     columns: Array,
     force: Array | None,
-    what: str,
     by_lengths: Callable[[], FreeMotions | None] | None,
 ) -> Reduction:
     """`reduce_to` in scaled units throughout."""
@@ -258,7 +253,7 @@ def _reduced(
         states.append(
             Note(
                 "unbalanced",
-                f"no wrench at the {what} balances this posture: a torque acts along the "
+                "no wrench at the end-effector balances this posture: a torque acts along the "
                 "self-motion and the mechanism would move; choose rest positions that balance it, "
                 "or let the self-motion settle",
                 {"unbalanced_torque": torque.tolist(), "largest": float(np.abs(torque).max())},
@@ -292,23 +287,12 @@ def _reduced(
         parts.append(closure.curvature(lam) * columns[:, None] * columns)
     H_L = sum(parts[1:], H)
 
-    @cache
-    def least() -> float:
-        carried = np.abs(w).sum() + np.abs(lam * closed).sum()
-        if force is not None or not g.any():
-            return float(numerics.EPSILON * carried / numerics.IDLE)
+    least = numerics.EPSILON * (np.abs(w).sum() + np.abs(lam * closed).sum())
+    if force is None and g.any():
         doubt = force_roundoff(g, stiff)
         outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
-        inward = lam.size * doubt[follow].max(initial=0.0)
-        return float(numerics.EPSILON * carried + outward.sum() + inward) / numerics.IDLE
-
-    @cache
-    def terms() -> Array:
-        return np.asarray(sum(map(np.abs, parts)) + least())
-
-    @cache
-    def largest() -> float:
-        return sum(map(norm, parts)) + n * least()
+        least += outward.sum() + lam.size * doubt[follow].max(initial=0.0)
+    terms = sum(map(np.abs, parts)) + least / numerics.IDLE
 
     if rank < len(rows):
         missing = lost * rows[:, None]
@@ -317,7 +301,7 @@ def _reduced(
         states.append(
             Note(
                 kind,
-                f"the {what} cannot move in {len(rows) - rank} of {len(rows)} directions here"
+                f"the end-effector cannot move in {len(rows) - rank} of {len(rows)} directions here"
                 + ("" if kind == "fewer-than-six-freedoms" else " (serial singularity)")
                 + f": {_COMPLIANCE_ALONE}; the wrench along them is carried by the structure"
                 + (" and is taken as zero in the scaled norm" if force is None else ""),
@@ -329,15 +313,14 @@ def _reduced(
                 },
             )
         )
-    held = _held_self_motions(H_L, terms, largest, Y, Z, along, columns, states)
+    held = _held_self_motions(H_L, terms, Y, Z, along, columns, states)
     K = reachable = reachable_K = rates = free = None
     if held is not None:
         Z, inner = held
         S = Y.T @ H_L @ Y
-        if not S.diagonal().min(initial=np.inf) > numerics.IDLE * largest() * np.vdot(Y, Y):
-            size = np.abs(Y)
-            idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms() @ size)).all(axis=1)
-            S[idle], S[:, idle] = 0.0, 0.0  # what costs nothing is no rounding either
+        size = np.abs(Y)
+        idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms @ size)).all(axis=1)
+        S[idle], S[:, idle] = 0.0, 0.0  # what costs nothing is no rounding either
         if Z.shape[1]:
             S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
         reachable_K = symmetric_part(to_output.T @ S @ to_output, energy)  # in the basis U
@@ -358,8 +341,7 @@ def _reduced(
         free = FreeMotions(
             J_B / rows[:, None],
             symmetric_part(B.T @ H_L @ B, energy),
-            lambda: np.abs(B.T) @ terms() @ np.abs(B),
-            lambda: largest() * float(np.vdot(B, B)),
+            np.abs(B.T) @ terms @ np.abs(B),
             columns[:, None] * B,
             energy.energy == energy.energy,
             by_lengths,
@@ -399,8 +381,7 @@ def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
 
 def _held_self_motions(
     H: Array,
-    terms: Callable[[], Array],
-    largest: Callable[[], float],
+    terms: Array,
     Y: Array,
     Z: Array,
     along: Array,
@@ -414,13 +395,9 @@ def _held_self_motions(
     """
     if Z.shape[1] == 0:
         return Z, np.zeros((0, 0))
-    block = Z.T @ H @ Z
-    softest = np.linalg.eigvalsh(0.5 * (block + block.T))[0]
-    if softest > numerics.IDLE * largest() * np.vdot(Z, Z):  # as nearly always
-        return Z, np.linalg.inv(block)
     every = np.concatenate([Y, Z], axis=1)
     size = np.abs(every)
-    size = np.sqrt(((terms() @ size) * size).sum(axis=0))
+    size = np.sqrt(((terms @ size) * size).sum(axis=0))
     every = every / np.where(size > 0.0, size, 1.0)
     unit = every[:, Y.shape[1] :]
     block = unit.T @ H @ unit
