@@ -104,7 +104,7 @@ def _tree(tree: KinematicTree, a: float) -> KinematicTree:
     mimic, offset = tree.mimic, None
     own = np.array([a if c.is_length else 1.0 for c in tree.coordinates])
     if mimic is not None:
-        mimic, offset = mimic * sizes[:, None] / own, np.asarray(tree.offset, float) * sizes
+        mimic, offset = mimic * sizes[:, None] / own, tree.offset * sizes
     coordinates: list[Coordinate] = [
         replace(c, lower=c.lower * s, upper=c.upper * s)
         for c, s in zip(tree.coordinates, own.tolist(), strict=True)

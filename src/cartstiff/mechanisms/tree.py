@@ -10,8 +10,10 @@ exact, with no tensor; Pinocchio's own second derivatives are not used.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -60,18 +62,13 @@ _EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
     ),
 }
 PLAIN = {
-    "JointModelRX": "revolute",
-    "JointModelRY": "revolute",
-    "JointModelRZ": "revolute",
-    "JointModelRevoluteUnaligned": "revolute",
-    "JointModelPX": "prismatic",
-    "JointModelPY": "prismatic",
-    "JointModelPZ": "prismatic",
-    "JointModelPrismaticUnaligned": "prismatic",
-    "JointModelHX": "helical",
-    "JointModelHY": "helical",
-    "JointModelHZ": "helical",
-    "JointModelHelicalUnaligned": "helical",
+    f"JointModel{name}": kind
+    for kind, names in (
+        ("revolute", "RX RY RZ RevoluteUnaligned"),
+        ("prismatic", "PX PY PZ PrismaticUnaligned"),
+        ("helical", "HX HY HZ HelicalUnaligned"),
+    )
+    for name in names.split()
 }
 _UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": "RZ"}
 
@@ -195,11 +192,6 @@ class FixedFrame:
 
     length_powers: ClassVar = {"T_j_f": POSE}
 
-    @cached_property
-    def is_joint(self) -> bool:
-        """Whether it is the joint's own."""
-        return np.array_equal(self.T_j_f, np.eye(4))
-
 
 #: The inertial frame F.
 WORLD = FixedFrame(0, np.eye(4))
@@ -216,18 +208,10 @@ class Route:
         then down to frame b.
     signs : ndarray
         For every joint of the tree: -1 on the way up, +1 on the way down, 0 elsewhere.
-    identity : bool
-        Whether the path goes down through all joints of the tree.
     """
 
     order: NDArray[np.intp]
     signs: Array
-    identity: bool
-
-    @cached_property
-    def block(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Index of the path's rows and columns in a matrix over all joints."""
-        return self.order[:, None], self.order[None, :]
 
 
 class KinematicTree:
@@ -260,7 +244,7 @@ class KinematicTree:
         self.model, self.coordinates = model, coordinates
         #: Frames, or what places all of them, or the one that is named.
         self.given_frames = frames if callable(frames) else dict(frames)
-        self.mimic, self.offset = mimic, 0.0 if offset is None else offset
+        self.mimic, self.offset = mimic, np.zeros(model.nv) + (0.0 if offset is None else offset)
         self._parents = [int(p) for p in model.parents]
         self._paths: dict[tuple[int, int], Route] = {}
         self._workspaces: list[Any] = []
@@ -276,9 +260,20 @@ class KinematicTree:
         frames = self.given_frames
         return frames() if callable(frames) else frames
 
-    def workspace(self) -> _Workspace:
-        """Pinocchio's workspace of the model, for a `with` statement."""
-        return _Workspace(self)
+    @contextmanager
+    def workspace(self) -> Iterator[Any]:
+        """Pinocchio's workspace of the model: as many are made as are used at the same time.
+
+        They cost more to make than to use, and grow with the cube of the coordinates.
+        """
+        try:
+            data = self._workspaces.pop()
+        except IndexError:
+            data = pin.Data(self.model)  # `createData` would hand over a copy
+        try:
+            yield data
+        finally:
+            self._workspaces.append(data)
 
     @property
     def n(self) -> int:
@@ -305,14 +300,7 @@ class KinematicTree:
         order.remove(0)
         model, at = pin.Model(), {0: 0}
         for j in order:
-            at[j] = model.addJoint(
-                at[self._parents[j]],
-                self.model.joints[j],
-                self.model.jointPlacements[j],
-                self.model.names[j],
-            )
-            model.armature[model.idx_vs[at[j]]] = self.model.armature[self.model.idx_vs[j]]
-            model.appendBodyToJoint(at[j], self.model.inertias[j], pin.SE3.Identity())
+            at[j] = self.copy_joint(j, model, at[self._parents[j]])
         places = np.array(order, np.intp) - 1
         return KinematicTree(model, tuple(self.coordinates[k] for k in places), {}), places
 
@@ -347,17 +335,37 @@ class KinematicTree:
             while shared < min(len(up), len(down)) and up[shared] == down[shared]:
                 shared += 1
             order = np.array(up[shared:][::-1] + down[shared:], dtype=np.intp) - 1
-            identity = bool(np.array_equal(order, np.arange(self.model.nv)))
             signs = np.zeros(self.model.nv)
             signs[np.array(up[shared:], dtype=np.intp) - 1] = -1.0
             signs[np.array(down[shared:], dtype=np.intp) - 1] = 1.0
-            self._paths[key] = Route(order, signs, identity)
+            self._paths[key] = Route(order, signs)
         return self._paths[key]
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
         """The same tree with another model."""
-        offset = None if self.mimic is None else np.asarray(self.offset, float)
-        return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
+        return KinematicTree(model, self.coordinates, self.frames, self.mimic, self.offset)
+
+    def copy_joint(
+        self,
+        joint: int,
+        model: pin.Model,
+        parent: int,
+        T_root: Array | None = None,
+        prefix: str = "",
+    ) -> int:
+        """Add a joint with all that it carries to another model; the joint's number there.
+
+        On the parent there, and placed as here; of one on the ground that is at ``T_root``.
+        """
+        own = self.model
+        placement = own.jointPlacements[joint]
+        if T_root is not None and self._parents[joint] == 0:
+            placement = pin.SE3(T_root) * placement
+        new = int(model.addJoint(parent, own.joints[joint], placement, prefix + own.names[joint]))
+        model.armature[model.idx_vs[new]] = own.armature[own.idx_vs[joint]]
+        model.damping[model.idx_vs[new]] = own.damping[own.idx_vs[joint]]
+        model.appendBodyToJoint(new, own.inertias[joint], pin.SE3.Identity())
+        return new
 
     def changed(
         self,
@@ -391,23 +399,19 @@ class KinematicTree:
         return self._with_model(model)
 
     def mass_matrices(self, q: Array) -> Array:
-        """Upper triangles of the masses' matrices (N, n, n) at postures (N, n), without mimics."""
+        """Masses' matrices (N, n, n) at postures (N, n), without mimics."""
         tree, places = self.depth_first
-        matrices = np.empty((len(q), self.model.nv, self.model.nv))
-        if tree is not self:
-            for full, posture in zip(matrices, q, strict=True):
-                full[np.ix_(places, places)] = tree.mass_matrix(posture[places])
-            return matrices
-        model, crba = self.model, pin.crba
-        with self.workspace() as data:
+        ordered = np.empty((len(q), self.model.nv, self.model.nv))
+        with tree.workspace() as data:
             for i, posture in enumerate(q):
-                matrices[i] = crba(model, data, posture)
-        return matrices
+                ordered[i] = pin.crba(tree.model, data, posture[places])
+        full = np.empty_like(ordered)  # Pinocchio fills upper triangles
+        full[:, places[:, None], places] = np.triu(ordered) + np.triu(ordered, 1).swapaxes(1, 2)
+        return full
 
     def mass_matrix(self, q: Array) -> Array:
         """Masses' matrix (n, n) at one posture, without mimics."""
-        full = self.mass_matrices(q[None])[0]
-        return np.asarray(np.triu(full) + np.triu(full, 1).T)
+        return np.asarray(self.mass_matrices(q[None])[0])
 
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
@@ -443,28 +447,6 @@ class KinematicTree:
         return TreeState(self, q)
 
 
-class _Workspace:
-    """Pinocchio's workspace of a tree: as many are made as are used at the same time.
-
-    They cost more to make than to use, and grow with the cube of the coordinates.
-    """
-
-    __slots__ = ("_data", "_free")
-
-    def __init__(self, tree: KinematicTree) -> None:
-        self._free = tree._workspaces
-        try:
-            self._data = self._free.pop()
-        except IndexError:
-            self._data = pin.Data(tree.model)  # `createData` would hand over a copy
-
-    def __enter__(self) -> Any:
-        return self._data
-
-    def __exit__(self, *_: object) -> None:
-        self._free.append(self._data)
-
-
 class TreeState:
     """The tree at one posture; frames and Jacobians are computed when asked for."""
 
@@ -484,8 +466,7 @@ class TreeState:
 
     def pose(self, frame: FixedFrame) -> Array:
         """Pose ``T_F_f``."""
-        T: Array = self._poses[frame.joint].homogeneous
-        return T if frame.is_joint else T @ frame.T_j_f
+        return np.asarray(self._poses[frame.joint].homogeneous @ frame.T_j_f)
 
     def joint_poses(self, joints: Sequence[int]) -> Array:
         """Poses ``T_F_j`` (m, 4, 4) of some joints."""
@@ -495,14 +476,12 @@ class TreeState:
     def relative(self, a: FixedFrame, b: FixedFrame) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
         T_F_b, path = self.pose(b), self.tree.path(a.joint, b.joint)
-        T_a_b = T_F_b if a.joint == 0 and a.is_joint else se3.inverse(self.pose(a)) @ T_F_b
         J = pin.SE3(T_F_b).toActionMatrixInverse().dot(self._twists).take(SWAP, axis=0)
-        if not path.identity:
-            J *= path.signs
-        curvature = _BracketCurvature(J, path, self.tree.mimic)
-        return T_a_b, SecondOrderMap(
-            J if self.tree.mimic is None else J @ self.tree.mimic, curvature
-        )
+        J *= path.signs
+        mimic = self.tree.mimic
+        curvature = partial(_bracket_curvature, J, path.order, mimic)
+        own = J if mimic is None else J @ mimic
+        return se3.inverse(self.pose(a)) @ T_F_b, SecondOrderMap(own, curvature)
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Energy of all masses in a uniform field with the given acceleration, with derivatives."""
@@ -537,27 +516,15 @@ class TreeState:
         return (full if (M := self.tree.mimic) is None else full @ M), mass, centre
 
 
-class _BracketCurvature:
+def _bracket_curvature(
+    jacobian: Array, order: NDArray[np.intp], mimic: Array | None, wrench: Array
+) -> Array:
     """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b on the path, symmetric."""
-
-    __slots__ = ("jacobian", "mimic", "path")
-
-    def __init__(self, jacobian: Array, path: Route, mimic: Array | None) -> None:
-        self.jacobian = jacobian
-        self.path = path
-        self.mimic = mimic
-
-    def __call__(self, wrench: Array) -> Array:
-        if not any(wrench.tolist()):
-            n = self.jacobian.shape[1] if self.mimic is None else self.mimic.shape[1]
-            return np.zeros((n, n))
-        J = self.jacobian if self.path.identity else self.jacobian[:, self.path.order]
-        S = se3.chain_curvature(J, wrench)
-        if not self.path.identity:
-            full = np.zeros((self.path.signs.size, self.path.signs.size))
-            full[self.path.block] = S
-            S = full
-        return S if self.mimic is None else self.mimic.T @ S @ self.mimic
+    n = jacobian.shape[1]
+    full = np.zeros((n, n))
+    if any(wrench.tolist()):
+        full[order[:, None], order] = se3.chain_curvature(jacobian[:, order], wrench)
+    return full if mimic is None else np.asarray(mimic.T @ full @ mimic)
 
 
 def _with_gravity(model: pin.Model, acceleration: Array) -> Any:

@@ -239,40 +239,28 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
     model = pin.Model()
     coordinates: list[Coordinate] = []
     frames: dict[str, FixedFrame] = {"world": WORLD}
-    blocks: list[tuple[Array, Array]] = []
     for prefix, tree, T_F_root in parts:
         at = {0: 0}
         for j in range(1, tree.model.njoints):
-            parent = int(tree.model.parents[j])
-            placement = tree.model.jointPlacements[j]
-            if parent == 0:
-                placement = pin.SE3(T_F_root) * placement
-            at[j] = model.addJoint(
-                at[parent], tree.model.joints[j], placement, prefix + tree.model.names[j]
-            )
-            for own, of in (
-                (model.armature, tree.model.armature),
-                (model.damping, tree.model.damping),
-            ):
-                own[model.idx_vs[at[j]]] = of[tree.model.idx_vs[j]]
-            model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
+            parent = at[int(tree.model.parents[j])]
+            at[j] = tree.copy_joint(j, model, parent, T_F_root, prefix)
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]
         for name, p in tree.frames.items():
             T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
             if prefix or name != "world":
                 frames[prefix + name] = FixedFrame(at[p.joint], T)
-        m = tree.model.nv
-        matrix = np.eye(m) if tree.mimic is None else tree.mimic
-        blocks.append((matrix, np.broadcast_to(np.asarray(tree.offset, float), (m,))))
-    if all(tree.mimic is None for _, tree, _ in parts):
-        return KinematicTree(model, tuple(coordinates), frames)
-    mimic = np.zeros((model.nv, len(coordinates)))
-    row = column = 0
-    for matrix, _ in blocks:
-        mimic[row : row + matrix.shape[0], column : column + matrix.shape[1]] = matrix
-        row, column = row + matrix.shape[0], column + matrix.shape[1]
-    offset = np.concatenate([o for _, o in blocks])
+    mimic = None
+    if any(tree.mimic is not None for _, tree, _ in parts):
+        every = [np.eye(tree.n) if tree.mimic is None else tree.mimic for _, tree, _ in parts]
+        mimic = _block_diagonal(every)
+    offset = np.concatenate([tree.offset for _, tree, _ in parts])
     return KinematicTree(model, tuple(coordinates), frames, mimic, offset)
+
+
+def _block_diagonal(blocks: Sequence[Array]) -> Array:
+    from scipy.linalg import block_diag
+
+    return np.asarray(block_diag(*blocks))
 
 
 def extended(
@@ -289,23 +277,17 @@ def extended(
         T = np.eye(4)
     frames = {**tree.frames, end: FixedFrame(joint, T)}
     # Pinocchio keeps joints in the order of their addition: the new ones come last.
-    if tree.mimic is None:
-        return KinematicTree(model, (*tree.coordinates, *new), frames)
-    k = len(new)
-    mimic = np.block(
-        [
-            [tree.mimic, np.zeros((tree.mimic.shape[0], k))],
-            [np.zeros((k, tree.mimic.shape[1])), np.eye(k)],
-        ]
-    )
-    offset = np.concatenate([np.asarray(tree.offset, float), np.zeros(k)])
+    mimic = tree.mimic
+    if mimic is not None:
+        mimic = _block_diagonal([mimic, np.eye(len(new))])
+    offset = np.append(tree.offset, np.zeros(len(new)))
     return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
 
 
 def part_of(
     tree: KinematicTree, joints: Sequence[int], root: int = 0
 ) -> tuple[KinematicTree, NDArray[np.intp]]:
-    """Some joints as a massless tree of their own, and the indices of their coordinates.
+    """Some joints as a tree of their own, and the indices of their coordinates.
 
     Parameters
     ----------
@@ -322,19 +304,14 @@ def part_of(
     """
     model, at = pin.Model(), {root: 0}
     for j in joints:
-        parent = at[int(tree.model.parents[j])]
-        placement = tree.model.jointPlacements[j]
-        at[j] = model.addJoint(parent, tree.model.joints[j], placement, tree.model.names[j])
+        at[j] = tree.copy_joint(j, model, at[int(tree.model.parents[j])])
     rows = np.asarray(joints, np.intp) - 1
-    if tree.mimic is None:
-        return KinematicTree(
-            model, tuple(tree.coordinates[j] for j in rows), {"world": WORLD}
-        ), rows
-    columns = np.flatnonzero(np.abs(tree.mimic[rows]).sum(axis=0))
+    mimic, columns = tree.mimic, rows
+    if mimic is not None:
+        columns = np.flatnonzero(np.abs(mimic[rows]).sum(axis=0))
+        mimic = mimic[np.ix_(rows, columns)]
     coordinates = tuple(tree.coordinates[c] for c in columns)
-    mimic, offset = tree.mimic[np.ix_(rows, columns)], np.asarray(tree.offset, float)
-    offset = np.broadcast_to(offset, (tree.model.nv,))[rows]
-    return KinematicTree(model, coordinates, {"world": WORLD}, mimic, offset), columns
+    return KinematicTree(model, coordinates, {"world": WORLD}, mimic, tree.offset[rows]), columns
 
 
 def _unique(name: str, taken: Collection[str]) -> str:
