@@ -8,6 +8,7 @@ freedoms are taken from the pose, the others follow, and a note says which.
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -222,20 +223,31 @@ class _Search:
         chain = self.chain
         if len(chain.legs) != len(chain.closures) + 1:
             return None
-        q = self.q.copy()
-        for leg in chain.legs:
-            row, missed = leg.shape.inverse((T @ leg.T_M_end)[None], self._mode(leg))
-            if not missed[0] <= numerics.REACHED:
-                return None
-            q[list(leg.columns)] = row[0]
+        q = self._of_legs(T[None])[0]
+        if not np.isfinite(q).all():
+            return None
         posture = self.at(q)
         gap = np.abs(self._closing(posture)[0]).max(initial=0.0)
         away = np.abs(posture.pose - T).max()
         return q if max(gap, away) <= numerics.REACHED * max(1.0, posture.length) else None
 
+    def _of_legs(self, T: Array) -> Array:
+        """Coordinates (N, n) at poses (N, 4, 4) of M in closed form; NaN where a leg misses it."""
+        q, missed = np.tile(self.q, (len(T), 1)), np.zeros(len(T))
+        for leg, mode in self._modes:
+            with np.errstate(all="ignore"):
+                q[:, leg.columns], miss = leg.shape.inverse(T @ leg.T_M_end, mode)
+            missed = np.maximum(missed, miss)  # NaN stays
+        q[~(missed <= numerics.REACHED)] = np.nan
+        return q
+
+    @cached_property
+    def _modes(self) -> list[tuple[PlacedLeg, int]]:
+        """Legs with the working modes of the default posture."""
+        return [(leg, leg.mode(self.q, self.start.pose)) for leg in self.chain.legs]
+
     def many_by_legs(self, wanted: Array, free: list[int]) -> Array:
         """Closed form at poses (N, 6); coordinates that are not free follow by Gauss and Newton."""
-        legs = [(leg, self._mode(leg)) for leg in self.chain.legs]
         follow = [i for i in range(6) if i not in free]
         at, steps = wanted.copy(), numerics.DIFFERENCE * self.sizes
         going = np.arange(len(wanted))
@@ -246,7 +258,9 @@ class _Search:
         def gaps(x: Array) -> Array:
             T = poses(x)
             with np.errstate(all="ignore"):
-                return np.concatenate([leg.shape.gaps(T @ leg.T_M_end, m) for leg, m in legs], 1)
+                return np.concatenate(
+                    [leg.shape.gaps(T @ leg.T_M_end, m) for leg, m in self._modes], 1
+                )
 
         for _ in range(_FEW_STEPS if follow else 0):
             x = at[going]
@@ -266,15 +280,7 @@ class _Search:
             step *= np.minimum(1.0, _LONGEST / np.maximum(long, numerics.TINY))
             at[going[:, None], follow] += step * self.sizes[follow]
             going = going[long[:, 0] > numerics.ROUNDING]
-        q, missed = np.tile(self.q, (len(at), 1)), np.zeros(len(at))
-        T = poses(at)
-        for leg, mode in legs:
-            with np.errstate(all="ignore"):
-                own, miss = leg.shape.inverse(T @ leg.T_M_end, mode)
-            q[:, leg.columns] = own
-            missed = np.maximum(missed, miss)  # NaN stays
-        q[~(missed <= numerics.REACHED)] = np.nan
-        return q
+        return self._of_legs(poses(at))
 
     def many_by_steps(self, legs: list[Leg], wanted: Array, free: list[int]) -> Array | None:
         """Each leg at poses (N, 6) by steps from the default posture, all poses at once.
@@ -294,9 +300,6 @@ class _Search:
             q[:, leg.columns] = own
             q[~good] = np.nan
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None
-
-    def _mode(self, leg: PlacedLeg) -> int:
-        return leg.mode(self.q, self.start.pose)
 
     def short(self, T: Array) -> str:
         """Which leg does not reach a pose of M, in words; empty if all do."""
