@@ -9,8 +9,6 @@ Every function acts on the last axes and broadcasts over leading ones.
 
 from __future__ import annotations
 
-import math
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -44,11 +42,6 @@ def skew(v: ArrayLike) -> Array:
     m[..., 1, 0] = v[..., 2]
     m[..., 0, 1] = -v[..., 2]
     return m
-
-
-# ``(p @ _CROSS).reshape(3, 3) == skew(p)``, and the same of -p.
-_CROSS: Final[Array] = np.ascontiguousarray(np.moveaxis(skew(np.eye(3)), 0, -1).reshape(9, 3).T)
-_CROSS_BACK: Final[Array] = -_CROSS
 
 
 def unskew(m: ArrayLike) -> Array:
@@ -90,18 +83,10 @@ def pose(rotation: ArrayLike | None = None, translation: ArrayLike | None = None
     """Pose from a rotation matrix (default identity) and a translation (default zero)."""
     r = np.eye(3) if rotation is None else real_array(rotation)
     p = np.zeros(3) if translation is None else real_array(translation)
-    m = _unit_poses(r.shape[:-2], p.shape[:-1])
+    m = np.zeros((*np.broadcast_shapes(r.shape[:-2], p.shape[:-1]), 4, 4))
+    m[..., 3, 3] = 1.0
     m[..., :3, :3] = r
     m[..., :3, 3] = p
-    return m
-
-
-def _unit_poses(*shapes: tuple[int, ...]) -> Array:
-    """Zeros (..., 4, 4) with 1 in the last corner, over the leading axes broadcast together."""
-    # One pose is the case whose time counts.
-    shape = np.broadcast_shapes(*shapes) if any(shapes) else ()
-    m = np.zeros((*shape, 4, 4))
-    m[..., 3, 3] = 1.0
     return m
 
 
@@ -136,18 +121,13 @@ def adjoint(T_a_b: ArrayLike) -> Array:
     m = np.zeros((*T.shape[:-2], 6, 6))
     m[..., :3, :3] = r
     m[..., 3:, 3:] = r
-    m[..., 3:, :3] = (p @ _CROSS).reshape(*T.shape[:-2], 3, 3) @ r
+    m[..., 3:, :3] = skew(p) @ r
     return m
 
 
 def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
-    """``adjoint(inverse(T_a_b))`` at once: twists in components of frame a to frame b."""
-    T = real_array(T_a_b)
-    rt, p = T[..., :3, :3].swapaxes(-1, -2), T[..., :3, 3]
-    m = np.zeros((*T.shape[:-2], 6, 6))
-    m[..., :3, :3] = m[..., 3:, 3:] = rt
-    m[..., 3:, :3] = rt @ (p @ _CROSS_BACK).reshape(*T.shape[:-2], 3, 3)
-    return m
+    """``adjoint(inverse(T_a_b))``: twists in components of frame a to frame b."""
+    return adjoint(inverse(T_a_b))
 
 
 #: ``STRUCTURE_CONSTANTS[i, j, k]``: [L_i, L_j] = sum_k C[i, j, k] L_k, [ZK]_ eq. 6 and 7.
@@ -278,23 +258,13 @@ def from_roll_pitch_yaw(
     """Pose from a translation and angles about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     a, p = real_array(angles), real_array(translation)
     c, s = np.cos(a), np.sin(a)
-    # Of one pose in plain numbers, which cost less.
-    cr, cp, cy = c.tolist() if c.ndim == 1 else np.moveaxis(c, -1, 0)
-    sr, sp, sy = s.tolist() if s.ndim == 1 else np.moveaxis(s, -1, 0)
-    m = _unit_poses(a.shape[:-1], p.shape[:-1])
-    m[..., 0, 0], m[..., 0, 1], m[..., 0, 2] = (
-        cy * cp,
-        cy * sp * sr - sy * cr,
-        cy * sp * cr + sy * sr,
+    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(c, -1, 0), np.moveaxis(s, -1, 0)
+    rows = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
     )
-    m[..., 1, 0], m[..., 1, 1], m[..., 1, 2] = (
-        sy * cp,
-        sy * sp * sr + cy * cr,
-        sy * sp * cr - cy * sr,
-    )
-    m[..., 2, 0], m[..., 2, 1], m[..., 2, 2] = -sp, cp * sr, cp * cr
-    m[..., :3, 3] = p
-    return m
+    return pose(np.moveaxis(np.array(rows), (0, 1), (-2, -1)), p)
 
 
 def roll_pitch_yaw(T: ArrayLike) -> Array:
@@ -304,12 +274,6 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
     the two is determined, the three together still give the rotation to rounding.
     """
     R = real_array(T)[..., :3, :3]
-    if R.ndim == 2:  # in plain numbers: asked for every posture of a page
-        (a, b, c), (d, e, f), (g, _, _) = R.tolist()
-        turned = math.atan2(d, a)
-        x, y = math.cos(turned), math.sin(turned)
-        rolled = math.atan2(y * c - x * f, x * e - y * b)
-        return np.array([rolled, math.atan2(-g, math.hypot(a, d)), turned])
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
@@ -325,14 +289,6 @@ def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     S is the second derivative of w . log(pose) at the posture.
     """
     J = real_array(jacobian)
-    form = bracket_form(wrench)
-    # On matrices this small `dot` takes half the time of `@`.
-    each = J.T.dot(form).dot(J) if J.ndim == 2 else J.swapaxes(-1, -2) @ form @ J
-    upper = each * _half_strictly_upper(J.shape[-1])
+    upper = np.triu(0.5 * J.swapaxes(-1, -2) @ bracket_form(wrench) @ J, 1)
     S: Array = upper + upper.swapaxes(-1, -2)
     return S
-
-
-@cache
-def _half_strictly_upper(n: int) -> Array:
-    return np.triu(np.full((n, n), 0.5), 1)

@@ -549,7 +549,7 @@ class ElasticMechanism(ShownInLines):
         if not isinstance(springs, JointSprings):
             return springs.with_rest_balancing(posture, gradient, every=every), None
         exerted = gradient
-        if not springs.all_rest_free(every):
+        if not springs.rest_is_free(every).all():
             size = float(np.abs(carried).max(initial=0.0))
             gradient = spring_torques(springs, self.names, posture, gradient, every, size)
             exerted = np.where(springs.rest_is_free(every), gradient, np.nan)

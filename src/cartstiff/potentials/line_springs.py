@@ -31,9 +31,6 @@ from cartstiff.potentials.contract import (
     LineGeometry as LineGeometry,
 )
 
-# ``outer(b, u).ravel() @ _CROSSED == cross(b, u)``, (9, 3).
-_CROSSED = -se3.skew(np.eye(3)).reshape(3, 9).T
-
 
 def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
     """``[[tr(t) I - sym(t), [c]x], [-[c]x, w I]]`` of stacks t (..., 3, 3), c (..., 3), w (...)."""
@@ -46,9 +43,6 @@ def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
     return total
 
 
-# `_placed` of the basis of all (t, c, w), as a matrix (13, 36).
-_EACH = np.eye(13)
-_PLACED = _placed(_EACH[:, :9].reshape(13, 3, 3), _EACH[:, 9:12], _EACH[:, 12]).reshape(13, 36)
 #: Sums of a few dozen products are exact to so many roundings of their terms.
 _ADDED = 64.0
 
@@ -63,27 +57,22 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
     UndefinedError
         If a line has zero length: its direction does not exist.
     """
-    along = points - (anchors - T_a_b[:3, 3]).dot(T_a_b[:3, :3])
-    lengths = np.sqrt(np.vecdot(along, along))
-    size = max(map(abs, anchors.ravel().tolist() + points.ravel().tolist()))
-    if min(lengths.tolist()) <= numerics.LAST_DIGITS * size:
-        s = int(np.argmin(lengths))
+    geometry = lines_of_many(T_a_b, anchors, points)
+    size = max(float(np.abs(anchors).max()), float(np.abs(points).max()))
+    s = int(np.argmin(geometry.lengths))
+    if geometry.lengths[s] <= numerics.LAST_DIGITS * size:
         raise UndefinedError(
             f"line {s + 1} has zero length: its direction does not exist",
             code="zero-length-line",
-            values={"line": s + 1, "length": float(lengths[s])},
+            values={"line": s + 1, "length": float(geometry.lengths[s])},
         )
-    u = along / lengths[:, None]
-    lines = np.empty((len(u), 6))
-    lines[:, :3] = (points[:, :, None] * u[:, None]).reshape(-1, 9).dot(_CROSSED)
-    lines[:, 3:] = u
-    return LineGeometry(lengths, u, lines)
+    return geometry
 
 
 def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
-    """`line_geometry` of poses (N, 4, 4); a line of zero length has the direction zero."""
-    R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
-    along = points - (anchors - p[:, None]) @ R
+    """`line_geometry` of poses (..., 4, 4); a line of zero length has the direction zero."""
+    R, p = T_a_b[..., :3, :3], T_a_b[..., None, :3, 3]
+    along = points - (anchors - p) @ R
     lengths = np.linalg.norm(along, axis=-1)
     u = along / np.maximum(lengths, numerics.TINY)[..., None]
     moments = np.cross(np.broadcast_to(points, u.shape), u)
@@ -99,8 +88,7 @@ def second_derivative(geometry: LineGeometry, points: Array, weights: Array) -> 
     # the rotation of the line's own direction: [[sym(b u^T) - (b.u) I, -[u]x / 2], [[u]x / 2, 0]].
     turning = points.T.dot(points * w[:, None] - u * weights[:, None])
     coupling = w.dot(points) - 0.5 * weights.dot(u)
-    parts = np.concatenate([turning.ravel(), coupling, [sum(w.tolist())]])
-    return parts.dot(_PLACED).reshape(6, 6) - (lines.T * w).dot(lines)
+    return _placed(turning, coupling, w.sum()) - (lines.T * w).dot(lines)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,8 +241,6 @@ class LineSprings(PosePotential):
         """
         geometry = self.geometry(posture)
         free = self.rest_is_free(every)
-        if free.all() and not any(gradient.tolist()) and len(free) <= 6:
-            return self._at_rest(geometry.lengths, np.zeros(len(free)), geometry.lengths)
         fixed = np.where(free, 0.0, self.stiffness * (geometry.lengths - self.rest_length))
         wanted = gradient - geometry.lines.T @ fixed
         size = float(np.abs(geometry.lines).max())

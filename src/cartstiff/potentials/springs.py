@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, read_only, real_array
+from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -271,10 +271,6 @@ class JointSprings(Potential):
         """Which rest positions are to be chosen: those not given, or all of them."""
         return ~self.is_passive if every else ~self.is_passive & np.isnan(self.rest)
 
-    def all_rest_free(self, every: bool = False) -> bool:
-        """Whether all rest positions are to be chosen."""
-        return bool(self.rest_is_free(every).all())
-
     def torque(self, q: Array) -> Array:
         """Torques of the springs whose rest position is given; zero for the others."""
         x = np.where(np.isnan(self.rest), 0.0, q - self.rest)
@@ -287,8 +283,6 @@ class JointSprings(Potential):
         """Energy, torques and tangent stiffnesses."""
         x = posture.q - self.rest
         torque = self.stiffness * x
-        if not self.laws:
-            return Evaluation(0.5 * float(torque @ x), torque, read_only(np.diag(self.stiffness)))
         energies, diagonal = 0.5 * torque * x, self.stiffness.copy()
         for j, law in self.laws.items():
             energies[j], torque[j], diagonal[j] = law.evaluate(float(x[j]))
@@ -324,8 +318,6 @@ class JointSprings(Potential):
         InputError
             If a spring's law never reaches its torque.
         """
-        if self.all_rest_free(every) and not self.laws:
-            return replace(self, rest=posture.q - gradient / self.stiffness)
         chosen = self.rest_is_free(every)
         rest = self.rest.copy()
         for j, law in self.laws.items():
