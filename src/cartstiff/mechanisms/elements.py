@@ -26,6 +26,7 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import LINK, CompliancePattern
 from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
@@ -94,26 +95,23 @@ class Elements:
         check_name("spring", name, self.names, where)
         return self.names.index(name)
 
-    def _potential(self, part: int) -> object:
-        return self.elastic.springs if part < 0 else self.elastic.potentials[part]
+    def _potential(self, part: int) -> Potential:
+        springs = self.elastic.springs
+        return springs if part < 0 and springs is not None else self.elastic.potentials[part]
 
     @cached_property
     def stiffness(self) -> Array:
         """Gamma^-1 (E, E); of a beam at rest."""
         K = np.zeros((len(self.names),) * 2)
         for part, own, start in self._parts:
-            potential, at = self._potential(part), np.arange(start, start + len(own))
-            if isinstance(potential, JointSprings):
-                K[at, at] = potential.stiffness[own]
-            elif isinstance(potential, LineSprings):
-                K[at, at] = potential.stiffness
-            elif isinstance(potential, CoupledSprings):
-                K[np.ix_(at, at)] = potential.matrix
-            elif isinstance(potential, Beam):
+            potential, block = self._potential(part), slice(start, start + len(own))
+            if isinstance(potential, LineSprings):
+                K[block, block] = np.diag(potential.stiffness)
+            else:
                 q = self.elastic.q.copy()
                 q[own] = 0.0
-                posture = self.elastic.mechanism.at(q)
-                K[np.ix_(at, at)] = potential.evaluate(posture).hessian[np.ix_(own, own)]
+                H = potential.evaluate(self.elastic.mechanism.at(q)).hessian
+                K[block, block] = H[np.ix_(own, own)]
         return K
 
     @cached_property
@@ -144,15 +142,13 @@ class Elements:
         t = np.zeros(len(self.names))
         for part, own, start in self._parts:
             potential, at = self._potential(part), np.arange(start, start + len(own))
-            if isinstance(potential, JointSprings):
-                t[at] = potential.torque(posture.q)[own]
-            elif isinstance(potential, LineSprings):
+            if isinstance(potential, LineSprings):
                 T, _ = posture.relative(potential.frame_a, potential.frame_b)
                 lengths = line_geometry(T, potential.anchors, potential.points).lengths
-                t[at] = np.nan_to_num(potential.tensions(lengths))
-            elif isinstance(potential, (CoupledSprings, Beam)):
+                t[at] = potential.tensions(lengths)
+            else:
                 t[at] = potential.evaluate(posture).gradient[own]
-        return t
+        return np.nan_to_num(t)
 
     def patterns(self, patterns: Sequence[CompliancePattern]) -> Array:
         """S of each parameter (P, E, E)."""

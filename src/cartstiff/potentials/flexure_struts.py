@@ -29,7 +29,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.jets import cosines_of, sines_of
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import POSE, Evaluation, PosePotential, Posture
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 
 SLIDE = 6
 _STEPS = 40
@@ -301,9 +301,7 @@ class FlexureStruts(LineSprings):
             If no rest lengths of the open struts do.
         """
         T, _ = posture.relative(self.frame_a, self.frame_b)
-        free = np.isnan(self.rest_length) | every
-        start = np.where(np.isnan(self.rest_length), self.lengths_of(T[None]), self.rest_length)
-        at = self._balancing(T[None], start, gradient[None], free)
+        at = self.many(T[None], gradient[None], every)
         if not at.is_found.all():
             raise InputError(
                 "no rest lengths of the struts balance this load at this pose",
@@ -318,8 +316,8 @@ class FlexureStruts(LineSprings):
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not free.any():
             return self.solve(T_a_b, rest)
-        start = np.where(np.isnan(rest), self.lengths_of(T_a_b), rest)
-        return self._balancing(T_a_b, start, gradients, free)
+        lengths = lines_of_many(T_a_b, self.anchors, self.points).lengths
+        return self._balancing(T_a_b, np.where(np.isnan(rest), lengths, rest), gradients, free)
 
     def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> StrutStates:
         """`solve` with a gradient; found where the rest lengths alone lead to it, too.
@@ -331,11 +329,6 @@ class FlexureStruts(LineSprings):
         apart = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
         same = apart <= numerics.NEARBY * self.stiffness * self.made
         return at._replace(is_found=at.is_found & again.is_found & same)
-
-    def lengths_of(self, T_a_b: Array) -> Array:
-        """Distances (N, m) of the struts' ends at poses (N, 4, 4) of M."""
-        R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
-        return np.linalg.norm(self.points - (self.anchors - p[:, None]) @ R, axis=-1)
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture: by the pose, not by lengths alone."""

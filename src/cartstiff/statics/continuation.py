@@ -15,7 +15,7 @@ range) or meets another one: a critical load.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -798,24 +798,19 @@ def _collected(
     if not conservative:
         new = [*new, UNDAMPED if all(s.vibrations for s in states) else MASSLESS]
     notes = [*(n for n in seed.notes if n.code not in {m.code for m in new}), *new]
-    return LoadCurve(
-        seed.elastic,
-        factors,
-        np.array([s.point.q for s in states]),
-        np.array([displacement_between(seed._origin, s.point.posture.pose) for s in states]),
-        factors[:, None] * seed._rate,
-        np.array(
+    return replace(
+        seed,
+        factors=factors,
+        q=np.array([s.point.q for s in states]),
+        displacement=np.array(
+            [displacement_between(seed._origin, s.point.posture.pose) for s in states]
+        ),
+        linear=factors[:, None] * seed._rate,
+        eigenvalue=np.array(
             [s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states]
         ),
-        tuple(_verdict(s) for s in states),
-        tuple(critical),
-        reason,
-        tuple(notes),
-        seed._path,
-        seed._limits,
-        seed._origin,
-        seed._rate,
-        seed._goal,
-        seed._back,
-        seed._resolution,
+        stable=tuple(_verdict(s) for s in states),
+        critical=tuple(critical),
+        reason=reason,
+        notes=tuple(notes),
     )

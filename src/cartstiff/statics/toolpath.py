@@ -23,7 +23,6 @@ from cartstiff.arrays import checked_array, csv_text, is_pose
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
     GravityLoads,
@@ -34,10 +33,13 @@ from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
+from cartstiff.stiffness.closures import decomposed
 from cartstiff.stiffness.compute import SCHEMA
 
 
@@ -192,8 +194,7 @@ def compensate(
         Code ``"not-compensable"`` if no command balances the load at a point: joints without
         springs would have to.
     """
-    if checked_elastic(elastic).springs is None:
-        raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
+    _springs(checked_elastic(elastic))
     postures = _postures(elastic, path, q0)
     kind = LoadKind(load_kind or ("dead" if axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
     poses = [elastic.mechanism.at(q).pose for q in postures]
@@ -302,62 +303,45 @@ def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:
 
     Springs whose rest position is open carry gravity there; the others are at rest themselves.
     """
-    posture = elastic.mechanism.at(q)
-    rest, balanced = _idle_rest(elastic, posture), elastic.with_rest_balancing(posture).springs
-    if elastic.springs is None or balanced is None:  # refused at the start
-        raise InputError(f"{elastic.name} has no springs")
-    return np.where(np.isnan(elastic.springs.rest), balanced.rest, rest)
-
-
-def _idle_rest(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
-    """Rest positions at which the springs carry nothing."""
-    if elastic.springs is None:  # refused at the start
-        raise InputError(f"{elastic.name} has no springs")
-    n = posture.motion.jacobian.shape[1]
-    return elastic.springs.with_rest_balancing(posture, np.zeros(n), every=True).rest
+    posture, springs = elastic.mechanism.at(q), _springs(elastic)
+    nothing = np.zeros(posture.motion.jacobian.shape[1])
+    idle = springs.with_rest_balancing(posture, nothing, every=True).rest
+    balanced = _springs(elastic.with_rest_balancing(posture)).rest
+    return np.where(np.isnan(springs.rest), balanced, idle)
 
 
 def _balancing_rest(
     elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], index: int
 ) -> Array:
-    springs = elastic.springs
-    if springs is None:
-        raise InputError(f"{elastic.name} has no springs")
+    """Rest positions at which the springs, and the closures, carry everything else at q."""
     posture = elastic.mechanism.at(q)
-    columns = posture.coordinate_lengths
-    torque = np.zeros(columns.size)
-    for term in (*elastic.terms(springs=False), *loads):
-        torque -= term.evaluate(posture).gradient
-    idle = _commanded(elastic, _idle_rest(elastic, posture)).springs
-    # Rows that the springs reach: what their stiffness acts on.
-    reach = (
-        np.zeros((columns.size, columns.size))
-        if idle is None
-        else (idle.evaluate(posture).hessian * columns[:, None] * columns)
-    )
-    U, values, _ = np.linalg.svd(reach)
-    deaf = U[:, values <= numerics.ROUNDING * values.max(initial=numerics.TINY)]
-    wanted = torque * columns
-    if posture.closure is not None and deaf.shape[1]:
-        C = posture.closure.jacobian * columns
-        lam = np.linalg.lstsq(deaf.T @ C.T, deaf.T @ wanted, rcond=numerics.RANK)[0]
-        wanted = wanted - C.T @ lam
-    missed = float(np.abs(deaf.T @ wanted).max(initial=0.0))
-    size = float(np.abs(torque * columns).max(initial=0.0))
-    if missed > _UNBALANCED * max(size, float(np.abs(wanted).max(initial=0.0))):
+    loaded = _commanded(elastic, np.full(len(elastic.spring_names), np.nan)).with_potential(*loads)
+    balanced, columns = loaded.with_rest_balancing(posture), posture.coordinate_lengths
+    springs = _springs(balanced)
+    missed = balanced.evaluate(posture).gradient * columns
+    carried = np.abs(missed - springs.evaluate(posture).gradient * columns)
+    if posture.closure is not None:
+        N = decomposed(posture.closure, columns).N
+        missed, carried = N.T @ missed, np.abs(N).T @ carried
+    unbalanced = float(np.abs(missed).max(initial=0.0))
+    if unbalanced > _UNBALANCED * float(carried.max(initial=0.0)):
         raise UndefinedError(
             f"no command balances the load at point {index + 1}: joints without springs would have "
             "to carry a part of it",
             code="not-compensable",
-            values={"point": index + 1, "unbalanced": missed},
+            values={"point": index + 1, "unbalanced": unbalanced},
         )
-    return springs.with_rest_balancing(posture, wanted / columns, every=True).rest
+    return springs.rest
+
+
+def _springs(elastic: ElasticMechanism) -> JointSprings | LineSprings:
+    if elastic.springs is None:  # refused at the start
+        raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
+    return elastic.springs
 
 
 def _commanded(elastic: ElasticMechanism, rest: Array) -> ElasticMechanism:
-    springs = elastic.springs
-    if springs is None:
-        raise InputError(f"{elastic.name} has no springs")
+    springs = _springs(elastic)
     return replace(elastic, springs=springs.replaced(springs.stiffness, rest))
 
 
