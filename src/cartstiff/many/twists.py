@@ -88,7 +88,7 @@ def read_chain(chain: Chain) -> ChainConstants | str:
     if chain.actuated is not None:
         return "a chain with chosen actuated joints has no arithmetic of its own"
     way = tree.path(0, chain.body.joint)
-    if not tree.model.nv or not (way.identity or _only_masses_beside(tree, way.order)):
+    if not tree.model.nv or not _only_masses_beside(tree, way.order):
         return "some joints are not on the way to the frame"
     screws = tree.screws()[way.order]
     for screw in screws:
@@ -100,7 +100,7 @@ def read_chain(chain: Chain) -> ChainConstants | str:
     mimic = offset = None
     if tree.mimic is not None and not np.array_equal(tree.mimic[way.order], np.eye(tree.n)):
         mimic = numbers(tree.mimic[way.order])
-        offset = numbers(np.broadcast_to(tree.offset, tree.model.nv)[way.order])
+        offset = numbers(tree.offset[way.order])
     return ChainConstants(
         numbers(np.array(tree.placements())[way.order]),
         numbers(screws),
@@ -113,11 +113,8 @@ def read_chain(chain: Chain) -> ChainConstants | str:
 
 def _only_masses_beside(tree: KinematicTree, way: NDArray[np.intp]) -> bool:
     """Whether all coordinates move the joints on the way; others, which follow them, come last."""
-    return (
-        tree.mimic is not None
-        and np.array_equal(way, np.arange(len(way)))
-        and bool(np.abs(tree.mimic[way]).sum(axis=0).all())
-    )
+    mimic = np.eye(tree.n) if tree.mimic is None else tree.mimic
+    return np.array_equal(way, np.arange(len(way))) and bool(np.abs(mimic[way]).sum(axis=0).all())
 
 
 class Links:

@@ -62,6 +62,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, StrutStates, turned
+from cartstiff.potentials.line_springs import lines_of_many
 from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import wrench_in_body
 
@@ -443,7 +444,11 @@ def strut_states(
     is_known : ndarray of bool (N,)
     """
     free = np.isnan(struts.rest_length) | every
-    start = np.where(np.isnan(struts.rest_length), struts.lengths_of(poses), struts.rest_length)
+    start = np.where(
+        np.isnan(struts.rest_length),
+        lines_of_many(poses, struts.anchors, struts.points).lengths,
+        struts.rest_length,
+    )
     search = _Search(struts, poses, start)
     if type(struts) is not FlexureStruts or (free.any() and not (free.all() and len(free) == 6)):
         search.which = search.which[:0]
