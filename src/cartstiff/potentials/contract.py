@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, is_dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -136,7 +136,7 @@ class Potential(ABC):
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
 
-    def in_units(self, a: float, sizes: Array, efforts: Array) -> Potential:  # noqa: ARG002
+    def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
         """The same with lengths times `a`, and coordinates and their forces (n,) times others.
 
         Raises
@@ -145,7 +145,7 @@ class Potential(ABC):
             If its numbers are not known.
         """
         if self.length_powers is not None:
-            scaled: Potential = rescaled(self, a)
+            scaled: Self = rescaled(self, a)
             return scaled
         if a == 1.0:
             return self

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import pi
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -288,7 +288,7 @@ class JointSprings(Potential):
             energies[j], torque[j], diagonal[j] = law.evaluate(float(x[j]))
         return Evaluation(float(energies.sum()), torque, np.diag(diagonal))
 
-    def in_units(self, a: float, sizes: Array, efforts: Array) -> JointSprings:  # noqa: ARG002
+    def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
         """The same springs in other units."""
         own = {j: law.in_units(float(sizes[j]), float(efforts[j])) for j, law in self.laws.items()}
         k, rest = self.stiffness * efforts / sizes, self.rest * sizes
@@ -361,7 +361,7 @@ class CoupledSprings(Potential):
         hessian[np.ix_(at, at)] = self.matrix
         return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
 
-    def in_units(self, a: float, sizes: Array, efforts: Array) -> CoupledSprings:  # noqa: ARG002
+    def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
         """The same spring in other units."""
         at = self.indices
         return replace(self, matrix=self.matrix * efforts[at][:, None] / sizes[at])
