@@ -189,7 +189,7 @@ def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
     """Condition number of K_l at each of several lengths."""
     K = as_symmetric(stiffness)
     scales = checked_array(lengths, ("m",), "list of lengths", copy=False)
-    return np.array([condition(numerics.eigenvalues(scale_lengths(K, s))) for s in scales])
+    return numerics.condition(numerics.eigenvalues(with_angles_times(K, 1.0 / scales)))
 
 
 class BestLength(NamedTuple):
@@ -217,9 +217,8 @@ def best_conditioned_length(
     start = balancing_length(K)
 
     def at(lengths: Array) -> Array:
-        d = np.repeat(np.column_stack([1.0 / lengths, np.ones(lengths.size)]), 3, axis=1)
-        scale = d[:, :, None] * d[:, None, :]
-        return numerics.eigenvalues(K * scale, None if C is None else C / scale)
+        inverse = None if C is None else with_angles_times(C, lengths)
+        return numerics.eigenvalues(with_angles_times(K, 1.0 / lengths), inverse)
 
     values = at(np.array([start]))[0]
     if np.isnan(values).any():

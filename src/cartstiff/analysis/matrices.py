@@ -291,26 +291,20 @@ def lost_digits(values: Array, what: str) -> UndefinedError:
     )
 
 
-def stiffness_of_motion(twist: Array, stiffness: Array, is_singular: bool = False) -> float | None:
-    """``t^T K t`` of a motion t (6,), the other freedoms held; None where its digits are lost.
-
-    Parameters
-    ----------
-    twist : ndarray, shape (6,)
-        t.
-    stiffness : ndarray, shape (6, 6)
-        K, symmetric.
-    is_singular : bool
-        K has no inverse: what may be rounding of its terms is zero.
-    """
-    (value,) = stiffnesses_of_motions(twist[None], stiffness[None], np.array([is_singular]))
-    return None if np.isnan(value) else float(value)
-
-
 def stiffnesses_of_motions(
     twists: Array, stiffness: Array, is_singular: NDArray[np.bool_] | np.bool_
 ) -> Array:
-    """`stiffness_of_motion` of each of N; NaN where it is lost."""
+    """``t^T K t`` (N,) of motions t, the other freedoms held; NaN where its digits are lost.
+
+    Parameters
+    ----------
+    twists : ndarray, shape (N, 6)
+        t.
+    stiffness : ndarray, shape (N, 6, 6)
+        K, symmetric.
+    is_singular : ndarray of bool (N,)
+        K has no inverse: what may be rounding of its terms is zero.
+    """
     values, terms = (
         np.einsum("ni,nij,nj->n", t, K, t)
         for t, K in ((twists, stiffness), (np.abs(twists), np.abs(stiffness)))

@@ -40,7 +40,7 @@ from cartstiff.analysis.matrices import (
     invert,
     move_compliance,
     move_stiffness,
-    stiffness_of_motion,
+    stiffnesses_of_motions,
     symmetric_part,
 )
 from cartstiff.analysis.metrics import characteristic_length, inertia_metric, length_metric, modes
@@ -459,30 +459,33 @@ def _directions(
 ) -> list[dict[str, Any]]:
     """Stiffness along and about lines through the origin, the other freedoms held and free.
 
-    Held: the diagonal of K, see `stiffness_of_motion`; free: the inverse of the diagonal of C (see
-    `stiffness_along`, `stiffness_about`), or by elimination where C does not exist.
+    Held: the diagonal of K, see `stiffnesses_of_motions`; free: the inverse of the diagonal of C
+    (see `stiffness_along`, `stiffness_about`), or by elimination where C does not exist.
     """
-    table = []
-    for name, axis in axes.items():
-        row: dict[str, Any] = {"name": name, "direction": axis}
-        for kind, own, function in (
-            ("along", TRANSLATION, stiffness_along),
-            ("about", ROTATION, stiffness_about),
-        ):
-            free: float | None = None
-            twist = np.zeros(6)
-            twist[own] = axis
-            if C is not None:
-                give, most = float(twist @ C @ twist), float(np.abs(C[own, own]).max())
-                # Without a K, a direction that does not give is held by the structure.
-                is_rigid = K is None and abs(give) <= numerics.ZERO * most
-                free = None if is_rigid else 1.0 / give if give else float("inf")
-            elif K is not None:
-                free = Notes().attempt(kind, function, K, axis, np.zeros(3), "free")
-            held = None if K is None else stiffness_of_motion(twist, K, is_singular)
-            row[kind] = {"held": held, "free": free}
-        table.append(row)
-    return table
+    rows: list[dict[str, Any]] = [{"name": n, "direction": axis} for n, axis in axes.items()]
+    for kind, own, function in (
+        ("along", TRANSLATION, stiffness_along),
+        ("about", ROTATION, stiffness_about),
+    ):
+        twists = np.zeros((len(axes), 6))
+        twists[:, own] = list(axes.values())
+        held: Any = np.full(len(axes), np.nan)
+        free: Any = held
+        if K is not None:
+            stack = np.broadcast_to(K, (len(axes), 6, 6))
+            held = stiffnesses_of_motions(twists, stack, np.bool_(is_singular))
+        if C is not None:
+            gives = np.einsum("ni,ij,nj->n", twists, C, twists)
+            # Without a K, a direction that does not give is held by the structure.
+            least = numerics.ZERO * np.abs(C[own, own]).max() if K is None else -1.0
+            with np.errstate(divide="ignore"):
+                free = np.where(np.abs(gives) <= least, np.nan, 1.0 / gives)
+        elif K is not None:
+            by = partial(function, K, point=np.zeros(3), others="free")
+            free = [Notes().attempt(kind, by, axis) for axis in axes.values()]
+        for row, one, other in zip(rows, held, free, strict=True):
+            row[kind] = {"held": one, "free": other}
+    return rows
 
 
 _OF_STIFFNESS = (

@@ -563,7 +563,7 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
 
 
 def _held_on_axis(s: Stacks, block: slice, u: Array) -> Array:
-    """`stiffness_of_motion` of turning about, or shifting along, a direction (N, 3)."""
+    """`stiffnesses_of_motions` of turning about, or shifting along, a direction (N, 3)."""
     twists = np.zeros((len(u), 6))
     twists[:, block] = u
     return stiffnesses_of_motions(twists, s.K, ~np.isfinite(s.C).all(axis=(1, 2)))
