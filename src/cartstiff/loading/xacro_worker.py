@@ -1,9 +1,9 @@
 """Expands one xacro file; run as a script in a process of its own (`cartstiff.loading.ros`).
 
 A xacro file is a program of a stranger. The package xacro expands macros, properties and
-conditions; what is in ``${...}`` is evaluated here, by walking its syntax tree: numbers, texts,
-lists, dictionaries, arithmetic, comparisons, and the functions listed below. Functions are not
-values, attributes are keys of dictionaries, and no part is given to Python's ``eval``. Files are
+conditions; what is in ``${...}`` is evaluated after its syntax tree has been checked: numbers,
+texts, lists, dictionaries, arithmetic, comparisons, and the functions listed below. Functions are
+not values, attributes are keys of dictionaries, and no attribute is left in the code. Files are
 read below the folders that the parent names; ``$(env)`` and ``$(eval)`` are refused, and
 ``$(optenv)`` is its default.
 """
@@ -11,14 +11,14 @@ read below the folders that the parent names; ``$(env)`` and ``$(eval)`` are ref
 from __future__ import annotations
 
 import ast
+import builtins
 import glob
 import io
 import math
-import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container
 from pathlib import Path
-from types import SimpleNamespace
+from types import NoneType, SimpleNamespace
 from typing import Any
 
 import xacro
@@ -33,171 +33,114 @@ _LONGEST_EXPRESSION = 10_000
 _MOST_BITS = 10_000
 _MEGABYTES, _SECONDS = 512, 6
 
-# Names of what may be called, by whose it is.
-_OF_MATH = """
+# Methods that may be called, by whose they are: they only read.
+_METHODS: dict[type, str] = {
+    str: "capitalize count endswith find index isalpha isdigit isnumeric join lower lstrip replace "
+    "rsplit rstrip split splitlines startswith strip title upper",
+    list: "count index",
+    tuple: "count index",
+    dict: "get items keys values",
+}
+_CONSTANTS: dict[str, Any] = {n: getattr(math, n) for n in ("pi", "e", "tau", "inf", "nan")}
+_MATH = """
 acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh degrees exp fabs floor fmod hypot
 isclose isfinite isinf isnan log log10 log2 pow radians sin sinh sqrt tan tanh trunc
 """
-_OF_TEXTS = """
-capitalize count endswith find index isalpha isdigit isnumeric join lower lstrip replace rsplit
-rstrip split splitlines startswith strip title upper
+_PLAIN = """
+abs all any bool dict divmod float int isinstance len list max min ord repr set sorted str sum tuple
 """
-_OF_LISTS = "count index"
-_OF_MAPPINGS = "get items keys values"
-_CONSTANTS: dict[str, Any] = {n: getattr(math, n) for n in ("pi", "e", "tau", "inf", "nan")}
-_MATH: dict[str, Callable[..., Any]] = {name: getattr(math, name) for name in _OF_MATH.split()}
-_TYPES = {kind.__name__: kind for kind in (bool, dict, float, int, list, set, str, tuple)}
-_PYTHON: dict[str, Callable[..., Any]] = {
-    **_TYPES,
-    **{
-        f.__name__: f for f in (abs, all, any, divmod, len, max, min, ord, repr, round, sorted, sum)
-    },
-    "enumerate": lambda *a: list(enumerate(*a)),
-    "range": lambda *a: list(_short(range(*a))),
-    # Python would compute ten to the power of so many digits.
-    "round": lambda x, n=None: round(x, n and max(-400, min(400, n))),
-    "reversed": lambda a: list(reversed(a)),
-    "zip": lambda *a: list(zip(*a, strict=False)),
-}
-_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-    ast.Pow: operator.pow,
-    ast.BitAnd: operator.and_,
-    ast.BitOr: operator.or_,
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-    ast.Not: operator.not_,
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Is: operator.is_,
-    ast.IsNot: operator.is_not,
-    ast.In: lambda a, b: a in b,
-    ast.NotIn: lambda a, b: a not in b,
-}
+_KNOWN = (
+    ast.Expression,
+    ast.Name,
+    ast.Attribute,
+    ast.Subscript,
+    ast.Slice,
+    ast.UnaryOp,
+    ast.BinOp,
+    ast.BoolOp,
+    ast.Compare,
+    ast.IfExp,
+    ast.List,
+    ast.Tuple,
+    ast.Call,
+    ast.keyword,
+    ast.operator,
+    ast.unaryop,
+    ast.boolop,
+    ast.cmpop,
+    ast.expr_context,
+)
 
 
 class RefusedError(Exception):
     """What a xacro file must not do, or what is wrong with it."""
 
 
-class _Expression:
-    """One expression, evaluated over the symbols of xacro."""
+class _Guard(ast.NodeTransformer):
+    """An expression in which only what is listed is left, and no attribute at all.
 
-    def __init__(self, symbols: Mapping[str, Any]) -> None:
-        self.symbols = symbols
+    Functions get names that no text has (``len()``), so that they are no values.
+    """
 
-    def value(self, node: ast.AST) -> Any:
-        """The value of a node: number, text, truth, list, mapping, or nothing."""
-        return _short(self._value(node))
+    def __init__(self, functions: Container[str]) -> None:
+        self.functions = functions
 
-    def _value(self, node: ast.AST) -> Any:
-        match node:
-            case ast.Constant(value=bool() | int() | float() | str() | None):
-                return node.value
-            case ast.Name(id=name):
-                if name in self.symbols:
-                    return self.symbols[name]
-                if name in _CONSTANTS:
-                    return _CONSTANTS[name]
-                raise RefusedError(f"name {name!r} is not defined")
-            case ast.Attribute(value=ast.Name(id="math"), attr=name) if name in _CONSTANTS:
-                return _CONSTANTS[name]
-            case ast.Attribute(value=inner, attr=name):
-                mapping = self.value(inner)
-                if name.startswith("_") or not isinstance(mapping, dict):
-                    raise RefusedError(f"attribute {name!r} is not read")
-                return mapping[name]
-            case ast.Subscript(value=inner, slice=ast.Slice(lower=low, upper=high, step=step)):
-                return self._list(inner)[slice(*(n and self.value(n) for n in (low, high, step)))]
-            case ast.Subscript(value=inner, slice=index):
-                return self._list(inner)[self.value(index)]
-            case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
-                return _OPERATORS[type(op)](self.value(operand))
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                return _combined(op, self.value(left), self.value(right))
-            case ast.BoolOp(op=op, values=values):
-                for value in map(self.value, values):
-                    if bool(value) is isinstance(op, ast.Or):
-                        return value
-                return value
-            case ast.Compare(left=left, ops=ops, comparators=others):
-                one = self.value(left)
-                for kind, other in zip(map(type, ops), map(self.value, others), strict=True):
-                    if not _OPERATORS[kind](one, other):
-                        return False
-                    one = other
-                return True
-            case ast.IfExp(test=test, body=body, orelse=otherwise):
-                return self.value(body if self.value(test) else otherwise)
-            case ast.List(elts=parts):
-                return [self.value(part) for part in parts]
-            case ast.Tuple(elts=parts):
-                return tuple(self.value(part) for part in parts)
-            case ast.Call(func=function, args=arguments, keywords=keywords):
-                return self._called(function, arguments, keywords)
-        raise RefusedError(f"{_WORDS.get(type(node).__name__, type(node).__name__)} is not read")
+    def visit(self, node: ast.AST) -> Any:
+        """The node, if it is of a kind that is read."""
+        plain = isinstance(node, ast.Constant) and isinstance(
+            node.value, (int, float, str, NoneType)
+        )
+        if not plain and not isinstance(node, _KNOWN):
+            raise RefusedError(f"{type(node).__name__} is not read")
+        return super().visit(node)
 
-    def _list(self, node: ast.AST) -> Any:
-        value = self.value(node)
-        if not isinstance(value, (str, list, tuple, dict)):
-            raise RefusedError("only texts, lists and dictionaries have indices")
-        return value
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        """A property, an argument of a macro, or a constant."""
+        if node.id.startswith("__"):
+            raise RefusedError(f"name {node.id!r} is not defined")
+        return node
 
-    def _called(self, function: ast.AST, nodes: list[ast.expr], named: list[ast.keyword]) -> Any:
-        if any(key.arg is None for key in named):
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        """A key of a dictionary, or a constant."""
+        if ast.unparse(node.value) == "math" and node.attr in _CONSTANTS:
+            return ast.Name(f"{node.attr}()", ast.Load())
+        return _call("key", self.visit(node.value), ast.Constant(node.attr))
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        """A value whose size is bounded."""
+        inner: Any = self.generic_visit(node)
+        power = isinstance(node.op, ast.Pow)
+        return _call("power", inner.left, inner.right) if power else _call("short", inner)
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        """A function by its name, or a method."""
+        name, arguments = ast.unparse(node.func), list(node.args)
+        if name in self.functions:
+            own: list[Any] = [self._function(node.func)]
+            at = {"map": 0, "isinstance": 1}.get(name.removeprefix("python."))
+            if at is not None and at < len(arguments):
+                arguments[at] = self._function(arguments[at])
+        elif isinstance(node.func, ast.Attribute):
+            method = ast.Constant(node.func.attr)
+            own = [ast.Name("method()", ast.Load()), self.visit(node.func.value), method]
+        else:
+            raise RefusedError(f"function {name!r} is not called")
+        if None in (key.arg for key in node.keywords):
             raise RefusedError("** is not read")
-        keys = {str(key.arg): self.value(key.value) for key in named}
-        match function:
-            case ast.Name(id="map") | ast.Attribute(value=ast.Name(id="python"), attr="map"):
-                each, *lists = nodes
-                return list(map(self._function(each), *map(self.value, lists), **keys))
-            case (
-                ast.Name(id="isinstance")
-                | ast.Attribute(value=ast.Name(id="python"), attr="isinstance")
-            ):
-                value, kind = nodes
-                return isinstance(self.value(value), tuple(self._kinds(kind)))
-            case ast.Attribute(value=inner, attr=name) if not (
-                isinstance(inner, ast.Name) and inner.id in _SPACES
-            ):
-                return _method(self.value(inner), name)(*map(self.value, nodes), **keys)
-        return self._function(function)(*map(self.value, nodes), **keys)
+        call = _call("called", *own, *map(self.visit, arguments))
+        call.keywords = list(map(self.visit, node.keywords))
+        return call
 
-    def _function(self, node: ast.AST) -> Callable[..., Any]:
-        """A function by its name: the only way to one."""
-        match node:
-            case ast.Name(id=name) if name in _SPACES[""]:
-                return _SPACES[""][name]
-            case ast.Attribute(value=ast.Name(id=space), attr=name) if name in _SPACES.get(
-                space, ()
-            ):
-                return _SPACES[space][name]
-        raise RefusedError(f"function {ast.unparse(node)!r} is not called")
-
-    def _kinds(self, node: ast.AST) -> list[type]:
-        kinds = [self._function(n) for n in (node.elts if isinstance(node, ast.Tuple) else [node])]
-        return [kind for kind in kinds if isinstance(kind, type)]
+    def _function(self, node: ast.AST) -> Any:
+        if isinstance(node, ast.Tuple):
+            return ast.Tuple(list(map(self._function, node.elts)), ast.Load())
+        if (name := ast.unparse(node)) not in self.functions:
+            raise RefusedError(f"function {name!r} is not called")
+        return ast.Name(f"{name}()", ast.Load())
 
 
-_WORDS = {
-    "Lambda": "lambda",
-    "JoinedStr": "an f-string",
-    "ListComp": "a comprehension",
-    "SetComp": "a comprehension",
-    "DictComp": "a comprehension",
-    "GeneratorExp": "a comprehension",
-    "NamedExpr": "':='",
-    "Starred": "'*'",
-}
+def _call(name: str, *arguments: Any) -> ast.Call:
+    return ast.Call(ast.Name(f"{name}()", ast.Load()), list(arguments), [])
 
 
 def _short(value: Any) -> Any:
@@ -216,42 +159,33 @@ def _left(value: Any, most: int) -> int:
     if most < 0:
         raise RefusedError("a value is too large")
     if isinstance(value, dict):
-        for inner in dict.items(value):
-            most = _left(inner, most)
-    elif isinstance(value, (list, tuple)):
+        value = tuple(dict.items(value))
+    if isinstance(value, (list, tuple)):
         for inner in tuple.__iter__(value) if isinstance(value, tuple) else list.__iter__(value):
             most = _left(inner, most)
     return most
 
 
-def _combined(op: ast.AST, a: Any, b: Any) -> Any:
-    """Two values under an operator, refused where the result would be huge."""
-    if isinstance(op, ast.Pow) and isinstance(a, int) and isinstance(b, int):
-        large = b > 1 and a.bit_length() * b > _MOST_BITS
-    elif isinstance(op, ast.Mult) and (hasattr(a, "__len__") or hasattr(b, "__len__")):
-        count, size = (a, len(b)) if isinstance(a, int) else (b, len(a))
-        large = isinstance(count, int) and count * size > _LARGEST_VALUE
-    else:
-        large = isinstance(op, ast.Mod) and isinstance(a, str) and bool(_WIDE.search(a))
-    if large:
+def _power(a: Any, b: Any) -> Any:
+    """Python would compute whole numbers to the last digit."""
+    if isinstance(a, int) and isinstance(b, int) and b > 1 and a.bit_length() * b > _MOST_BITS:
         raise RefusedError("a value is too large")
-    return _OPERATORS[type(op)](a, b)
+    return _short(a**b)
 
 
-_WIDE = re.compile(r"%[^a-zA-Z%]*(?:\d{4}|\*)")
-
-
-def _method(value: Any, name: str) -> Callable[..., Any]:
-    """A method of a text, list or dictionary that only reads it."""
-    if isinstance(value, str):
-        if name in _OF_TEXTS.split():
-            return getattr(str, name).__get__(value)
-    elif isinstance(value, dict) and name in _OF_MAPPINGS.split():
-        method = getattr(dict, name).__get__(value)
-        return method if name == "get" else lambda: list(method())
-    elif isinstance(value, (list, tuple)) and name in _OF_LISTS.split():
-        return getattr(value, name)
+def _method(value: Any, name: str, *arguments: Any, **keys: Any) -> Any:
+    """What a method of a text, list or dictionary answers."""
+    for kind, names in _METHODS.items():
+        if isinstance(value, kind) and name in names.split():
+            answer = getattr(kind, name)(value, *arguments, **keys)
+            return list(answer) if name in ("items", "keys", "values") else answer
     raise RefusedError(f"method {name!r} is not called")
+
+
+def _key(value: Any, name: str) -> Any:
+    if name.startswith("_") or not isinstance(value, dict):
+        raise RefusedError(f"attribute {name!r} is not read")
+    return value[name]
 
 
 class _Reader:
@@ -280,7 +214,9 @@ class _Reader:
         try:
             if len(text) > _LONGEST_EXPRESSION:
                 raise RefusedError("it is too long")
-            return _Expression(symbols).value(ast.parse(text, mode="eval").body)
+            tree = _Guard(self.functions).visit(ast.parse(text, mode="eval"))
+            code = compile(ast.fix_missing_locations(tree), "expression", "eval")
+            return _short(eval(code, self.names, symbols))
         except (MemoryError, RecursionError):
             raise
         except SyntaxError:
@@ -358,20 +294,38 @@ class _Reader:
         def fatal(*words: Any) -> None:
             raise RefusedError(" ".join(map(str, words)))
 
-        own: dict[str, Callable[..., Any]] = {
+        plain: dict[str, Callable[..., Any]] = {
+            **{name: getattr(builtins, name) for name in _PLAIN.split()},
+            "enumerate": lambda *a: list(enumerate(*a)),
+            "map": lambda *a: list(map(*a)),
+            "range": lambda *a: list(_short(range(*a))),
+            # Python would compute ten to the power of so many digits.
+            "round": lambda x, n=None: round(x, n and max(-400, min(400, n))),
+            "reversed": lambda a: list(reversed(a)),
+            "zip": lambda *a: list(zip(*a, strict=False)),
+        }
+        of_math = {name: getattr(math, name) for name in _MATH.split()}
+        direct = {
             "abs_filename": xacro.abs_filename_spec,
-            "arg": self.argument,
             "dotify": dict,
-            "fatal": fatal,
             "load_yaml": xacro.load_yaml,
+        }
+        own = {
+            **direct,
+            "arg": self.argument,
+            "fatal": fatal,
             "tokenize": lambda text, sep=",; ", skip_empty=True: [
                 part for part in re.split(f"[{re.escape(sep)}]", text) if part or not skip_empty
             ],
             **dict.fromkeys(("message", "warning", "error", "print_location"), lambda *_, **__: ""),
         }
-        direct = {name: own[name] for name in ("abs_filename", "dotify", "load_yaml")}
-        _SPACES[""] = {**_PYTHON, **_MATH, **direct}
-        _SPACES.update(math=_MATH, python=_PYTHON, xacro=own)
+        spaces = {"": {**plain, **of_math, **direct}, "math.": of_math, "python.": plain}
+        spaces["xacro."] = own
+        self.functions = {p + n: f for p, space in spaces.items() for n, f in space.items()}
+        guards = {"short": _short, "power": _power, "method": _method, "key": _key}
+        guards |= {"called": lambda f, *a, **k: _short(f(*a, **k)), **_CONSTANTS}
+        named = {f"{name}()": each for name, each in (self.functions | guards).items()}
+        self.names = {**_CONSTANTS, **named, "__builtins__": {}}
         vars(xacro).update(
             safe_eval=self.evaluate,
             eval_extension=self.extension,
@@ -385,9 +339,6 @@ class _Reader:
 def _shown(text: str) -> str:
     text = " ".join(text.split())
     return text if len(text) <= 80 else text[:77] + "..."
-
-
-_SPACES: dict[str, dict[str, Callable[..., Any]]] = {}
 
 
 def _bounded(evaluate: Callable[..., Any]) -> Callable[..., Any]:
