@@ -25,9 +25,6 @@ from cartstiff.notes import Note
 if TYPE_CHECKING:
     from cartstiff.loading.yaml_file import Lines
 
-# What a robot description alone may be given, whether it has loops or none.
-_SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
-
 
 @checked
 def load(
@@ -237,13 +234,7 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.build import (
-        default_frame,
-        described,
-        joints_that_move,
-        serial_of,
-        with_overrides,
-    )
+    from cartstiff.loading.build import chain_of, described, with_overrides
     from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
@@ -258,21 +249,7 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
         shown = ", ".join(f"{g:g}" for g in facts.gravity)
         words = f"gravity ({shown}) m/s^2 acts, as the file says"
         notes.append(Note("gravity-of-file", words, {"gravity": gravity}))
-    if facts.closures:
-        moving = joints_that_move(
-            description,
-            serial.frame or default_frame(description.model, facts)[0],
-        )
-        if any(tie.joints & moving for tie in facts.closures):
-            from cartstiff.loading.build import closed_chain_of
-            from cartstiff.loading.schema import ClosedChainFile
-
-            closed = ClosedChainFile.model_construct(
-                kind="closed-chain",
-                **{key: getattr(serial, key) for key in _SHARED},
-            )
-            return closed_chain_of(description, closed, where, name, said=notes, alone=True)
-    return serial_of(description, serial, where, name, said=notes)
+    return chain_of(description, serial, where, name, said=notes, alone=True)
 
 
 def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechanism] | None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -40,8 +40,6 @@ from cartstiff.loading.robot_description import (
 )
 from cartstiff.loading.robot_facts import (
     FileClosure,
-    FileSpring,
-    Lifted,
     Obstacle,
     RobotFacts,
     to_root,
@@ -64,7 +62,7 @@ from cartstiff.loading.schema import (
     SpringsFile,
     pose_of,
 )
-from cartstiff.mechanisms.chain import Chain, Closure, Description
+from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import SI, Units, convert_length, rest_of_turns
 from cartstiff.mechanisms.elastic import ElasticMechanism, adjusted
@@ -223,19 +221,17 @@ def default_posture(
     A URDF is drawn at zero. Limits that exclude that position are met in their middle. Names of
     `otherwise` need not be coordinates of the tree.
     """
-    names = [c.name for c in tree.coordinates]
+    names = _names(tree)
+    _check_joints(values, names, f"{where}, key q")
     drawn = {} if facts is None else facts.posture
     q = np.array([drawn.get(name, 0.0) for name in names])
     if facts is None or facts.keyframe is None:
         for j, c in enumerate(tree.coordinates):
             if not c.lower <= q[j] <= c.upper:
                 q[j] = float(np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9))
-    for name, value in (otherwise or {}).items():
+    for name, value in {**(otherwise or {}), **values}.items():
         if name in names:
             q[names.index(name)] = value
-    for name, value in values.items():
-        check_name("joint", name, names, f"{where}, key q")
-        q[names.index(name)] = value
     return q
 
 
@@ -374,14 +370,13 @@ def springs_of(
     chain (`actuated` is a sequence) those that are named there, or all but the passive ones where
     only these are named. Joints without a spring are free, as virtual joints of links are.
     """
-    names = [c.name for c in tree.coordinates]
+    names = _names(tree)
     passive = [*passive, *(n for n in virtual if n not in passive)]
     driven = set(names) - set(passive) - set(facts.passive)
     if actuated is not None and (actuated or springs or not set(passive) - set(virtual)):
         driven &= set(actuated)
     for entries, key in ((springs, "springs"), (passive, "passive")):
-        for name in entries:
-            check_name("joint", name, names, f"{where}, key {key}")
+        _check_joints(entries, names, f"{where}, key {key}")
     both = set(springs) & set(passive)
     if both:
         raise InputError(f"joint {min(both)!r} is passive and has a spring", where=where)
@@ -489,7 +484,7 @@ def link_springs(
     flexible: Mapping[str, FlexibleModel], tree: KinematicTree, where: str, prefix: str = ""
 ) -> list[Potential]:
     """Springs over the virtual joints of flexible links, and beams."""
-    names = [c.name for c in tree.coordinates]
+    names = _names(tree)
     springs: list[Potential] = []
     for link, entry in flexible.items():
         indices = np.array([names.index(name) for name in virtual_joints({link: entry}, prefix)])
@@ -584,35 +579,108 @@ def _from(beside: Path | None, name: str) -> Path:
     return path if beside is None or path.is_absolute() else beside / path
 
 
-def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None) -> None:
-    """Hang a point mass on the body frame."""
-    if payload is not None and payload.mass > 0 and chain.body.joint > 0:
+class _Part(NamedTuple):
+    """One of the robots that a chain is built of: its names get the prefix in front."""
+
+    prefix: str
+    entry: SerialFile | ClosedChainFile | LegModel
+    description: RobotDescription
+
+
+def _of_all(parts: Sequence[_Part], values: Callable[[_Part], Any]) -> dict[str, Any]:
+    """What is known of joints of all parts, by their names in the chain."""
+    of_part: dict[str, Any] = {}
+    for part in parts:
+        known = values(part)
+        pairs = known if isinstance(known, Mapping) else dict.fromkeys(known)
+        of_part |= {part.prefix + name: value for name, value in pairs.items()}
+    return of_part
+
+
+def _finished(
+    file: SerialFile | ParallelFile | ClosedChainFile,
+    where: str,
+    name: str,
+    notes: list[Note],
+    tree: KinematicTree,
+    frame: str,
+    parts: Sequence[_Part],
+    facts: RobotFacts,
+    q: Array,
+    *,
+    offset: Array | None = None,
+    closures: Sequence[Closure] = (),
+    actuated: Sequence[str] = (),
+    driven: Sequence[str] | None = None,
+    rests: bool = True,
+    contacts: Sequence[str] = (),
+    edit: Callable[[Chain], None],
+) -> ElasticMechanism:
+    """A chain of some robots' joints with its springs, soft links, and what else is put on it.
+
+    Parameters
+    ----------
+    file, where, name
+        What is known about it, where messages say that this stands, and the mechanism's name.
+    notes : list of Note
+        Of the reader; more are added.
+    tree, frame : KinematicTree, str
+        All joints, and the frame of interest, moved by `offset`.
+    parts : sequence of _Part
+        The robots.
+    facts : RobotFacts
+        What their files say.
+    q : ndarray (n,)
+        Where closures are closed from; a regular posture instead where it `rests` on nothing.
+    closures, actuated
+        Loops, and the joints that drive them.
+    driven : sequence of str, optional
+        Joints that get an assumed spring in a closed chain.
+    contacts : sequence of str
+        Joints that are free by themselves.
+    edit : callable
+        Changes the chain before it is used.
+    """
+    entries: dict[str, JointSpringModel] = _of_all(parts, lambda part: part.entry.springs)
+    passive = list(_of_all(parts, lambda part: part.entry.passive))
+    posture = _of_all(parts, lambda part: part.entry.q)
+    virtual = [n for part in parts for n in virtual_joints(part.entry.flexible, part.prefix)]
+    chain = Chain(
+        tree,
+        frame,
+        offset=offset,
+        closures=closures,
+        actuated=_actuated(actuated, tree, where),
+        virtual=[c for c, n in enumerate(_names(tree)) if n in virtual],
+        kind=file.kind,
+        descriptions=[part.description.shown(part.prefix) for part in parts],
+    )
+    edit(chain)
+    if (payload := file.payload) is not None and payload.mass > 0 and chain.body.joint > 0:
         centre = chain.body.T_j_f @ np.append(payload.com, 1.0)
         chain.payload = payload.mass, float(tree.model.inertias[chain.body.joint].mass)
         inertia = pin.Inertia(payload.mass, centre[:3], np.zeros((3, 3)))
         tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
-
-
-def put_together(
-    file: SerialFile | ParallelFile | ClosedChainFile,
-    name: str,
-    chain: Chain,
-    q: Array,
-    springs: JointSprings,
-    soft: Sequence[Potential],
-    notes: Sequence[Note],
-    where: str,
-    lifted: Sequence[Lifted] = (),
-    entries: Mapping[str, JointSpringModel] | None = None,
-) -> ElasticMechanism:
-    """A chain with its springs, soft links, and what else the file puts on it."""
-    notes = [*notes, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
+    if chain.kind != "serial":
+        q = _assembled(chain, q, posture, where, notes)
+    elif not rests:
+        q, chosen = regular_posture(chain, q)
+        notes += chosen
+    springs, assumed = springs_of(
+        entries, passive, tree, facts, where, virtual=[*virtual, *contacts], actuated=driven
+    )
+    soft = [
+        spring
+        for part in parts
+        for spring in link_springs(part.entry.flexible, tree, where, part.prefix)
+    ]
+    notes += [*assumed, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _idle_links(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
     chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
     potentials = [*soft, *extra_lines(file.lines, chain, q)]
-    if not potentials and len(chain.undriven) == chain.tree.n:
+    if not potentials and len(chain.undriven) == tree.n:
         names = ", ".join(chain.names)
         words = (
             f"no joint has a spring, and none is named as actuated, so all move freely: {names}. "
@@ -623,16 +691,15 @@ def put_together(
     if elastic.gravity is not None:
         potentials += [
             DeadForce(-part.mass * elastic.gravity, part.point, part.body)
-            for part in lifted
-            if chain.tree.placement(part.body).joint > 0
+            for part in facts.lifted
+            if tree.placement(part.body).joint > 0
         ]
-    joint_springs = entries or {}
-    M, damping = chain.tree.mimic, np.array(chain.tree.model.damping, float).reshape(-1)
+    M, damping = tree.mimic, np.array(tree.model.damping, float).reshape(-1)
     if M is not None:
         damping = np.asarray((M * M).T @ damping)  # followers turn by their factor
     for i, n in enumerate(chain.names):
-        if n in joint_springs and joint_springs[n].damping is not None:
-            damping[i] = joint_springs[n].damping
+        if n in entries and entries[n].damping is not None:
+            damping[i] = entries[n].damping
     elastic = replace(elastic, damping=damping if damping.any() else None)
     return elastic.with_potential(*potentials)
 
@@ -853,7 +920,7 @@ def tree_to(
     tree = plain_tree(model, keep, fixed, soft, facts.planar_axes)
     if not follows:
         return tree
-    all_names = [c.name for c in tree.coordinates]
+    all_names = _names(tree)
     free = [c for c in tree.coordinates if c.name not in follows]
     matrix, offsets = np.zeros((len(all_names), len(free))), np.zeros(len(all_names))
     for i, name in enumerate(all_names):
@@ -1060,32 +1127,38 @@ def leg_at_pose(
     )
 
 
+# What a robot description alone may be given, whether it has loops or none.
+_SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
+
 #: Kinds of files with joints, and with lines from the ground to a body.
 _OF_JOINTS, _OF_LINES = ("serial", "closed-chain"), ("stewart-gough", "springs")
 
 
-def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
-    """Elastic mechanism of a serial arm."""
-    description = described(file, beside)
+def build_chain(
+    file: SerialFile | ClosedChainFile, beside: Path | None, where: str, name: str
+) -> ElasticMechanism:
+    """A serial arm, or a tree whose frames are tied by closures, of a mechanism file."""
+    description = described(file, beside, floating=file.kind == "closed-chain" and file.floating)
     notes = gravity_left_out(file, description)
-    return serial_of(description, file, where, name, said=notes)
+    return chain_of(description, file, where, name, said=notes)
 
 
-def serial_of(
+def chain_of(
     description: RobotDescription,
-    file: SerialFile,
+    file: SerialFile | ClosedChainFile,
     where: str,
     name: str,
     posture: Mapping[str, float] | None = None,
     said: Sequence[Note] = (),
+    alone: bool = False,
 ) -> ElasticMechanism:
-    """Elastic mechanism of a serial arm whose robot description has been read.
+    """A serial arm or a closed chain whose robot description has been read.
 
     Parameters
     ----------
     description : RobotDescription
         The robot.
-    file : SerialFile
+    file : SerialFile or ClosedChainFile
         What else is known about it.
     where, name : str
         Where messages say that something stands, and the mechanism's name.
@@ -1094,40 +1167,70 @@ def serial_of(
         coordinates of the chain play no part.
     said : sequence of Note
         Notes of the reader.
+    alone : bool
+        Whether there is only the description: its loops are closed where they move the frame,
+        joints that do not move it are left out, and its own actuators drive the chain.
     """
     notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, where, notes)
+    moving = joints_that_move(description, frame) if alone else set(description.model.names)
+    ties = [tie for tie in facts.closures if tie.joints & moving]
+    if alone and ties:
+        keys = {key: getattr(file, key) for key in _SHARED}
+        file = ClosedChainFile.model_construct(kind="closed-chain", **keys)
+    closed = isinstance(file, ClosedChainFile)
     held_by = [f for line in file.lines for f in line.frames if f != "world"]
     ends = [frame, *(f for f in held_by if description.model.existFrame(f))]
-    tree = tree_to(description, ends, file.locked, where, notes, file.flexible)
-    if tree.n == 0:
+    tree = tree_to(
+        description,
+        None if closed and not alone else ends,
+        file.locked,
+        where,
+        notes,
+        file.flexible,
+        moving if closed else (),
+    )
+    if tree.n == 0 and not closed:
         raise InputError(
             f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
         )
-    tree = merged([("", tree, pose_of(file.base))])
-    names = [c.name for c in tree.coordinates]
-    chain = Chain(
-        tree,
-        frame,
-        offset=pose_of(file.offset),
-        virtual=[names.index(name) for name in virtual_joints(file.flexible)],
-        descriptions=[description.shown()],
-    )
-    chain.base_pose = fixed(pose_of(file.base))
-    add_payload(tree, chain, file.payload)
-    soft = link_springs(file.flexible, tree, where)
-    springs, assumed = springs_of(
-        file.springs, file.passive, tree, facts, where, virtual=virtual_joints(file.flexible)
-    )
+    closures: list[Closure] = []
+    actuated: Sequence[str] = ()
+    driven = None
+    base = np.eye(4)
+    if isinstance(file, ClosedChainFile):
+        own = [n for n in facts.actuated if n in _names(tree)]
+        actuated, driven = (own, None) if alone else (file.actuated, file.actuated or own)
+        closures = [_mjcf_closure(tie, i, tree) for i, tie in enumerate(ties)]
+    else:
+        base = pose_of(file.base)
+        tree = merged([("", tree, base)])
     q = default_posture(tree, file.q, where, posture, facts)
+    if isinstance(file, ClosedChainFile):
+        closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
     # Springs with rest positions are at home where these are.
     homed = facts.springs or any(entry.rest is not None for entry in file.springs.values())
-    if not (file.q or posture or facts.keyframe is not None or homed):
-        q, chosen = regular_posture(chain, q)
-        notes += chosen
-    notes += [*description_notes(description, tree, file.model_fields_set), *assumed]
-    return put_together(
-        file, name, chain, q, springs, soft, notes, where, facts.lifted, file.springs
+    notes += description_notes(description, tree, file.model_fields_set, closed)
+
+    def at_base(chain: Chain) -> None:
+        chain.base_pose = fixed(base)
+
+    return _finished(
+        file,
+        where,
+        name,
+        notes,
+        tree,
+        frame,
+        [_Part("", file, description)],
+        facts,
+        q,
+        offset=pose_of(file.offset),
+        closures=closures,
+        actuated=actuated,
+        driven=driven,
+        rests=bool(file.q or posture or facts.keyframe is not None or homed),
+        edit=at_base,
     )
 
 
@@ -1368,23 +1471,26 @@ _CONTACTS = {
 }
 
 
+def _names(tree: KinematicTree) -> list[str]:
+    return [c.name for c in tree.coordinates]
+
+
+def _check_joints(names: Iterable[str], known: Collection[str], where: str) -> None:
+    for name in names:
+        check_name("joint", name, known, where)
+
+
 def _add_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
     at = tree.placement(base)
     tree.frames[name] = FixedFrame(at.joint, at.T_j_f @ T)
 
 
 def _actuated(names: Sequence[str], tree: KinematicTree, where: str) -> list[int] | None:
-    known = [c.name for c in tree.coordinates]
-    for name in names:
-        check_name("joint", name, known, f"{where}, key actuated")
+    known = _names(tree)
+    _check_joints(names, known, f"{where}, key actuated")
     if len(set(names)) != len(names):
         raise InputError("a joint stands twice under actuated", where=where)
     return [known.index(name) for name in names] or None
-
-
-def _indices(names: Sequence[str], tree: KinematicTree) -> list[int]:
-    known = [c.name for c in tree.coordinates]
-    return [known.index(name) for name in names]
 
 
 def _assembled(
@@ -1412,20 +1518,11 @@ def build_parallel(
     from cartstiff.loading.legs import drawn_legs
 
     notes: list[Note] = []
-    parts: list[tuple[str, KinematicTree, Array]] = []
+    trees: list[tuple[str, KinematicTree, Array]] = []
+    parts: list[_Part] = []
     ends: list[str] = []
-    springs: dict[str, JointSpringModel] = {}
-    passive: list[str] = []
-    virtual: list[str] = []
     contacts: list[str] = []
     driven: list[str] = []
-    posture: dict[str, float] = {}
-    soft: list[tuple[int, LegModel]] = []
-    descriptions: list[Description] = []
-    file_springs: dict[str, FileSpring] = {}
-    file_passive: list[str] = []
-    drawn: dict[str, float] = {}
-    lifted: list[Lifted] = []
     legs = drawn_legs(file)
     for i, leg in enumerate(legs):
         prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
@@ -1438,78 +1535,68 @@ def build_parallel(
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
             end = "contact"
             contacts += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
-        names = [c.name for c in tree.coordinates]
+        names = _names(tree)
         for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
-            for joint in entries:
-                check_name("joint", joint, names, f"{place}, key {key}")
-        springs |= {prefix + joint: entry for joint, entry in leg.springs.items()}
-        passive += [prefix + joint for joint in leg.passive]
-        posture |= {prefix + joint: value for joint, value in leg.q.items()}
-        virtual += virtual_joints(leg.flexible, prefix)
-        soft.append((i, leg))
-        parts.append((prefix, tree, pose_of(leg.base)))
-        facts = description.facts
-        file_springs |= {prefix + joint: spring for joint, spring in facts.springs.items()}
-        file_passive += [prefix + joint for joint in facts.passive]
-        drawn |= {prefix + joint: value for joint, value in facts.posture.items()}
-        driven += [prefix + joint for joint in facts.actuated if joint in names]
-        lifted += [replace(part, body=prefix + part.body) for part in facts.lifted]
-        descriptions.append(description.shown(prefix))
-        ends.append(prefix + end)
-    tree = merged(parts)
-    body = [f"body of leg {i + 1}" for i in range(len(ends))]
+            _check_joints(entries, names, f"{place}, key {key}")
+        driven += [prefix + joint for joint in description.facts.actuated if joint in names]
+        trees.append((prefix, tree, pose_of(leg.base)))
+        parts.append(_Part(prefix, leg, description))
+        ends.append(end)
+    facts = RobotFacts(
+        _of_all(parts, lambda part: part.description.facts.springs),
+        tuple(_of_all(parts, lambda part: part.description.facts.passive)),
+        posture=_of_all(parts, lambda part: part.description.facts.posture),
+        lifted=tuple(
+            replace(lifted, body=part.prefix + lifted.body)
+            for part in parts
+            for lifted in part.description.facts.lifted
+        ),
+    )
+    tree = merged(trees)
     offset = pose_of(file.offset)
     grips = [se3.inverse(offset) @ pose_of(leg.grip) for leg in legs]  # in M
-    for frame, end, grip in zip(body, ends, grips, strict=True):
-        _add_frame(tree, frame, end, se3.inverse(grip))
-    chain = Chain(
+    body = [f"body of leg {i + 1}" for i in range(len(ends))]
+    for frame, part, end, grip in zip(body, parts, ends, grips, strict=True):
+        _add_frame(tree, frame, part.prefix + end, se3.inverse(grip))
+    q = default_posture(tree, _of_all(parts, lambda part: part.entry.q), where, facts=facts)
+    start = 0
+    for i, (leg, (_, part, T_F_root)) in enumerate(zip(legs, trees, strict=True)):
+        own = slice(start, start + part.n)
+        start += part.n
+        if file.pose is None or leg.drawing is not None:
+            continue  # it was drawn there
+        virtual = virtual_joints(leg.flexible)
+        q[own] = leg_at_pose(
+            part,
+            ends[i],
+            se3.inverse(grips[i]),
+            se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
+            q[own],
+            [j for j, n in enumerate(_names(part)) if n in virtual],
+            where,
+            f"leg {i + 1}",
+        )
+
+    def with_body(chain: Chain) -> None:
+        chain.frame, chain.frame_offset = "body", fixed(offset)
+        chain.legs = _placed(legs, grips, _names(tree))
+
+    return _finished(
+        file,
+        where,
+        name,
+        notes,
         tree,
         body[0],
-        closures=[Closure(body[0], other, "weld") for other in body[1:]],
-        actuated=_actuated(file.actuated, tree, where),
-        virtual=_indices(virtual, tree),
-        kind="parallel",
-        descriptions=descriptions,
-    )
-    chain.frame, chain.frame_offset = "body", fixed(offset)
-    chain.legs = _placed(legs, grips, [c.name for c in tree.coordinates])
-    add_payload(tree, chain, file.payload)
-    facts = RobotFacts(file_springs, tuple(file_passive), posture=drawn)
-    q = default_posture(tree, posture, where, facts=facts)
-    if file.pose is not None:
-        start = 0
-        for i, (leg, (prefix, part, T_F_root)) in enumerate(zip(legs, parts, strict=True)):
-            own = slice(start, start + part.n)
-            start += part.n
-            if leg.drawing is not None:
-                continue  # it was drawn there
-            q[own] = leg_at_pose(
-                part,
-                ends[i].removeprefix(prefix),
-                se3.inverse(grips[i]),
-                se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
-                q[own],
-                [j for j, c in enumerate(part.coordinates) if prefix + c.name in virtual],
-                where,
-                f"leg {i + 1}",
-            )
-    q = _assembled(chain, q, posture, where, notes)
-    joint_springs, assumed = springs_of(
-        springs,
-        passive,
-        tree,
+        parts,
         facts,
-        where,
-        virtual=[*virtual, *contacts],
-        actuated=file.actuated or driven,
+        q,
+        closures=[Closure(body[0], other, "weld") for other in body[1:]],
+        actuated=file.actuated,
+        driven=file.actuated or driven,
+        contacts=contacts,
+        edit=with_body,
     )
-    links = [
-        spring
-        for i, leg in soft
-        for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
-    ]
-    notes += assumed
-    return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted, springs)
 
 
 def _placed(
@@ -1530,71 +1617,6 @@ def _placed(
                 )
             )
     return tuple(placed)
-
-
-def build_closed_chain(
-    file: ClosedChainFile, beside: Path | None, where: str, name: str
-) -> ElasticMechanism:
-    """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
-    description = described(file, beside, floating=file.floating)
-    notes = gravity_left_out(file, description)
-    return closed_chain_of(description, file, where, name, said=notes)
-
-
-def closed_chain_of(
-    description: RobotDescription,
-    file: ClosedChainFile,
-    where: str,
-    name: str,
-    posture: Mapping[str, float] | None = None,
-    said: Sequence[Note] = (),
-    alone: bool = False,
-) -> ElasticMechanism:
-    """`build_closed_chain` for a robot description that has been read; see `serial_of`.
-
-    With `alone` there is only the description: joints that do not move the frame are left out, and
-    its own actuators drive the chain.
-    """
-    notes, facts = [*said], description.facts
-    frame = chosen_frame(description, file.frame, where, notes)
-    moving = joints_that_move(description, frame) if alone else set(description.model.names)
-    ends = [frame] if alone else None
-    tree = tree_to(description, ends, file.locked, where, notes, file.flexible, moving)
-    left = {c.name for c in tree.coordinates}
-    ties = [tie for tie in facts.closures if tie.joints & moving]
-    closures = [_mjcf_closure(tie, i, tree) for i, tie in enumerate(ties)]
-    driven = [n for n in facts.actuated if n in left]
-    actuated = driven if alone else file.actuated
-    q = default_posture(tree, file.q, where, posture, facts)
-    closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
-    virtual = virtual_joints(file.flexible)
-    chain = Chain(
-        tree,
-        frame,
-        offset=pose_of(file.offset),
-        closures=closures,
-        actuated=_actuated(actuated, tree, where),
-        virtual=_indices(virtual, tree),
-        kind="closed-chain",
-        descriptions=[description.shown()],
-    )
-    add_payload(tree, chain, file.payload)
-    q = _assembled(chain, q, file.q, where, notes)
-    springs, assumed = springs_of(
-        file.springs,
-        file.passive,
-        tree,
-        facts,
-        where,
-        virtual=virtual,
-        actuated=None if alone else file.actuated or driven,
-    )
-    links = link_springs(file.flexible, tree, where)
-    notes += description_notes(description, tree, file.model_fields_set, closed=True)
-    notes += assumed
-    return put_together(
-        file, name, chain, q, springs, links, notes, where, facts.lifted, file.springs
-    )
 
 
 def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:

@@ -407,13 +407,10 @@ def mechanism_of(
 
         file = with_drawn_legs(file, where)
     file = build.with_overrides(file, overrides, where)
-    if file.kind == "serial":
-        elastic = build.build_serial(file, path.parent, where, name)
-    elif file.kind in ("stewart-gough", "springs"):
+    if file.kind in ("stewart-gough", "springs"):
         elastic = build.build_platform(file, where, name)
     else:
-        parallel = file.kind == "parallel"
-        make = build.build_parallel if parallel else build.build_closed_chain
+        make = build.build_parallel if file.kind == "parallel" else build.build_chain
         elastic = make(file, path.parent, where, name)
     notes = (*elastic.notes, *file_notes(file), *parameters.notes())
     source = " ".join((file.source or "").split())

@@ -19,7 +19,7 @@ from cartstiff.arrays import Array, checked_vector
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.loading.build import closed_chain_of, serial_of, with_overrides
+from cartstiff.loading.build import chain_of, with_overrides
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import Followers, RobotFacts
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
@@ -126,16 +126,15 @@ def from_pinocchio(
             where=where,
             expected="closures=[pinocchio.RigidConstraintModel(...)]",
         )
-    serial = with_overrides(_unsaid().model_copy(update={"model": name}), keys, where)
+    file: Any = with_overrides(_unsaid().model_copy(update={"model": name}), keys, where)
     if ties:
         common = {
-            key: getattr(serial, key) for key in ("frame", "locked", "offset", "gravity", "payload")
+            key: getattr(file, key) for key in ("frame", "locked", "offset", "gravity", "payload")
         }
-        closed = ClosedChainFile.model_construct(
+        file = ClosedChainFile.model_construct(
             kind="closed-chain", model=name, closures=ties, actuated=list(actuated), **common
         )
-        return closed_chain_of(description, closed, where, name, posture, notes)
-    return serial_of(description, serial, where, name, posture, notes)
+    return chain_of(description, file, where, name, posture, notes)
 
 
 def _configuration(

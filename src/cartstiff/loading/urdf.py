@@ -14,7 +14,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -38,71 +37,47 @@ _MOST_JOINTS = 2000
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
 MOST_MOVING = 200
 _AXIAL_TYPES = {"revolute", "continuous", "prismatic"}
+_LIMITED = ("revolute", "prismatic")
 _JOINT_TYPES = {*_AXIAL_TYPES, "fixed", "floating", "planar"}
 #: Makes an error with the file's name in front.
 Refuse = Callable[..., InputError]
 
 _VERSIONS = ("1.0", "1.1", "1.2")
 
-# What Pinocchio is shown of a URDF; of the rest it might refuse what plays no part here.
-_SHOWN = {
-    "robot": ("link", "joint"),
-    "link": ("inertial",),
-    "inertial": ("origin", "mass", "inertia"),
-    "joint": ("parent", "child", "origin", "axis", "limit", "mimic", "dynamics"),
-}
 
-INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+# By tag: the elements within that Pinocchio is shown (of others it might refuse what plays no part
+# here), those of URDF and of what is usually written into it that do not bear on statics, and the
+# attributes, some of which are met in the wild only, with how many numbers they hold.
+_SHOWN = {
+    "robot": "link joint",
+    "link": "inertial",
+    "inertial": "origin mass inertia",
+    "joint": "parent child origin axis limit mimic dynamics",
+}
+_SILENT = {
+    "robot": "material gazebo transmission ros2_control sensor group",
+    "link": "visual collision material gazebo sensor contact surface gravity kinematic self_filter "
+    "self_collision_checking collision_checking",
+    "joint": "calibration safety_controller gazebo",
+}
+_ATTRIBUTES = {
+    "robot": "name version",
+    "link": "name type",
+    "joint": "name type dont_collapse",
+    "origin": "xyz=3 rpy=3 quat_xyzw=4",
+    "axis": "xyz=3",
+    "parent": "link",
+    "child": "link",
+    "mass": "value=1",
+    "inertia": "ixx ixy ixz iyy iyz izz",
+    "mimic": "joint multiplier=1 offset=1",
+    "dynamics": "damping=1 friction spring_stiffness spring_reference",
+    "limit": "lower=1 upper=1 effort=1 velocity=1 acceleration deceleration jerk current "
+    "gear_velocity command_effort",
+}
 
 # Parts of a joint whose faults are the joint's own affair, as long as it does not move the frame.
 _OWN = ("limit", "mimic", "dynamics")
-
-# Further elements of URDF and of what is usually written into it: none bears on statics.
-_SILENT = {
-    "robot": ("material", "gazebo", "transmission", "ros2_control", "sensor", "group"),
-    "link": (
-        "visual",
-        "collision",
-        "material",
-        "gazebo",
-        "sensor",
-        "contact",
-        "surface",
-        "gravity",
-        "kinematic",
-        "self_filter",
-        "self_collision_checking",
-        "collision_checking",
-    ),
-    "joint": ("calibration", "safety_controller", "gazebo"),
-}
-
-# All attributes of the elements that are shown, and such as are met in the wild.
-_ATTRIBUTES = {
-    "robot": ("name", "version"),
-    "link": ("name", "type"),
-    "joint": ("name", "type", "dont_collapse"),
-    "origin": ("xyz", "rpy", "quat_xyzw"),
-    "axis": ("xyz",),
-    "parent": ("link",),
-    "child": ("link",),
-    "mass": ("value",),
-    "inertia": INERTIA,
-    "mimic": ("joint", "multiplier", "offset"),
-    "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
-    "limit": (
-        "lower",
-        "upper",
-        "effort",
-        "velocity",
-        "acceleration",
-        "deceleration",
-        "jerk",
-        "current",
-        "gear_velocity",
-        "command_effort",
-    ),
-}
 
 # Where nothing but these attributes makes sense: nothing else may stand there, nor inside.
 _STRICT = ("origin", "axis", "parent", "child", "mass", "mimic")
@@ -180,13 +155,16 @@ class _Robot:
             self.leave_out(joint, error)
 
 
+def _floats(element: ET.Element | None, key: str, otherwise: str) -> list[float]:
+    """Numbers of an attribute that has been checked."""
+    return [
+        float(x) for x in (otherwise if element is None else element.get(key, otherwise)).split()
+    ]
+
+
 def _placed(origin: ET.Element | None) -> se3.Array:
     """Pose of an `origin` that has been checked."""
-    xyz, rpy = (
-        [float(x) for x in ("0 0 0" if origin is None else origin.get(key, "0 0 0")).split()]
-        for key in ("xyz", "rpy")
-    )
-    return se3.from_roll_pitch_yaw(xyz, rpy)
+    return se3.from_roll_pitch_yaw(*(_floats(origin, key, "0 0 0") for key in ("xyz", "rpy")))
 
 
 def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
@@ -207,26 +185,21 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
         raise refuse("is a xacro file", expected="a URDF: expand it with the xacro command first")
     if root.get("name") is None:
         raise refuse("robot has no name", expected="<robot name=...>")
-    beside = [child for child in root if child.tag not in _SHOWN["robot"]]
-    of_joints = {joint.get("name"): joint.findall("gazebo") for joint in root.iter("joint")}
-    notes, mechanical = _understood(root, refuse)
-    robot = _Robot(root, refuse)
+    reader = _Reader(root, refuse)
+    robot, notes = _Robot(root, refuse), reader.notes()
     links, joints = robot.links, robot.joints
     if not links:
         raise refuse("robot has no links")
-    if len(joints) > _MOST_JOINTS:
-        raise refuse("too many joints", expected=f"at most {_MOST_JOINTS}", got=str(len(joints)))
     moving = sum(joint.get("type") != "fixed" for joint in joints.values())
-    if moving > MOST_MOVING:
-        raise refuse("too many moving joints", expected=f"at most {MOST_MOVING}", got=str(moving))
+    for kind, count, most in (("", len(joints), _MOST_JOINTS), ("moving ", moving, MOST_MOVING)):
+        if count > most:
+            raise refuse(f"too many {kind}joints", expected=f"at most {most}", got=str(count))
     mimics: Followers = {}
     springs: dict[str, FileSpring] = {}
     planar_axes: dict[str, se3.Array] = {}
     for name, joint in joints.items():
         _hang(robot, name, joint)
-        what = f"joint {name!r}"
-        numbers_of(joint.find("origin"), ("xyz", "rpy"), 3, what, refuse)
-        axis = numbers_of(joint.find("axis"), ("xyz",), 3, what, refuse)
+        what, axis = f"joint {name!r}", joint.find("axis")
         try:
             kind = _kind(joint, axis, what, refuse)
         except InputError as error:
@@ -235,21 +208,27 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
             robot.leave_out(name, error)
             kind = "continuous"
             joint.set("type", kind)
-            if (element := joint.find("axis")) is not None:
-                joint.remove(element)
+            if axis is not None:
+                joint.remove(axis)
         if kind == "planar":
             notes += _plane(name, axis, planar_axes)
-        parts = {tag: joint.findall(tag) for tag in _OWN}
-        for part in (*parts["limit"], *parts["mimic"], *parts["dynamics"]):
-            joint.remove(part)
-        _limit(robot, name, joint, [])
-        for tag, check in (("limit", _limit), ("mimic", partial(_mimic, mimics))):
-            robot.attempt(name, check, robot, name, joint, parts[tag])
-        extensions = [_texts(element) for element in of_joints.get(name, [])]
-        robot.attempt(name, _dynamics, robot, name, joint, parts["dynamics"], extensions, springs)
-        for tag in mechanical.get(name, ()):
+        parts = {tag: joint.find(tag) for tag in _OWN}
+        for part in parts.values():
+            if part is not None:
+                joint.remove(part)
+        if kind in _LIMITED:
+            made = ET.SubElement(
+                joint, "limit", effort="0", velocity="0", lower="-1e9", upper="1e9"
+            )
+            robot.attempt(name, _limit, made, parts["limit"], what, refuse)
+        robot.attempt(name, _mimic, mimics, robot, name, joint, parts["mimic"])
+        words = [*reader.extensions.get(name, ()), *reader.dynamics.get(name, ())]
+        robot.attempt(name, _dynamics, robot, name, joint, parts["dynamics"], words, springs)
+        for tag in reader.mechanical.get(name, ()):
             expected = f"in a mechanism file: springs: {{{name}: {{stiffness: ...}}}}"
             robot.leave_out(name, refuse(f"{what}: <{tag}> cannot be read", expected=expected))
+    for name, error in reader.faults:
+        robot.leave_out(name, error)
     notes += _doubts(joints)
     _check_tree(robot)
     _leave_out_rings(robot, mimics)
@@ -258,7 +237,7 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
         if not _check_inertial(element, f"link {name!r}", refuse):
             words = f"link {name!r}: no body has this inertia; none counts, which vibrations feel"
             notes.append(Note("impossible-inertia", words, {"link": name}))
-    closures, actuated = _beside(robot, beside, springs, mimics)
+    closures, actuated = _beside(robot, reader.beside, springs, mimics)
     springs, curved = on_leaders(springs, mimics)
     looped = {j for closure in closures for j in closure.joints if joints[j].get("type") != "fixed"}
     free = looped - springs.keys() - actuated
@@ -293,7 +272,7 @@ def _hang(robot: _Robot, name: str, joint: ET.Element) -> None:
     robot.carrier[child] = name, parent
 
 
-def _kind(joint: ET.Element, axis: list[float] | None, what: str, refuse: Refuse) -> str:
+def _kind(joint: ET.Element, axis: ET.Element | None, what: str, refuse: Refuse) -> str:
     """Type of a joint whose axis has a direction."""
     kind = joint.get("type")
     if kind not in _JOINT_TYPES:
@@ -302,42 +281,18 @@ def _kind(joint: ET.Element, axis: list[float] | None, what: str, refuse: Refuse
             expected=", ".join(sorted(_JOINT_TYPES)),
             got=kind or "none",
         )
-    if kind in (*_AXIAL_TYPES, "planar"):
-        if axis is None and joint.find("axis") is not None:
+    if axis is not None and kind in (*_AXIAL_TYPES, "planar"):
+        if axis.get("xyz") is None:
             raise refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
-        if axis is not None and math.hypot(*axis) < numerics.CLOSE:
+        if math.hypot(*_floats(axis, "xyz", "")) < numerics.CLOSE:
             raise refuse(f"{what} has a zero axis")
     return str(kind)
 
 
-def _one(elements: list[ET.Element], what: str, refuse: Refuse) -> ET.Element | None:
-    """The only one of some elements of a joint, its words checked; None where there is none."""
-    if len(elements) > 1:
-        raise refuse(f"{what} has several <{elements[0].tag}>", expected="one")
-    for element in elements:
-        _check_attributes(element, what, [], refuse)
-        _check_text(element, f"{what}: {element.tag}", [], refuse)
-        if len(element):
-            got = f"<{element[0].tag}>"
-            raise refuse(f"{what}: {element.tag} holds an element", expected="attributes", got=got)
-    return elements[0] if elements else None
-
-
-def _limit(robot: _Robot, name: str, joint: ET.Element, elements: list[ET.Element]) -> None:
+def _limit(made: ET.Element, element: ET.Element | None, what: str, refuse: Refuse) -> None:
     """Limits as Pinocchio needs them; without bounds there are none."""
-    what, refuse = f"joint {name!r}", robot.refuse
-    if joint.get("type") not in ("revolute", "prismatic"):
-        return
-    if (made := joint.find("limit")) is None:
-        made = ET.SubElement(joint, "limit", effort="0", velocity="0", lower="-1e9", upper="1e9")
-    element = _one(elements, what, refuse)
-    given = {
-        key: values[0]
-        for key in ("lower", "upper", "effort", "velocity")
-        if (values := numbers_of(element, (key,), 1, what, refuse, math.inf)) is not None
-    }
-    if given.keys() & {"lower", "upper"}:
-        lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
+    if element is not None and {"lower", "upper"} & set(element.attrib):
+        ((lower,), (upper,)) = (_floats(element, key, "0") for key in ("lower", "upper"))
         if lower > upper:
             raise refuse(
                 f"{what}: limits are the wrong way round",
@@ -351,25 +306,19 @@ def _dynamics(
     robot: _Robot,
     name: str,
     joint: ET.Element,
-    elements: list[ET.Element],
+    element: ET.Element | None,
     extensions: list[dict[str, str]],
     springs: dict[str, FileSpring],
 ) -> None:
     """Damping, and the spring that simulators read beside it."""
-    what, refuse = f"joint {name!r}", robot.refuse
-    for values in (*extensions, *(element.attrib for element in elements)):
+    for values in extensions:
         _spring_of(robot, name, values, springs)
-    if len(elements) > 1:
-        raise refuse(f"{what} has several <dynamics>", expected="one")
-    for element in elements:
-        damping = numbers_of(element, ("damping",), 1, what, refuse)
-        if damping is None or joint.get("type") not in _AXIAL_TYPES:
-            continue
-        if damping[0] < 0.0:
-            raise refuse(
-                f"{what}: damping is negative", expected="zero or more", got=f"{damping[0]:g}"
-            )
-        ET.SubElement(joint, "dynamics", damping=repr(damping[0]))
+    if joint.get("type") in _AXIAL_TYPES:
+        for damping in _floats(element, "damping", ""):
+            if damping < 0.0:
+                words = f"joint {name!r}: damping is negative"
+                raise robot.refuse(words, expected="zero or more", got=f"{damping:g}")
+            ET.SubElement(joint, "dynamics", damping=repr(damping))
 
 
 def _spring_of(
@@ -381,9 +330,7 @@ def _spring_of(
     for key, text in values.items():
         for pattern in (_STIFFNESS, _REFERENCE):
             if pattern.fullmatch(key):
-                holder = ET.Element(key, value=text.strip())
-                numbers = numbers_of(holder, ("value",), 1, what, refuse)
-                found[pattern] = 0.0 if numbers is None else numbers[0]
+                found[pattern] = _numbers(text.strip(), 1, f"{what}: {key}", refuse)[0]
         if key.lower() == "stiffness":
             raise refuse(
                 f"{what}: 'stiffness' is no word of URDF",
@@ -411,11 +358,10 @@ def _texts(element: ET.Element) -> dict[str, str]:
 
 
 def _mimic(
-    mimics: Followers, robot: _Robot, name: str, joint: ET.Element, elements: list[ET.Element]
+    mimics: Followers, robot: _Robot, name: str, joint: ET.Element, mimic: ET.Element | None
 ) -> None:
     """Which joint a joint follows."""
     what, refuse, joints = f"joint {name!r}", robot.refuse, robot.joints
-    mimic = _one(elements, what, refuse)
     if mimic is None:
         return
     # A leader that does not exist matters only if the joint does: judged by the user.
@@ -429,10 +375,9 @@ def _mimic(
                 expected="two joints with one coordinate",
                 got=f"joint {follower!r} of type {joints[follower].get('type')}",
             )
-    factor = numbers_of(mimic, ("multiplier",), 1, what, refuse) or [1.0]
-    offset = numbers_of(mimic, ("offset",), 1, what, refuse) or [0.0]
     if joint.get("type") != "fixed":
-        mimics[name] = leader, factor[0], offset[0]
+        (factor,), (offset,) = _floats(mimic, "multiplier", "1"), _floats(mimic, "offset", "0")
+        mimics[name] = leader, factor, offset
 
 
 def _leave_out_rings(robot: _Robot, mimics: Followers) -> None:
@@ -500,7 +445,12 @@ def _ball(robot: _Robot, element: ET.Element) -> FileClosure | None:
     parts = {child.tag.rpartition("_constraint_")[2]: child for child in element}
     bodies = [parts[key].get("name", "") for key in ("body_A", "body_B") if key in parts]
     points = [
-        numbers_of(parts.get(key), ("value",), 3, "ball constraint", robot.refuse) or [0.0] * 3
+        _numbers(
+            parts[key].get("value", "") if key in parts else "0 0 0",
+            3,
+            f"ball constraint: {key} value",
+            robot.refuse,
+        )
         for key in ("p_AP", "p_BQ")
     ]
     if len(bodies) != 2 or not {"world", *robot.links} >= set(bodies):
@@ -529,8 +479,7 @@ def _closed_by(robot: _Robot, joint: ET.Element) -> FileClosure | None:
         _leave_out_element(robot, joint, "closures", {})
         return None
     text = "0 0 0 0 0 0" if place is None else (place.text or "").strip()
-    holder = ET.Element("pose", value=text)
-    numbers = numbers_of(holder, ("value",), 6, "gazebo joint", robot.refuse) or [0.0] * 6
+    numbers = _numbers(text, 6, "gazebo joint: pose", robot.refuse)
     T_a_b = se3.inverse(robot.at_zero(links[0])) @ robot.at_zero(links[1])
     points = [(T_a_b @ [*numbers[:3], 1.0])[:3].round(9).tolist(), numbers[:3]]
     if kind == "ball":
@@ -599,7 +548,7 @@ def _about_axis(joint: ET.Element, values: Mapping[str, str]) -> str:
     word = "force" if joint.get("type") == "prismatic" else "torque"
     text = next((v for k, v in values.items() if k.endswith(f"{word}_stiffness")), "")
     try:
-        k, a = (np.array([float(x) for x in row.split()]) for row in (text, _axis_of(joint)))
+        k, a = np.array(text.split(), float), np.array(_floats(joint.find("axis"), "xyz", "1 0 0"))
         return f"{float(k @ (a * a) / (a @ a)):g}"
     except ValueError:
         return "..."
@@ -611,20 +560,22 @@ def _row(values: Sequence[float]) -> str:
 
 def _doubts(joints: Mapping[str, ET.Element]) -> list[Note]:
     """Notes of places that look like degrees or millimetres."""
-    placed: dict[str, dict[str, list[float]]] = {"xyz": {}, "rpy": {}}
-    for name, joint in joints.items():
-        origin = joint.find("origin")
-        for key, values in placed.items():
-            if origin is not None and (text := origin.get(key)):
-                values[f"{key} of joint {name}"] = [float(x) for x in text.split()]
-    return [*turned(placed["rpy"]), *large_lengths(placed["xyz"])]
+    lengths, angles = (
+        {
+            f"{key} of joint {name}": _floats(joint.find("origin"), key, "0 0 0")
+            for name, joint in joints.items()
+        }
+        for key in ("xyz", "rpy")
+    )
+    return [*turned(angles), *large_lengths(lengths)]
 
 
-def _plane(name: str, axis: list[float] | None, axes: dict[str, se3.Array]) -> list[Note]:
+def _plane(name: str, element: ET.Element | None, axes: dict[str, se3.Array]) -> list[Note]:
     """Where a planar joint moves: across its axis; Pinocchio always takes z."""
-    if axis is None:
+    if element is None:
         words = f"planar joint {name!r} has no axis: it moves across its frame's z axis"
         return [Note("planar-axis", words, {"joint": name})]
+    axis = _floats(element, "xyz", "")
     if axis[0] or axis[1] or axis[2] < 0:
         axes[name] = np.array(axis) / math.hypot(*axis)
     return []
@@ -646,18 +597,13 @@ def _fix(joint: ET.Element, position: float) -> None:
     origin = joint.find("origin")
     if origin is None:
         origin = ET.SubElement(joint, "origin")
-    along = np.array([float(x) for x in _axis_of(joint).split()])
+    along = np.array(_floats(joint.find("axis"), "xyz", "1 0 0"))
     step = np.zeros(6)
     step[3 * (joint.get("type") == "prismatic") :][:3] = along / np.linalg.norm(along) * position
     T = _placed(origin) @ se3.exp(step)
     origin.set("xyz", " ".join(repr(float(x)) for x in T[:3, 3]))
     origin.set("rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(T)))
     joint.set("type", "fixed")
-
-
-def _axis_of(joint: ET.Element) -> str:
-    axis = joint.find("axis")
-    return "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
 
 
 def _names(root: ET.Element, tag: str, refuse: Refuse) -> dict[str, ET.Element]:
@@ -697,9 +643,8 @@ def _check_inertial(link: ET.Element, what: str, refuse: Refuse) -> bool:
     inertial = link.find("inertial")
     if inertial is None:
         return True
-    numbers_of(inertial.find("origin"), ("xyz", "rpy"), 3, what, refuse)
-    mass = numbers_of(inertial.find("mass"), ("value",), 1, what, refuse)
-    if mass is None:
+    mass = _floats(inertial.find("mass"), "value", "")
+    if not mass:
         raise refuse(f"{what}: inertial has no mass")
     if mass[0] < 0:
         raise refuse(f"{what}: mass is negative", got=f"{mass[0]:g}")
@@ -710,14 +655,16 @@ def _check_inertial(link: ET.Element, what: str, refuse: Refuse) -> bool:
         return True
     if inertia is not None:
         inertial.remove(inertia)
-    ET.SubElement(inertial, "inertia", dict.fromkeys(INERTIA, "0"))
+    ET.SubElement(inertial, "inertia", dict.fromkeys(_ATTRIBUTES["inertia"].split(), "0"))
     return inertia is None or mass[0] == 0.0
 
 
 def _is_possible(inertia: ET.Element) -> bool:
     """Whether six numbers are the inertia of some body: principal ones keep the triangle rule."""
     try:
-        xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "")) for key in INERTIA)
+        xx, xy, xz, yy, yz, zz = (
+            float(inertia.get(key, "")) for key in _ATTRIBUTES["inertia"].split()
+        )
     except ValueError:
         return False
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -728,144 +675,175 @@ def _is_possible(inertia: ET.Element) -> bool:
     return bool(small >= 0.0 and small + middle >= (1.0 - 1e-3) * large)
 
 
-def _understood(root: ET.Element, refuse: Refuse) -> tuple[list[Note], dict[str, list[str]]]:
-    """Take out what plays no part; refuse what looks like a slip of the pen, or stands twice.
+class _Reader:
+    """Takes out of a URDF what plays no part; refuses slips of the pen, and what stands twice.
 
-    Returns the note that names what is not known, and by joint the elements that act on it.
+    All numbers are checked; faults within `_OWN` are the joint's own.
+
+    Attributes
+    ----------
+    unknown : list of str
+        What is not known.
+    faults : list of (str, InputError)
+        By joint, what is wrong with its own parts, which are taken out.
+    mechanical : dict of str to list of str
+        By joint, the tags within that act on it.
+    extensions, dynamics : dict of str to list of dict
+        By joint, texts of simulators' elements, and attributes of its dynamics.
+    beside : list of Element
+        Elements beside links and joints.
     """
-    version = root.attrib.pop("version", "1.0").strip()
-    if version not in _VERSIONS:
-        raise refuse("unknown version of URDF", expected=", ".join(_VERSIONS), got=repr(version))
-    unknown: list[str] = []
-    mechanical: dict[str, list[str]] = {}
-    pending = [(root, "")]
-    while pending:
-        element, inside = pending.pop()
-        place = f"{element.tag} {element.get('name')!r}" if element.get("name") else element.tag
-        place = place if element.get("name") else f"{inside}{place}"
-        _check_attributes(element, place, unknown, refuse)
-        _check_text(element, place, unknown, refuse)
-        shown = _SHOWN.get(element.tag, ())
+
+    def __init__(self, root: ET.Element, refuse: Refuse) -> None:
+        self.refuse, self.unknown = refuse, list[str]()
+        self.faults: list[tuple[str, InputError]] = []
+        self.mechanical: dict[str, list[str]] = {}
+        self.extensions: dict[str, list[dict[str, str]]] = {}
+        self.dynamics: dict[str, list[dict[str, str]]] = {}
+        self.version = root.attrib.pop("version", "1.0").strip()
+        if self.version not in _VERSIONS:
+            got = repr(self.version)
+            raise refuse("unknown version of URDF", expected=", ".join(_VERSIONS), got=got)
+        self.beside = [child for child in root if child.tag not in ("link", "joint")]
+        self._read(root, "")
+
+    def notes(self) -> list[Note]:
+        """The note that names what is not known."""
+        if not self.unknown:
+            return []
+        names = list(dict.fromkeys(self.unknown))
+        shown_names = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+        words = f"what is not URDF plays no part: {shown_names}"
+        return [Note("ignored", words, {"elements": names})]
+
+    def _read(self, element: ET.Element, inside: str) -> None:
+        tag, name = element.tag, element.get("name", "")
+        place = f"{tag} {name!r}" if name else f"{inside}{tag}"
+        within = "" if tag == "robot" else f"{place}: "
+        self._check_words(element, place)
+        shown, silent = _SHOWN.get(tag, "").split(), _SILENT.get(tag, "").split()
         for child in list(element):
             if child.tag in shown:
-                if element.tag != "joint" or child.tag not in _OWN:
-                    pending.append((child, "" if element is root else f"{place}: "))
                 continue
             element.remove(child)
-            if element is root and _is_read_beside(child.tag):
-                continue
-            if element.tag == "joint" and _mechanical(child.tag) is not None:
-                mechanical.setdefault(element.get("name", ""), []).append(child.tag)
-                continue
-            if child.tag in _SILENT.get(element.tag, ()) or child.tag.startswith("{"):
-                continue  # a tag with a namespace is an extension
-            _refuse_slip(child.tag, shown, f"{place}: unknown element", f"<{child.tag}>", refuse)
-            if element.tag in _STRICT:
-                raise refuse(
-                    f"{place} holds an element", expected="attributes only", got=f"<{child.tag}>"
-                )
-            unknown.append(f"<{child.tag}> in <{element.tag}>")
-        tags = [child.tag for child in element]
-        for tag in set(tags):
-            if element is not root and tag not in _OWN and tags.count(tag) > 1:
-                raise refuse(f"{place} has several <{tag}>", expected="one")
-        if element.tag == "origin" and element.get("quat_xyzw") is not None:
-            _quaternion_to_angles(element, version, place, refuse)
-    if not unknown:
-        return [], mechanical
-    names = list(dict.fromkeys(unknown))
-    shown_names = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-    words = f"what is not URDF plays no part: {shown_names}"
-    return [Note("ignored", words, {"elements": names})], mechanical
+            local = child.tag.rpartition("}")[2]
+            if tag == "joint" and child.tag == "gazebo":
+                self.extensions.setdefault(name, []).append(_texts(child))
+            if tag == "robot" and (local in ("joint", "frame") or _mechanical(local)):
+                continue  # read beside
+            if tag == "joint" and _mechanical(child.tag) is not None:
+                self.mechanical.setdefault(name, []).append(child.tag)
+            elif child.tag not in silent and not child.tag.startswith("{"):
+                # A tag with a namespace is an extension.
+                what = f"{place}: unknown element"
+                self._refuse_slip(child.tag, shown, what, f"<{child.tag}>")
+                if tag in _STRICT:
+                    self._refuse_inside(place, child)
+                self.unknown.append(f"<{child.tag}> in <{tag}>")
+        own = [child for child in element if tag == "joint" and child.tag in _OWN]
+        for part in own:
+            self._read_own(element, part, name)
+        tags = [child.tag for child in element if child not in own]
+        for twice in {t for t in tags if tag != "robot" and tags.count(t) > 1}:
+            raise self.refuse(f"{place} has several <{twice}>", expected="one")
+        for child in element:
+            if child not in own:
+                self._read(child, within)
+        if element.get("quat_xyzw") is not None:
+            self._to_angles(element, place)
 
-
-def _is_read_beside(tag: str) -> bool:
-    """Whether an element beside links and joints is one that `_beside` looks at."""
-    return tag.rpartition("}")[2] in ("joint", "frame") or _mechanical(tag) is not None
-
-
-def _check_attributes(element: ET.Element, place: str, unknown: list[str], refuse: Refuse) -> None:
-    known = _ATTRIBUTES.get(element.tag, ())
-    strange = [key for key in element.attrib if key not in known and not key.startswith("{")]
-    for key in strange:
-        what = f"{place}: unknown attribute"
-        if element.tag in _STRICT:
-            raise refuse(what, expected=", ".join(known), got=key)
-        _refuse_slip(key, known[:4], what, key, refuse)
-        unknown.append(f"{key}= in <{element.tag}>")
-    if strange and element.tag == "limit" and not {"lower", "upper"} & set(element.attrib):
-        raise refuse(
-            f"{place}: no lower and no upper",
-            expected="lower=... upper=...",
-            got=", ".join(strange),
-        )
-
-
-def _check_text(element: ET.Element, place: str, unknown: list[str], refuse: Refuse) -> None:
-    """URDF says everything by attributes: text is one that has lost its tag, or a remark."""
-    for text in (element.text, *(child.tail for child in element)):
-        words = (text or "").strip()
-        if not words:
-            continue
-        if element.tag in _STRICT or _ASSIGNMENT.search(words):
-            raise refuse(
-                f"{place} holds text",
-                expected="attributes only, within a tag",
-                got=repr(words[:40]),
-            )
-        unknown.append(f"text {words[:40]!r} in <{element.tag}>")
-
-
-def _refuse_slip(name: str, known: tuple[str, ...], what: str, got: str, refuse: Refuse) -> None:
-    close = get_close_matches(name.lower(), known, n=1, cutoff=_ALIKE)
-    if close:
-        raise refuse(what, expected=close[0], got=got)
-
-
-def _quaternion_to_angles(origin: ET.Element, version: str, place: str, refuse: Refuse) -> None:
-    """Write the rotation of an origin as roll, pitch, yaw; equal to rounding."""
-    if version == "1.0":
-        raise refuse(f"{place}: quat_xyzw needs URDF 1.1", expected='<robot version="1.1">')
-    if origin.get("rpy") is not None:
-        raise refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
-    quaternion = np.array(
-        numbers_of(origin, ("quat_xyzw",), 4, place.removesuffix(": origin"), refuse)
-    )
-    if np.linalg.norm(quaternion) < numerics.CLOSE:
-        raise refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
-    del origin.attrib["quat_xyzw"]
-    R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
-    angles = se3.roll_pitch_yaw(se3.pose(R))
-    origin.set("rpy", " ".join(repr(float(x)) for x in angles))
-
-
-def numbers_of(
-    element: ET.Element | None,
-    keys: tuple[str, ...],
-    count: int,
-    what: str,
-    refuse: Refuse,
-    largest: float = LARGEST_NUMBER,
-) -> list[float] | None:
-    """Finite numbers of the last of some attributes; all that are present are checked."""
-    values = None
-    for key in keys:
-        text = None if element is None else element.get(key)
-        if text is None or element is None:
-            continue
+    def _read_own(self, joint: ET.Element, part: ET.Element, name: str) -> None:
+        """Check a part of a joint, and take it out where it cannot be used."""
+        what = f"joint {name!r}"
+        place = f"{what}: {part.tag}"
+        if part.tag == "dynamics":
+            self.dynamics.setdefault(name, []).append(dict(part.attrib))
         try:
-            values = [float(part) for part in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != count or "_" in text or not all(math.isfinite(v) for v in values):
-            raise refuse(
-                f"{what}: {element.tag} {key} is not {count} finite number(s)", got=repr(text)
-            )
-        if any(abs(v) > largest for v in values):
-            raise refuse(
-                f"{what}: {element.tag} {key} is too large",
-                expected=f"at most {largest:g}",
-                got=repr(text),
-            )
-        element.set(key, " ".join(repr(v) for v in values))
+            if part.tag == "limit" and joint.get("type") not in _LIMITED:
+                joint.remove(part)
+                return
+            if len(joint.findall(part.tag)) > 1:
+                raise self.refuse(f"{what} has several <{part.tag}>", expected="one")
+            if part.tag == "dynamics":
+                self._check_numbers(part, place)
+                return
+            unknown, self.unknown = self.unknown, []
+            try:
+                self._check_words(part, place)
+            finally:
+                self.unknown = unknown
+            for child in part:
+                self._refuse_inside(place, child)
+        except InputError as error:
+            self.faults.append((name, error))
+            joint.remove(part)
+
+    def _refuse_inside(self, place: str, child: ET.Element) -> None:
+        what = f"{place} holds an element"
+        raise self.refuse(what, expected="attributes only", got=f"<{child.tag}>")
+
+    def _refuse_slip(self, name: str, known: Sequence[str], what: str, got: str) -> None:
+        if close := get_close_matches(name.lower(), known, n=1, cutoff=_ALIKE):
+            raise self.refuse(what, expected=close[0], got=got)
+
+    def _check_words(self, element: ET.Element, place: str) -> None:
+        """Attributes and text: URDF says everything by attributes, the rest may be a remark."""
+        tag = element.tag
+        known = [word.partition("=")[0] for word in _ATTRIBUTES.get(tag, "").split()]
+        strange = [key for key in element.attrib if key not in known and not key.startswith("{")]
+        for key in strange:
+            what = f"{place}: unknown attribute"
+            if tag in _STRICT:
+                raise self.refuse(what, expected=", ".join(known), got=key)
+            self._refuse_slip(key, known[:4], what, key)
+            self.unknown.append(f"{key}= in <{tag}>")
+        if strange and tag == "limit" and not {"lower", "upper"} & set(element.attrib):
+            expected, got = "lower=... upper=...", ", ".join(strange)
+            raise self.refuse(f"{place}: no lower and no upper", expected=expected, got=got)
+        for text in (element.text, *(child.tail for child in element)):
+            if not (words := (text or "").strip()):
+                continue
+            if tag in _STRICT or _ASSIGNMENT.search(words):
+                expected = "attributes only, within a tag"
+                raise self.refuse(f"{place} holds text", expected=expected, got=repr(words[:40]))
+            self.unknown.append(f"text {words[:40]!r} in <{tag}>")
+        self._check_numbers(element, place)
+
+    def _check_numbers(self, element: ET.Element, place: str) -> None:
+        """Write numbers as Python does."""
+        largest = math.inf if element.tag == "limit" else LARGEST_NUMBER
+        for word in _ATTRIBUTES.get(element.tag, "").split():
+            key, _, count = word.partition("=")
+            text = element.get(key)
+            if count and text is not None:
+                values = _numbers(text, int(count), f"{place} {key}", self.refuse, largest)
+                element.set(key, " ".join(map(repr, values)))
+
+    def _to_angles(self, origin: ET.Element, place: str) -> None:
+        """Write the rotation of an origin as roll, pitch, yaw; equal to rounding."""
+        if self.version == "1.0":
+            expected = '<robot version="1.1">'
+            raise self.refuse(f"{place}: quat_xyzw needs URDF 1.1", expected=expected)
+        if origin.get("rpy") is not None:
+            raise self.refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
+        quaternion = np.array(_floats(origin, "quat_xyzw", ""))
+        if np.linalg.norm(quaternion) < numerics.CLOSE:
+            raise self.refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
+        del origin.attrib["quat_xyzw"]
+        R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
+        origin.set("rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(se3.pose(R))))
+
+
+def _numbers(
+    text: str, count: int, what: str, refuse: Refuse, largest: float = LARGEST_NUMBER
+) -> list[float]:
+    """Finite numbers of a text."""
+    try:
+        values = [float(part) for part in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or "_" in text or not all(map(math.isfinite, values)):
+        raise refuse(f"{what} is not {count} finite number(s)", got=repr(text))
+    if any(abs(v) > largest for v in values):
+        raise refuse(f"{what} is too large", expected=f"at most {largest:g}", got=repr(text))
     return values
