@@ -164,7 +164,7 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
         ({"base_joints": {"axis": [[0, 0, 1]] * 5, "angle": 0.1}}, "6 axes"),
         (
             {"platform_joints": {"axis": [0, 0, 1], "angle": [0.1] * 2}},
-            "6 numbers, one per leg, got 2",
+            "6, one per leg, got 2",
         ),
         ({"force": [3.0, 1.0]}, "wrong way round"),
         ({"force": [[0.0, 1.0]] * 3}, "6 pairs"),

@@ -149,21 +149,27 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
         if np.shape(tcp) == (4, 4):
             keys["tcp"] = checked_pose(tcp, "tcp")
         else:
-            numbers = checked_vector(tcp, 3 if np.size(tcp) == 3 else 6, "tcp")
-            keys["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], (*numbers[3:], 0, 0, 0)[:3])
+            numbers = _padded(tcp, 3, 6, "tcp")
+            keys["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
         checked_reach(keys["tcp"][:3, 3], "tcp")
     if gravity is not None:
         checked_gravity(gravity, where="gravity")
         keys["gravity"] = checked_vector(gravity, 3, "gravity").tolist()
     if payload is not None:
-        numbers = checked_vector(
-            np.atleast_1d(payload), 1 if np.size(payload) == 1 else 4, "payload"
-        )
-        if numbers[0] < 0:
-            raise InputError("mass is negative", where="payload", got=f"{numbers[0]:g}")
-        checked_reach(numbers[1:], "payload")
-        keys["payload"] = float(numbers[0]), (*numbers[1:].tolist(), 0.0, 0.0, 0.0)[:3]
+        mass, *centre = _padded(np.atleast_1d(payload), 1, 4, "payload")
+        if mass < 0:
+            raise InputError("mass is negative", where="payload", got=f"{mass:g}")
+        checked_reach(np.array(centre), "payload")
+        keys["payload"] = mass, tuple(centre)
     return keys
+
+
+def _padded(value: Any, few: int, most: int, name: str) -> list[float]:
+    """So many numbers: the first few of them at least, the others zero."""
+    from cartstiff.arrays import checked_vector
+
+    numbers = checked_vector(value, few if np.size(value) == few else most, name)
+    return [*numbers.tolist(), *[0.0] * (most - numbers.size)]
 
 
 def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:

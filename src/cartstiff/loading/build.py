@@ -32,6 +32,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.legs import check_limits, drawn_legs, one_each
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import (
     RobotDescription,
@@ -139,46 +140,38 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
     """
     facts = facts or RobotFacts()
     loose, barred = facts.loose, frozenset[str]().union(*(o.joints for o in facts.obstacles))
-    # By joint: how many carry it, whether a finger does, and whether anything that is not loose.
-    count, of_finger, carries, bars = [0], [False], [False], [False]
-    names, parents = list(model.names), model.parents.tolist()
-    for name, parent in zip(names[1:], parents[1:], strict=True):
-        count.append(count[parent] + 1)
-        of_finger.append(of_finger[parent] or _is_finger(name))
-        carries.append(carries[parent] or name not in loose)
-        bars.append(bars[parent] or name in barred)
-    kinds = {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
-    every = [(count[j := f.parentJoint], f.name, j) for f in model.frames if f.type in kinds]
-    moving = [end for end in every if carries[end[2]]] or every
-    longest = max((n for n, *_ in moving), default=0)
+    names, kinds = list(model.names), {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
+    ways = [[names[int(j)] for j in support if j] for support in model.supports]
+    every = [(f.name, ways[f.parentJoint]) for f in model.frames if f.type in kinds]
+    moving = [end for end in every if not loose.issuperset(end[1])] or every
+    longest = max((len(way) for _, way in moving), default=0)
     if longest == 0:
         raise InputError("robot has no movable joints")
 
     free = [
-        (n, name, j)
-        for n, name, j in moving
-        if n and not of_finger[j] and not _is_finger(name) and not _is_sensor(name)
+        (name, way)
+        for name, way in moving
+        if way and not any(map(_is_finger, [*way, name])) and not _is_sensor(name)
     ]
-    reach = max((n for n, *_ in free), default=0)
-    usable = max((n for n, _, j in free if not bars[j]), default=reach)
+    reach = max((len(way) for _, way in free), default=0)
+    usable = max((len(way) for _, way in free if barred.isdisjoint(way)), default=reach)
     named = [
-        (rank, -n, i)
-        for i, (n, name, _) in enumerate(free)
-        if 2 * n >= usable and (rank := _rank(name)) < len(_TOOLS)
+        (rank, -len(way), i)
+        for i, (name, way) in enumerate(free)
+        if 2 * len(way) >= usable and (rank := _rank(name)) < len(_TOOLS)
     ]
     if named:
-        joints, chosen, joint = free[min(named)[2]]
-        why = f"named as tools' frames are ({joints} joints)"
+        chosen, end = free[min(named)[2]]
+        why = f"named as tools' frames are ({len(end)} joints)"
     else:
         # A hand is all fingers; on the last joint the frame deepest in the tree of fixed joints.
         ends, joints = (free, reach) if free else (moving, longest)
-        joint = next(j for n, _, j in ends if n == joints)
-        chosen = [name for _, name, j in ends if j == joint][-1]
+        end = next(way for _, way in ends if len(way) == joints)
+        chosen = [name for name, way in ends if way == end][-1]
         why = f"a frame at the end of the longest chain ({joints} joints)"
         if joints < longest:
             why += " that is no finger"
-    same = [name for _, name, j in moving if j == joint]
-    others = ", ".join(name for name in same if name != chosen) or "none"
+    others = ", ".join(name for name, way in moving if way == end and name != chosen) or "none"
     return chosen, (
         f"no frame was named: {chosen!r} is taken, {why}; others on the same link: {others}"
     )
@@ -1004,9 +997,7 @@ def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) ->
     legs, m = file.legs, len(file.base)
     base_axes, base_angles = _joints(legs.base_joints, m, f"{where}, key legs.base_joints")
     axes, angles = _joints(legs.platform_joints, m, f"{where}, key legs.platform_joints")
-    diameters = None
-    if legs.diameter is not None:
-        diameters = _per_leg(legs.diameter, m, f"{where}, key legs.diameter")
+    diameters = _per_leg(legs.diameter, m, f"{where}, key legs.diameter")
     place = f"{where}, key legs.force"
     forces = pair_per_leg(legs.force, m, place, "[least, largest]")
     if forces is not None and np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
@@ -1027,43 +1018,22 @@ def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
     """
     if value is None:
         return None
-    numbers = np.array(value, float)
-    pairs = np.broadcast_to(numbers, (m, 2)) if numbers.ndim == 1 else numbers
-    _check_count(pairs, m, "pairs", where)
-    for i in np.flatnonzero(pairs[:, 0] > pairs[:, 1])[:1]:
-        raise InputError(
-            "limits are the wrong way round",
-            where=f"{where}.{i + 1}",
-            expected=meaning,
-            got=pairs[i].tolist(),
-        )
+    pairs = np.array(one_each(value, m, where, row=True), float)
+    for i, pair in enumerate(pairs, start=1):
+        check_limits(pair.tolist(), f"{where}.{i}", meaning)
     return pairs
-
-
-def _check_count(values: Array, m: int, what: str, where: str) -> None:
-    if len(values) != m:
-        expected = f"{m} {what}, one per leg"
-        raise InputError("wrong count", where=where, expected=expected, got=len(values))
 
 
 def _per_leg(value: float | list[float] | None, m: int, where: str) -> Array | None:
     """Numbers (m,) from one for all legs or one each; None without any."""
-    if value is None:
-        return None
-    values = np.asarray(value, float)
-    if values.ndim == 1:
-        _check_count(values, m, "numbers", where)
-    return np.broadcast_to(values, (m,)).copy()
+    return None if value is None else np.array(one_each(value, m, where), float)
 
 
 def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:
     """Unit axes (m, 3) and largest angles (m,)."""
     if model is None:
         return None, None
-    axes = np.array(model.axis, float)
-    if axes.ndim == 2:
-        _check_count(axes, m, "axes", f"{where}.axis")
-    axes = np.broadcast_to(axes, (m, 3))
+    axes = np.array(one_each(model.axis, m, f"{where}.axis", row=True), float)
     sizes = np.linalg.norm(axes, axis=1)
     if not sizes.min() > 0.0:
         raise InputError("an axis has no direction", where=f"{where}.axis", got=model.axis)
@@ -1129,9 +1099,6 @@ def leg_at_pose(
 
 # What a robot description alone may be given, whether it has loops or none.
 _SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
-
-#: Kinds of files with joints, and with lines from the ground to a body.
-_OF_JOINTS, _OF_LINES = ("serial", "closed-chain"), ("stewart-gough", "springs")
 
 
 def build_chain(
@@ -1236,7 +1203,7 @@ def chain_of(
 
 def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> ElasticMechanism:
     """Elastic mechanism of a body held by lines."""
-    m = len(file.base)
+    m = len(one_each(file.platform, len(file.base), f"{where}, key platform"))
     limits = pair_per_leg(file.legs.limits, m, f"{where}, key legs.limits", "[shortest, longest]")
     T_F_P = pose_of(file.pose)
     T_P_M = pose_of(file.frame)
@@ -1396,7 +1363,7 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     if (frame := overrides.get("frame")) is not None:
         file = _with_frame(file, frame, where)
     if locked := overrides.get("locked"):
-        if file.kind not in _OF_JOINTS:
+        if file.kind not in ("serial", "closed-chain"):
             raise InputError(
                 f"kind {file.kind} has no joints to lock",
                 where=where,
@@ -1408,7 +1375,7 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     payload = file.payload
     if (T := overrides.get("tcp")) is not None:
         back = se3.inverse(T)
-        key = "frame" if file.kind in _OF_LINES else "offset"
+        key = "frame" if file.kind in ("stewart-gough", "springs") else "offset"
         keys[key] = _model_of(pose_of(getattr(file, key)) @ T)
         if payload is not None:
             centre = (back @ np.append(payload.com, 1.0))[:3]
@@ -1453,14 +1420,10 @@ def _with_ros(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
 
 def _with_frame(file: Any, frame: str, where: str) -> Any:
     """File with another frame of interest."""
-    if file.kind in _OF_LINES:
-        if frame == "platform":
-            return file
-        raise UnknownNameError("frame", frame, ["platform"], where=where)
-    if file.kind == "parallel":
-        if frame == "body":
-            return file
-        raise UnknownNameError("frame", frame, ["body"], where=where)
+    only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(file.kind)
+    if only is not None:
+        check_name("frame", frame, [only], where)
+        return file
     return file.model_copy(update={"frame": frame, "offset": _model_of(np.eye(4))})
 
 
@@ -1515,8 +1478,6 @@ def build_parallel(
 
     The body frame hangs on the first chain; every other chain's end is welded to it.
     """
-    from cartstiff.loading.legs import drawn_legs
-
     notes: list[Note] = []
     trees: list[tuple[str, KinematicTree, Array]] = []
     parts: list[_Part] = []

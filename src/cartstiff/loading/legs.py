@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -19,7 +20,6 @@ from cartstiff.loading.schema import (
     LegEndsModel,
     LegModel,
     NamedLegs,
-    NamedLegsModel,
     ParallelFile,
     PoseModel,
     pose_of,
@@ -29,12 +29,12 @@ from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
+def drawn(entry: NamedLegs, T_F_P: Array, where: str) -> list[LegShape]:
     """Shape of each leg, with the body at a pose.
 
     Parameters
     ----------
-    entry : NamedLegsModel
+    entry : NamedLegs
         What the file says.
     T_F_P : ndarray (4, 4)
         The file's pose: there all passive joints are at zero.
@@ -73,8 +73,10 @@ def drawn(entry: NamedLegsModel, T_F_P: Array, where: str) -> list[LegShape]:
         where,
     )
     rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, where)
-    rods, cranks = one_each(entry.rod, m, "rod", where), one_each(entry.crank, m, "crank", where)
-    modes = one_each(entry.mode, m, "mode", where)
+    rods, cranks, modes = (
+        one_each(getattr(entry, key), m, f"{where}, key legs.{key}")
+        for key in ("rod", "crank", "mode")
+    )
     R = T_F_P[:3, :3]
     shapes = []
     for k in range(m):
@@ -166,7 +168,7 @@ def _without_idle_spin(chain: str) -> str:
 
 
 def _points(
-    entry: NamedLegsModel, ring: LegEndsModel, middles: tuple[float, float] | None = None
+    entry: NamedLegs, ring: LegEndsModel, middles: tuple[float, float] | None = None
 ) -> tuple[list[Array], list[bool]]:
     """Points of base or platform, and whether a leg is the mirror image of the next one.
 
@@ -190,14 +192,14 @@ def _points(
     return [T @ p for T in steps for p in own], flips * count
 
 
-def _symmetry(entry: NamedLegsModel) -> int:
+def _symmetry(entry: NamedLegs) -> int:
     is_drawn = any(
         r.points is not None or r.angles is not None for r in (entry.base, entry.platform)
     )
     return entry.symmetry or (1 if is_drawn else 3)
 
 
-def _frames(entry: NamedLegsModel, base: list[Array]) -> list[Array]:
+def _frames(entry: NamedLegs, base: list[Array]) -> list[Array]:
     """Frame of each leg: x radial on a circle; else the axes of F, turned with the symmetry."""
     if entry.base.points is None:
         return [turns(_Z, np.asarray(np.arctan2(p[1], p[0]))) for p in base]
@@ -219,16 +221,9 @@ def _directions(
         # About it a positive angle raises a crank that points outwards.
         value = [0, -1, 0] if (key, value) == ("axis", "tangential") else words[value]
     one = is_word or not isinstance(value[0], list)
-    if not one and len(value) != m:
-        raise InputError(
-            "wrong count",
-            where=f"{where}, key legs.{key}",
-            expected=f"one vector, or {m}, one per leg",
-            got=len(value),
-        )
     directions = []
-    for k in range(m):
-        v = np.array(value if one else value[k], float)
+    for k, entry in enumerate(one_each(value, m, f"{where}, key legs.{key}", row=True)):
+        v = np.array(entry, float)
         size = float(np.linalg.norm(v))
         if size < numerics.TINY:
             raise InputError("a direction has no length", where=f"{where}, key legs.{key}")
@@ -250,18 +245,21 @@ def _radial(p: Array, base: list[Array], where: str) -> Array:
     return turns(_Z, np.arctan2(p[1], p[0]))
 
 
-def one_each(value: Any, m: int, key: str, where: str) -> list[Any]:
-    """One value for each of m legs."""
-    if not isinstance(value, list):
+def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
+    """One value for each of m legs; with `row` a value is itself a list of numbers."""
+    if not isinstance(value, list) or (row and value and not isinstance(value[0], list)):
         return [value] * m
     if len(value) != m:
-        raise InputError(
-            "wrong count",
-            where=f"{where}, key legs.{key}",
-            expected=f"one, or {m}, one per leg",
-            got=len(value),
-        )
+        expected = f"one, or {m}, one per leg"
+        raise InputError("wrong count", where=where, expected=expected, got=len(value))
     return value
+
+
+def check_limits(pair: Sequence[float], where: str, meaning: str) -> None:
+    """Refuse limits the wrong way round."""
+    if pair[0] > pair[1]:
+        what = "limits are the wrong way round"
+        raise InputError(what, where=where, expected=meaning, got=list(pair))
 
 
 #: Where a leg ends: on the body, in its directions at home.
@@ -409,12 +407,11 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
     """Entries of the legs that a name stands for, with their driven joints."""
     shapes = drawn(entry, T_F_P, where)
     m = len(shapes)
-    stiffness = one_each(entry.stiffness, m, "stiffness", where)
-    ranges: Any = entry.limits
-    one = ranges is None or not isinstance(ranges[0], list)
-    limits = [ranges] * m if one else one_each(ranges, m, "limits", where)
+    stiffness, limits, diameters = (
+        one_each(getattr(entry, key), m, f"{where}, key legs.{key}", row=key == "limits")
+        for key in ("stiffness", "limits", "diameter")
+    )
     legs = []
-    diameters = one_each(entry.diameter, m, "diameter", where)
     for shape, k, limit, diameter in zip(shapes, stiffness, limits, diameters, strict=True):
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
@@ -432,13 +429,7 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
             limited[main] = "limits", limit
         lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         for name, (key, pair) in limited.items():
-            if pair[0] > pair[1]:
-                raise InputError(
-                    "limits are the wrong way round",
-                    expected="[least, most]",
-                    where=f"{where}, key legs.{key}",
-                    got=pair,
-                )
+            check_limits(pair, f"{where}, key legs.{key}", "[least, most]")
             lower[names.index(name)], upper[names.index(name)] = pair
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         springs = dict(entry.springs)

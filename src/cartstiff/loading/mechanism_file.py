@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,6 @@ from cartstiff.loading.schema import (
     MODELS,
     FileModel,
     LayoutModel,
-    PlatformFile,
-    SpringsFile,
     laid_out,
     with_findings,
 )
@@ -118,6 +117,7 @@ def _evaluated(
 ) -> tuple[dict[str, float], set[str]]:
     """Value of every parameter, and the names that others need, by what the file says."""
     formulas: dict[str, Expression | float] = {}
+    needed: dict[str, frozenset[str]] = {}
     for name, entry in entries.items():
         where = place(("parameters", name))
         if not is_name(name):
@@ -128,7 +128,10 @@ def _evaluated(
                 expected="letters, digits and _, no word of arithmetic",
             )
         if isinstance(entry, str) and entry.startswith("="):
-            formulas[name] = Expression(entry[1:], where)
+            formulas[name] = formula = Expression(entry[1:], where)
+            needed[name] = formula.names
+            for other in sorted(formula.names):
+                check_name("parameter", other, entries, where)
         elif isinstance(entry, (int, float)) and not isinstance(entry, bool):
             formulas[name] = checked_number(entry, where)
         else:
@@ -138,42 +141,20 @@ def _evaluated(
                 got=one_line(entry),
                 expected="a number, or arithmetic such as '=2*r'",
             )
-    used: set[str] = set()
-    for formula in formulas.values():
-        if isinstance(formula, Expression):
-            used |= formula.names
-    values: dict[str, float] = {}
-    open_names: list[str] = []
-
-    def settle(name: str) -> None:
-        if name in values:
-            return
-        formula = formulas[name]
-        if name in open_names:
-            circle = " -> ".join([*open_names[open_names.index(name) :], name])
-            raise InputError(
-                "parameters depend on each other in a circle",
-                got=circle,
-                where=place(("parameters", name)),
-            )
-        if not isinstance(formula, Expression):
-            values[name] = asked.get(name, formula)
-            return
-        open_names.append(name)
-        for other in sorted(formula.names):
-            check_name("parameter", other, formulas, formula.where)
-            settle(other)
-        open_names.pop()
-        values[name] = asked[name] if name in asked else formula.value(values)
-
     try:
-        for name in formulas:
-            settle(name)
-    except RecursionError:
+        order = [*TopologicalSorter(needed).static_order()]
+    except CycleError as error:
+        circle = error.args[1][::-1]
         raise InputError(
-            "parameters depend on each other too deeply", where=place(("parameters",))
+            "parameters depend on each other in a circle",
+            got=" -> ".join(circle),
+            where=place(("parameters", circle[0])),
         ) from None
-    return values, used
+    values: dict[str, float] = {}
+    for name in [*order, *entries]:
+        formula = asked.get(name, formulas[name])
+        values[name] = formula.value(values) if isinstance(formula, Expression) else formula
+    return {name: values[name] for name in entries}, set().union(*needed.values())
 
 
 def _filled(
@@ -219,8 +200,6 @@ def checked_file(
         raise first_error(error, data, lines, path) from None
     except RecursionError:
         raise InputError("file is nested too deeply", where=one_line(str(path))) from None
-    if isinstance(file, (PlatformFile, SpringsFile)):
-        _check_legs(file, lines, path)
     return file, parameters
 
 
@@ -255,22 +234,6 @@ def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, An
         # Its places begin where the layout does; as those of a file they name its kind first.
         raise first_error(error, data, lines, path, ("kind", "layout")) from None
     return {**{k: v for k, v in data.items() if k != "layout"}, **laid_out(layout)}
-
-
-def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> None:
-    """Every list has one entry per leg."""
-    m = len(file.base)
-    points = {("platform",): file.platform} | {
-        ("legs", key): getattr(file.legs, key) for key in ("stiffness", "rest_length", "preload")
-    }
-    for at, values in points.items():
-        if isinstance(values, list) and len(values) != m:
-            raise InputError(
-                "wrong count",
-                where=place_of(path, lines, at),
-                expected=f"{m}, one per leg",
-                got=str(len(values)),
-            )
 
 
 def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:

@@ -172,6 +172,9 @@ class CubicModel(FileModel):
         return self
 
 
+_OF_RINGS = ("radius", "half_angle", "angles")
+
+
 class LayoutModel(FileModel):
     """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
 
@@ -190,12 +193,10 @@ class LayoutModel(FileModel):
     def _fits(self) -> LayoutModel:
         rings = {"base": self.base, "platform": self.platform}
         if self.cubic is not None:
-            for name, ring in rings.items():
-                for key in ("radius", "half_angle", "angles"):
-                    if getattr(ring, key) is not None:
-                        raise ValueError(f"{name}.{key} is not for a cubic layout")
-            for key in ("turn", "symmetry"):
-                if getattr(self, key) is not None:
+            owners = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _OF_RINGS}
+            owners |= {"turn": self.turn, "symmetry": self.symmetry}
+            for key, value in owners.items():
+                if value is not None:
                     raise ValueError(f"{key} is not for a cubic layout")
             return self
         if self.height is None:
@@ -655,9 +656,7 @@ class LineModel(FileModel):
         return self
 
 
-Stiffness = Annotated[
-    Positive, WrapValidator(lambda value, check: math.inf if value == "rigid" else check(value))
-]
+Stiffness = Annotated[Positive, RIGID]
 _Word = Literal["radial", "tangential", "vertical"]
 Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_length=100)]
 _PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
@@ -696,8 +695,11 @@ class LegEndsModel(FileModel):
         return self
 
 
-class NamedLegsModel(FileModel):
-    """Equal legs from the ground to the body, by the letters of their joints."""
+class NamedLegs(FileModel):
+    """Equal legs by the letters of their joints, from the ground to the body.
+
+    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower, upper.
+    """
 
     chain: Text = keyed(
         "joints from the ground to the body: R revolute, P prismatic, U universal, "
@@ -748,6 +750,8 @@ class NamedLegsModel(FileModel):
         "a ball is limited about each of its three axes",
         {},
     )
+    springs: dict[str, JointSpringModel] = {}
+    flexible: dict[str, FlexibleModel] = {}
 
     @model_validator(mode="before")
     @classmethod
@@ -760,7 +764,7 @@ class NamedLegsModel(FileModel):
         return value
 
     @model_validator(mode="after")
-    def _fits(self) -> NamedLegsModel:
+    def _fits(self) -> NamedLegs:
         if not _KNOWN.fullmatch(self.chain):
             raise ValueError(f"unknown chain {self.chain!r} (expected {KNOWN})")
         strut = self.chain[1] in "PC"
@@ -822,29 +826,26 @@ class _Robot(FileModel):
         return robot
 
 
-class SerialFile(_Robot, _File):
-    """A serial arm."""
-
-    kind: Literal["serial"]
+class _Joints(_Robot):
     frame: Text | None = keyed("link or site that is the body frame M", None)
-    base: PoseModel = keyed("the robot's own base frame B (its root) in F, the room", PoseModel())
-    offset: PoseModel = keyed("M in that frame", PoseModel())
     locked: dict[str, Number] = keyed("joints held fixed", {})
-    q: dict[str, Number] = keyed("default posture", {})
+    q: dict[str, Number] = keyed("default posture; a closed chain is assembled from there", {})
     springs: dict[str, JointSpringModel] = {}
     passive: list[Text] = keyed("joints without springs", [])
     flexible: dict[str, FlexibleModel] = keyed("by link name", {})
+
+
+class SerialFile(_Joints, _File):
+    """A serial arm."""
+
+    kind: Literal["serial"]
+    base: PoseModel = keyed("the robot's own base frame B (its root) in F, the room", PoseModel())
+    offset: PoseModel = keyed("M in the named frame", PoseModel())
     lines: list[LineModel] = []
 
 
-class PlatformFile(_File):
-    """A Stewart-Gough platform: six line springs between a base and a platform."""
-
-    kind: Literal["stewart-gough"]
+class _BodyOnLines(_File):
     units: UnitsModel = UnitsModel()
-    layout: LayoutModel | None = keyed("in place of base, platform and pose", None)
-    base: list[Vector] = keyed("points in F", [], min_length=6, max_length=6)
-    platform: list[Vector] = keyed("points in P", [], min_length=6, max_length=6)
     pose: PoseModel = keyed("P in F", PoseModel())
     frame: PoseModel = keyed("M in P", PoseModel())
     body: BodyModel | None = None
@@ -855,6 +856,15 @@ class PlatformFile(_File):
         {},
     )
 
+
+class PlatformFile(_BodyOnLines):
+    """A Stewart-Gough platform: six line springs between a base and a platform."""
+
+    kind: Literal["stewart-gough"]
+    layout: LayoutModel | None = keyed("in place of base, platform and pose", None)
+    base: list[Vector] = keyed("points in F", [], min_length=6, max_length=6)
+    platform: list[Vector] = keyed("points in P", [], min_length=6, max_length=6)
+
     @model_validator(mode="after")
     def _has_points(self) -> PlatformFile:
         for key in ("base", "platform"):
@@ -863,20 +873,12 @@ class PlatformFile(_File):
         return self
 
 
-class SpringsFile(_File):
+class SpringsFile(_BodyOnLines):
     """A body held by any number of line springs or cables from the ground."""
 
     kind: Literal["springs"]
-    units: UnitsModel = UnitsModel()
     base: Vectors = keyed("anchor points in F")
     platform: Vectors = keyed("points of the body in P")
-    pose: PoseModel = keyed("P in F", PoseModel())
-    frame: PoseModel = keyed("M in P", PoseModel())
-    body: BodyModel | None = None
-    legs: LinesLegs
-    flexible: dict[Literal["base", "platform"], FlexibleModel] = keyed(
-        "as of kind stewart-gough", {}
-    )
     unilateral: Flag = keyed("cables: they cannot push", False)
 
     @model_validator(mode="after")
@@ -886,21 +888,15 @@ class SpringsFile(_File):
         return self
 
 
-class LegModel(_Robot):
+class LegModel(_Joints):
     """One chain of a parallel mechanism, from the ground to the body."""
 
     kind: Literal["serial"] = "serial"
-    frame: Text | None = None
     base: PoseModel = keyed("the chain's root in F", PoseModel())
     grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel())
     contact: Literal["rigid", "soft-finger", "point"] = keyed(
         "joint between chain and body: none, spin about z, or a ball", "rigid"
     )
-    passive: list[Text] = keyed("joints without springs", [])
-    locked: dict[str, Number] = {}
-    q: dict[str, Number] = {}
-    springs: dict[str, JointSpringModel] = {}
-    flexible: dict[str, FlexibleModel] = {}
     _drawing: Any = PrivateAttr(default=None)
 
     @property
@@ -913,16 +909,6 @@ class LegModel(_Robot):
         leg = self.model_copy()
         leg._drawing = drawing
         return leg
-
-
-class NamedLegs(NamedLegsModel):
-    """Equal legs by the letters of their joints, from the ground to the body.
-
-    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower, upper.
-    """
-
-    springs: dict[str, JointSpringModel] = {}
-    flexible: dict[str, FlexibleModel] = {}
 
 
 def _is_meant(leg: Any) -> str:
@@ -969,20 +955,14 @@ class ClosureModel(FileModel):
     )
 
 
-class ClosedChainFile(_Robot, _File):
+class ClosedChainFile(_Joints, _File):
     """A tree from URDF or MJCF whose frames are tied by closures."""
 
     kind: Literal["closed-chain"]
-    frame: Text | None = None
     offset: PoseModel = PoseModel()
     closures: list[ClosureModel] = []
     floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
     actuated: list[Text] = []
-    locked: dict[str, Number] = {}
-    q: dict[str, Number] = keyed("posture from which assembly starts", {})
-    springs: dict[str, JointSpringModel] = {}
-    passive: list[Text] = keyed("joints without springs", [])
-    flexible: dict[str, FlexibleModel] = {}
     lines: list[LineModel] = []
 
 

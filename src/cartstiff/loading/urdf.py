@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 import pinocchio as pin
@@ -232,20 +233,22 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
     notes += _doubts(joints)
     _check_tree(robot)
     _leave_out_rings(robot, mimics)
-    _fix_followers(joints, mimics)
+    held = _held(joints, mimics)
     for name, element in links.items():
         if not _check_inertial(element, f"link {name!r}", refuse):
             words = f"link {name!r}: no body has this inertia; none counts, which vibrations feel"
             notes.append(Note("impossible-inertia", words, {"link": name}))
     closures, actuated = _beside(robot, reader.beside, springs, mimics)
     springs, curved = on_leaders(springs, mimics)
-    looped = {j for closure in closures for j in closure.joints if joints[j].get("type") != "fixed"}
-    free = looped - springs.keys() - actuated
+    fixed = {name for name, joint in joints.items() if joint.get("type") == "fixed"}
+    looped = {j for closure in closures for j in closure.joints}
+    free = looped - springs.keys() - actuated - fixed - held.keys()
     return RobotFacts(
         springs=springs,
         passive=tuple(name for name in joints if name in free),
         actuated=tuple(name for name in joints if name in actuated),
         followers=mimics,
+        locked=held,
         closures=tuple(closures),
         planar_axes=planar_axes,
         notes=tuple(notes),
@@ -581,29 +584,15 @@ def _plane(name: str, element: ET.Element | None, axes: dict[str, se3.Array]) ->
     return []
 
 
-def _fix_followers(joints: dict[str, ET.Element], mimics: Followers) -> None:
-    """Followers of a joint that stands still stand still at their offset."""
+def _held(joints: dict[str, ET.Element], mimics: Followers) -> dict[str, float]:
+    """Positions of the joints that follow one which stands still: they follow no more."""
     standing = {name: 0.0 for name, joint in joints.items() if joint.get("type") == "fixed"}
-    pending = dict(mimics)
-    while ready := {n: m for n, m in pending.items() if m[0] in standing}:
+    held: dict[str, float] = {}
+    while ready := {n: m for n, m in mimics.items() if m[0] in standing}:
         for name, (leader, factor, offset) in ready.items():
-            standing[name] = factor * standing[leader] + offset
-            _fix(joints[name], standing[name])
-            del pending[name], mimics[name]
-
-
-def _fix(joint: ET.Element, position: float) -> None:
-    """Make a joint fixed at a position."""
-    origin = joint.find("origin")
-    if origin is None:
-        origin = ET.SubElement(joint, "origin")
-    along = np.array(_floats(joint.find("axis"), "xyz", "1 0 0"))
-    step = np.zeros(6)
-    step[3 * (joint.get("type") == "prismatic") :][:3] = along / np.linalg.norm(along) * position
-    T = _placed(origin) @ se3.exp(step)
-    origin.set("xyz", " ".join(repr(float(x)) for x in T[:3, 3]))
-    origin.set("rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(T)))
-    joint.set("type", "fixed")
+            standing[name] = held[name] = factor * standing[leader] + offset
+            del mimics[name]
+    return held
 
 
 def _names(root: ET.Element, tag: str, refuse: Refuse) -> dict[str, ET.Element]:
@@ -622,18 +611,11 @@ def _check_tree(robot: _Robot) -> None:
     """Every link must hang from one root."""
     links, refuse = robot.links, robot.refuse
     parent_of = {link: parent for link, (_, parent) in robot.carrier.items()}
+    try:
+        TopologicalSorter({link: {parent} for link, parent in parent_of.items()}).prepare()
+    except CycleError as error:
+        raise refuse("links form a cycle", got=" -> ".join(error.args[1])) from None
     roots = [link for link in links if link not in parent_of]
-    if not roots:
-        raise refuse("links form a cycle: there is no root link", got=next(iter(parent_of)))
-    settled: set[str] = set(roots)
-    for link in links:
-        trail: list[str] = []
-        while link not in settled:
-            trail.append(link)
-            link = parent_of[link]
-            if link in trail:
-                raise refuse("links form a cycle", got=" -> ".join([*trail, link]))
-        settled.update(trail)
     if len(roots) > 1:
         raise refuse("robot is not one tree", expected="one root link", got=", ".join(roots[:5]))
 
@@ -746,7 +728,7 @@ class _Reader:
         tags = [child.tag for child in element if child not in own]
         for twice in {t for t in tags if tag != "robot" and tags.count(t) > 1}:
             raise self.refuse(f"{place} has several <{twice}>", expected="one")
-        for child in element:
+        for child in reversed(element):
             if child not in own:
                 self._read(child, within)
         if element.get("quat_xyzw") is not None:

@@ -55,6 +55,7 @@ _NUMBERS = {
     "joint": "jnt_pos jnt_axis jnt_stiffness jnt_stiffnesspoly",
     "site": "site_pos site_quat",
     "equality": "eq_data",
+    "": "qpos0 qpos_spring opt.gravity dof_armature dof_damping key_qpos",
 }
 
 
@@ -134,30 +135,22 @@ class Compiled:
 
     def _check_numbers(self) -> None:
         """MuJoCo lets pass what is not finite, and sizes whose products are not."""
-        owners = {"body": self.bodies, "joint": self.joints, "site": None, "equality": None}
+        owners = {"body": self.bodies, "joint": self.joints}
         for kind, fields in _NUMBERS.items():
             for name in fields.split():
                 values = np.array(self.data[name] or [], float)
                 rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
-                bad = ~(np.abs(rows) <= LARGEST_NUMBER).all(axis=1)
-                if bad.any():
-                    i = int(np.argmax(bad))
-                    whose = (owners[kind] or self.data[f"{kind}_names"])[i] or str(i + 1)
+                for i in np.flatnonzero(~(np.abs(rows) <= LARGEST_NUMBER).all(axis=1))[:1]:
+                    what = name
+                    if kind:
+                        whose = (owners.get(kind) or self.data[f"{kind}_names"])[i] or str(i + 1)
+                        what = f"{kind} {whose!r}: {name.partition('_')[2]}"
                     raise InputError(
-                        f"{kind} {whose!r}: {name.partition('_')[2]} cannot be used",
+                        f"{what} cannot be used",
                         where=self.where,
                         expected=f"finite numbers up to {LARGEST_NUMBER:g}",
                         got=" ".join(f"{v:g}" for v in rows[i]),
                     )
-        loose = [self.data["qpos0"], self.data["qpos_spring"], self.data["opt.gravity"]]
-        loose += [self.data["dof_armature"], self.data["dof_damping"]]
-        loose += self.data["key_qpos"]
-        if not (np.abs(np.concatenate(loose)) <= LARGEST_NUMBER).all():
-            raise InputError(
-                "a position, an armature, a damping or gravity cannot be used",
-                where=self.where,
-                expected=f"finite numbers up to {LARGEST_NUMBER:g}",
-            )
         for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
             rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
             sizes = np.linalg.norm(rows, axis=1)
