@@ -159,15 +159,15 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
 @pytest.mark.parametrize(
     ("legs", "match"),
     [
-        ({"diameter": [0.1] * 5}, "diameter.*6 numbers"),
+        ({"diameter": [0.1] * 5}, "diameter.*6, one per leg"),
         ({"base_joints": {"axis": [0, 0, 0], "angle": 0.1}}, "direction"),
-        ({"base_joints": {"axis": [[0, 0, 1]] * 5, "angle": 0.1}}, "6 axes"),
+        ({"base_joints": {"axis": [[0, 0, 1]] * 5, "angle": 0.1}}, "axis.*6, one per leg"),
         (
             {"platform_joints": {"axis": [0, 0, 1], "angle": [0.1] * 2}},
             "6, one per leg, got 2",
         ),
         ({"force": [3.0, 1.0]}, "wrong way round"),
-        ({"force": [[0.0, 1.0]] * 3}, "6 pairs"),
+        ({"force": [[0.0, 1.0]] * 3}, "force.*6, one per leg"),
     ],
 )
 def test_what_cannot_be_a_limit_is_refused(tmp_path, legs, match):

@@ -241,21 +241,22 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading.build import chain_of, described, with_overrides
+    from cartstiff.loading.mechanism_file import places_in
     from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
     alone = SerialFile.model_construct(kind="serial", model=model)
-    serial = with_overrides(alone, overrides, where)
-    description = described(serial, None)
-    facts = description.facts
-    notes = []
-    if facts.gravity is not None and serial.gravity is None:
-        gravity = facts.gravity.tolist()
-        serial = serial.model_copy(update={"gravity": gravity})
-        shown = ", ".join(f"{g:g}" for g in facts.gravity)
-        words = f"gravity ({shown}) m/s^2 acts, as the file says"
-        notes.append(Note("gravity-of-file", words, {"gravity": gravity}))
-    return chain_of(description, serial, where, name, said=notes, alone=True)
+    with places_in(where):
+        serial = with_overrides(alone, overrides)
+        description = described(serial, None)
+        notes = []
+        if (field := description.facts.gravity) is not None and serial.gravity is None:
+            gravity = field.tolist()
+            serial = serial.model_copy(update={"gravity": gravity})
+            shown = ", ".join(f"{g:g}" for g in gravity)
+            words = f"gravity ({shown}) m/s^2 acts, as the file says"
+            notes.append(Note("gravity-of-file", words, {"gravity": gravity}))
+        return chain_of(description, serial, name, said=notes, alone=True)
 
 
 def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechanism] | None:
@@ -289,13 +290,11 @@ def from_data(
     data: dict[str, Any], lines: Lines, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """The mechanism of a file's data, with what was given beside it."""
-    from cartstiff.loading.mechanism_file import checked_file, located, mechanism_of
+    from cartstiff.loading.mechanism_file import checked_file, mechanism_of, place_of, places_in
 
     file, parameters = checked_file(data, lines, path, overrides.get("parameters"))
-    try:
+    with places_in(one_line(str(path)), lambda at: place_of(path, lines, at)):
         return mechanism_of(file, parameters, path, overrides)
-    except InputError as error:
-        raise located(error, path, lines) from None
 
 
 @checked

@@ -178,20 +178,20 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
 
 
 def chosen_frame(
-    description: RobotDescription, frame: str | None, where: str, notes: list[Note], who: str = ""
+    description: RobotDescription, frame: str | None, notes: list[Note], leg: str = ""
 ) -> str:
     """The frame that was named, or the default one; with a note where something was assumed."""
-    model = description.model
+    model, who = description.model, f"{leg}: " if leg else ""
     if frame is None:
         try:
             frame, words = default_frame(model, description.facts)
         except InputError as error:
-            raise error.at(where) from None
+            raise error.moved_to(leg) from None
         notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
         return frame
     named = [f for f in model.frames if f.name == frame]
     if not named:
-        raise UnknownNameError("frame", frame, [f.name for f in model.frames], where=where)
+        raise UnknownNameError("frame", frame, [f.name for f in model.frames], where=leg)
     taken = find_frame(model, frame)
     for other in named:
         apart = not other.placement.isApprox(taken.placement)
@@ -205,7 +205,6 @@ def chosen_frame(
 def default_posture(
     tree: KinematicTree,
     values: Mapping[str, float],
-    where: str,
     otherwise: Mapping[str, float] | None = None,
     facts: RobotFacts | None = None,
 ) -> Array:
@@ -215,7 +214,7 @@ def default_posture(
     `otherwise` need not be coordinates of the tree.
     """
     names = _names(tree)
-    _check_joints(values, names, f"{where}, key q")
+    _check_joints(values, names, "key q")
     drawn = {} if facts is None else facts.posture
     q = np.array([drawn.get(name, 0.0) for name in names])
     if facts is None or facts.keyframe is None:
@@ -351,7 +350,6 @@ def springs_of(
     passive: Sequence[str],
     tree: KinematicTree,
     facts: RobotFacts,
-    where: str,
     *,
     virtual: Sequence[str] = (),
     actuated: Sequence[str] | None = None,
@@ -369,10 +367,10 @@ def springs_of(
     if actuated is not None and (actuated or springs or not set(passive) - set(virtual)):
         driven &= set(actuated)
     for entries, key in ((springs, "springs"), (passive, "passive")):
-        _check_joints(entries, names, f"{where}, key {key}")
+        _check_joints(entries, names, f"key {key}")
     both = set(springs) & set(passive)
     if both:
-        raise InputError(f"joint {min(both)!r} is passive and has a spring", where=where)
+        raise InputError(f"joint {min(both)!r} is passive and has a spring")
     stiffness, rest = np.zeros(len(names)), np.full(len(names), np.nan)
     laws: dict[int, SpringLaw] = {}
     assumed: list[str] = []
@@ -402,7 +400,6 @@ def springs_of(
             if springs and actuated is None:
                 raise InputError(
                     f"joint {name!r} has no spring",
-                    where=where,
                     expected="an entry under springs, passive or locked",
                 )
             stiffness[j] = ASSUMED_STIFFNESS
@@ -474,7 +471,7 @@ def virtual_joints(flexible: Mapping[str, FlexibleModel], prefix: str = "") -> l
 
 
 def link_springs(
-    flexible: Mapping[str, FlexibleModel], tree: KinematicTree, where: str, prefix: str = ""
+    flexible: Mapping[str, FlexibleModel], tree: KinematicTree, prefix: str = ""
 ) -> list[Potential]:
     """Springs over the virtual joints of flexible links, and beams."""
     names = _names(tree)
@@ -486,9 +483,7 @@ def link_springs(
             continue
         K = np.array(entry.stiffness, float)
         if np.abs(K - K.T).max() > numerics.SYMMETRY * np.abs(K).max():
-            raise InputError(
-                "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
-            )
+            raise InputError("stiffness of a link must be symmetric", where=f"key flexible.{link}")
         springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP], prefix + link))
     return springs
 
@@ -592,7 +587,6 @@ def _of_all(parts: Sequence[_Part], values: Callable[[_Part], Any]) -> dict[str,
 
 def _finished(
     file: SerialFile | ParallelFile | ClosedChainFile,
-    where: str,
     name: str,
     notes: list[Note],
     tree: KinematicTree,
@@ -613,8 +607,8 @@ def _finished(
 
     Parameters
     ----------
-    file, where, name
-        What is known about it, where messages say that this stands, and the mechanism's name.
+    file, name
+        What is known about it, and the mechanism's name.
     notes : list of Note
         Of the reader; more are added.
     tree, frame : KinematicTree, str
@@ -643,7 +637,7 @@ def _finished(
         frame,
         offset=offset,
         closures=closures,
-        actuated=_actuated(actuated, tree, where),
+        actuated=_actuated(actuated, tree),
         virtual=[c for c, n in enumerate(_names(tree)) if n in virtual],
         kind=file.kind,
         descriptions=[part.description.shown(part.prefix) for part in parts],
@@ -655,22 +649,20 @@ def _finished(
         inertia = pin.Inertia(payload.mass, centre[:3], np.zeros((3, 3)))
         tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
     if chain.kind != "serial":
-        q = _assembled(chain, q, posture, where, notes)
+        q = _assembled(chain, q, posture, notes)
     elif not rests:
         q, chosen = regular_posture(chain, q)
         notes += chosen
     springs, assumed = springs_of(
-        entries, passive, tree, facts, where, virtual=[*virtual, *contacts], actuated=driven
+        entries, passive, tree, facts, virtual=[*virtual, *contacts], actuated=driven
     )
     soft = [
-        spring
-        for part in parts
-        for spring in link_springs(part.entry.flexible, tree, where, part.prefix)
+        spring for part in parts for spring in link_springs(part.entry.flexible, tree, part.prefix)
     ]
     notes += [*assumed, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _idle_links(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
-    elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
+    elastic = elastic.with_gravity(file.gravity, where="key gravity")
     chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
     potentials = [*soft, *extra_lines(file.lines, chain, q)]
     if not potentials and len(chain.undriven) == tree.n:
@@ -873,7 +865,7 @@ def tree_to(
     The named `joints` are kept as well.
     """
     model, facts = description.model, description.facts
-    fixed = joint_indices(model, facts.locked | dict(locked), f"{where}, key locked")
+    fixed = joint_indices(model, facts.locked | dict(locked), f"{where}key locked")
     if frames is None:
         keep = set(range(1, model.njoints))
     else:
@@ -926,7 +918,7 @@ def tree_to(
 
 
 def on_springs(
-    springs: LineSprings, file: PlatformFile | SpringsFile, T_F_M: Array, where: str
+    springs: LineSprings, file: PlatformFile | SpringsFile, T_F_M: Array
 ) -> MountedStruts:
     """The legs between what the file's `flexible` says of base and platform.
 
@@ -936,7 +928,7 @@ def on_springs(
         For cables, and for springs that are not symmetric and positive definite, are beams, or have
         a mass.
     """
-    where = f"{where}, key flexible"
+    where = "key flexible"
     if springs.unilateral:
         raise InputError(
             "cables hang from what does not give", where=where, expected="no key flexible"
@@ -985,7 +977,7 @@ def _mount(entry: FlexibleModel | None, T: Array, where: str) -> Mount | None:
     return Mount(T @ pose_of(entry.offset), K[np.ix_(se3.SWAP, se3.SWAP)])
 
 
-def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> LegLimits | None:
+def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array) -> LegLimits | None:
     """Limits of joint angles, distances and forces; None without any.
 
     Raises
@@ -995,10 +987,10 @@ def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) ->
         the wrong way round.
     """
     legs, m = file.legs, len(file.base)
-    base_axes, base_angles = _joints(legs.base_joints, m, f"{where}, key legs.base_joints")
-    axes, angles = _joints(legs.platform_joints, m, f"{where}, key legs.platform_joints")
-    diameters = _per_leg(legs.diameter, m, f"{where}, key legs.diameter")
-    place = f"{where}, key legs.force"
+    base_axes, base_angles = _joints(legs.base_joints, m, "key legs.base_joints")
+    axes, angles = _joints(legs.platform_joints, m, "key legs.platform_joints")
+    diameters = _per_leg(legs.diameter, m, "key legs.diameter")
+    place = "key legs.force"
     forces = pair_per_leg(legs.force, m, place, "[least, largest]")
     if forces is not None and np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
         raise InputError("cables cannot push", where=place, expected="0 or more", got=legs.force)
@@ -1051,7 +1043,6 @@ def leg_at_pose(
     T_root_B: Array,
     q: Array,
     virtual: Sequence[int],
-    where: str,
     leg: str,
 ) -> Array:
     """Coordinates (n,) of one leg at which the body has a pose.
@@ -1071,8 +1062,8 @@ def leg_at_pose(
         Posture to start from.
     virtual : sequence of int
         Indices of virtual joints.
-    where, leg : str
-        File and leg, for messages.
+    leg : str
+        For messages.
 
     Raises
     ------
@@ -1091,7 +1082,7 @@ def leg_at_pose(
     left = np.abs(free.task(postures, poses, "none")[0]).max(axis=1).min()
     raise InputError(
         "the pose cannot be reached",
-        where=f"{where}, key pose",
+        where="key pose",
         expected="a pose that every leg reaches",
         got=f"{leg}, which stays {left:.3g} (rad or characteristic lengths) away",
     )
@@ -1102,18 +1093,17 @@ _SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", 
 
 
 def build_chain(
-    file: SerialFile | ClosedChainFile, beside: Path | None, where: str, name: str
+    file: SerialFile | ClosedChainFile, beside: Path | None, name: str
 ) -> ElasticMechanism:
     """A serial arm, or a tree whose frames are tied by closures, of a mechanism file."""
     description = described(file, beside, floating=file.kind == "closed-chain" and file.floating)
     notes = gravity_left_out(file, description)
-    return chain_of(description, file, where, name, said=notes)
+    return chain_of(description, file, name, said=notes)
 
 
 def chain_of(
     description: RobotDescription,
     file: SerialFile | ClosedChainFile,
-    where: str,
     name: str,
     posture: Mapping[str, float] | None = None,
     said: Sequence[Note] = (),
@@ -1127,8 +1117,8 @@ def chain_of(
         The robot.
     file : SerialFile or ClosedChainFile
         What else is known about it.
-    where, name : str
-        Where messages say that something stands, and the mechanism's name.
+    name : str
+        The mechanism's name.
     posture : mapping of str to float, optional
         Default positions by coordinate, for those that `file` does not give; names that are no
         coordinates of the chain play no part.
@@ -1139,7 +1129,7 @@ def chain_of(
         joints that do not move it are left out, and its own actuators drive the chain.
     """
     notes, facts = [*said], description.facts
-    frame = chosen_frame(description, file.frame, where, notes)
+    frame = chosen_frame(description, file.frame, notes)
     moving = joints_that_move(description, frame) if alone else set(description.model.names)
     ties = [tie for tie in facts.closures if tie.joints & moving]
     if alone and ties:
@@ -1152,15 +1142,13 @@ def chain_of(
         description,
         None if closed and not alone else ends,
         file.locked,
-        where,
+        "",
         notes,
         file.flexible,
         moving if closed else (),
     )
     if tree.n == 0 and not closed:
-        raise InputError(
-            f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
-        )
+        raise InputError(f"no joint moves frame {frame!r}", expected="a frame on a moving link")
     closures: list[Closure] = []
     actuated: Sequence[str] = ()
     driven = None
@@ -1172,9 +1160,9 @@ def chain_of(
     else:
         base = pose_of(file.base)
         tree = merged([("", tree, base)])
-    q = default_posture(tree, file.q, where, posture, facts)
+    q = default_posture(tree, file.q, posture, facts)
     if isinstance(file, ClosedChainFile):
-        closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
+        closures += [_closure(entry, i, tree, q) for i, entry in enumerate(file.closures)]
     # Springs with rest positions are at home where these are.
     homed = facts.springs or any(entry.rest is not None for entry in file.springs.values())
     notes += description_notes(description, tree, file.model_fields_set, closed)
@@ -1184,7 +1172,6 @@ def chain_of(
 
     return _finished(
         file,
-        where,
         name,
         notes,
         tree,
@@ -1201,13 +1188,13 @@ def chain_of(
     )
 
 
-def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> ElasticMechanism:
+def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechanism:
     """Elastic mechanism of a body held by lines."""
-    m = len(one_each(file.platform, len(file.base), f"{where}, key platform"))
-    limits = pair_per_leg(file.legs.limits, m, f"{where}, key legs.limits", "[shortest, longest]")
+    m = len(one_each(file.platform, len(file.base), "key platform"))
+    limits = pair_per_leg(file.legs.limits, m, "key legs.limits", "[shortest, longest]")
     T_F_P = pose_of(file.pose)
     T_P_M = pose_of(file.frame)
-    mass, centre, inertia = _body(file, T_P_M, where)
+    mass, centre, inertia = _body(file, T_P_M)
     platform = Platform(
         file.base,
         file.platform,
@@ -1218,22 +1205,20 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         mass=mass,
         mass_centre=centre,
         inertia=inertia,
-        struts=_struts(file, m, where),
-        leg_limits=leg_limits_of(file, T_P_M, where),
+        struts=_struts(file, m),
+        leg_limits=leg_limits_of(file, T_P_M),
     )
     T_F_M = T_F_P @ T_P_M
     try:
         geometry = line_geometry(T_F_M, platform.anchors, platform.points)
     except UndefinedError as error:
-        raise InputError(
-            f"leg {error.values['line']} has zero length at the file's pose", where=where
-        ) from None
+        raise InputError(f"leg {error.values['line']} has zero length at the file's pose") from None
     if platform.struts is not None:
-        _check_bars(platform.struts, geometry.lengths, where)
-    springs = _legs(file, platform, T_F_M, geometry.lengths, where)
+        _check_bars(platform.struts, geometry.lengths)
+    springs = _legs(file, platform, T_F_M, geometry.lengths)
     rest = None if np.isnan(springs.rest_length).all() else springs.rest_length
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
-    dampers = _per_leg(file.legs.damping, m, f"{where}, key legs.damping")
+    dampers = _per_leg(file.legs.damping, m, "key legs.damping")
     damping = dampers if dampers is not None and dampers.any() else None
     notes = []
     if rest is not None:
@@ -1243,22 +1228,22 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
             {f"stretch of leg {i + 1}": float(x) for i, x in enumerate(strains) if rest[i]}
         )
     elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
-    return elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
+    return elastic.with_gravity(file.gravity, where="key gravity")
 
 
 def _legs(
-    file: PlatformFile | SpringsFile, platform: Platform, T_F_M: Array, lengths: Array, where: str
+    file: PlatformFile | SpringsFile, platform: Platform, T_F_M: Array, lengths: Array
 ) -> LineSprings:
     """Springs of the legs: lines, or struts between flexures."""
     legs, m = file.legs, len(lengths)
     strut = legs.strut
     value, key = (legs.stiffness, "stiffness") if strut is None else (strut.axial, "strut.axial")
-    place = f"{where}, key legs."
+    place = "key legs."
     stiffness = _per_leg(value, m, place + key)
     rest = _per_leg(legs.rest_length, m, f"{place}rest_length")
     preload = _per_leg(legs.preload, m, f"{place}preload")
     if stiffness is None:  # the schema requires it
-        raise InputError("legs have no stiffness", where=where)
+        raise InputError("legs have no stiffness")
     rests = np.full(m, np.nan) if rest is None else rest
     if strut is None:
         springs = LineSprings(
@@ -1278,22 +1263,20 @@ def _legs(
             platform.anchors, platform.points, T_F_M, stiffness, lower, upper, rests
         )
     if file.flexible:
-        springs = on_springs(springs, file, T_F_M, where)
+        springs = on_springs(springs, file, T_F_M)
     if preload is None:
         return springs
     return springs.replaced(springs.stiffness, lengths - preload / springs.stiffness)
 
 
-def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[float, Array, Array]:
+def _body(file: PlatformFile | SpringsFile, T_P_M: Array) -> tuple[float, Array, Array]:
     """Mass, centre and inertia about it, in P, of the body with its payload."""
     body, payload = file.body, file.payload
     inertia = np.zeros((3, 3))
     if body is not None and body.inertia is not None:
         inertia = np.array(body.inertia, float)
     if np.abs(inertia - inertia.T).max() > numerics.SYMMETRY * np.abs(inertia).max():
-        raise InputError(
-            "inertia is not symmetric", where=f"{where}, key body.inertia", got=inertia.tolist()
-        )
+        raise InputError("inertia is not symmetric", where="key body.inertia", got=inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)
     if (
         moments[0] < -numerics.CLOSE * moments[2]
@@ -1301,7 +1284,7 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
     ):
         raise InputError(
             "no body has these moments of inertia",
-            where=f"{where}, key body.inertia",
+            where="key body.inertia",
             expected="each at most the sum of the other two",
             got=moments.tolist(),
         )
@@ -1318,30 +1301,30 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
     return mass, centre, inertia
 
 
-def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | None:
+def _struts(file: PlatformFile | SpringsFile, m: int) -> Struts | None:
     """Masses of the legs, checked."""
     strut = file.legs.strut
     mass = file.legs.mass if strut is None or strut.mass is None else strut.mass
     if mass is None:
         return None
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
-    values = [_per_leg(getattr(mass, key), m, f"{where}, key legs.mass.{key}") for key in keys]
+    values = [_per_leg(getattr(mass, key), m, f"key legs.mass.{key}") for key in keys]
     return Struts(*(np.zeros(m) if value is None else value for value in values))
 
 
-def _check_bars(struts: Struts, lengths: np.ndarray, where: str) -> None:
+def _check_bars(struts: Struts, lengths: np.ndarray) -> None:
     """Refuse bars of legs whose centre lies beyond the leg's other end."""
     for key, masses in (("fixed_com", struts.fixed), ("moving_com", struts.moving)):
         for i in np.flatnonzero((masses > 0.0) & (getattr(struts, key) > lengths)):
             raise InputError(
                 f"the mass centre of leg {i + 1} is beyond its other end",
-                where=f"{where}, legs.mass.{key}",
+                where=f"key legs.mass.{key}",
                 got=f"{getattr(struts, key)[i]:g}",
                 expected=f"a distance up to the leg's length, {lengths[i]:g}",
             )
 
 
-def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
+def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
     """A file with what was given beside it, which counts before what it says itself.
 
     Parameters
@@ -1351,8 +1334,6 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     overrides : mapping
         "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass, centre in
         M; added to the file's), "xacro", "package_path"; as many as there are.
-    where : str
-        The file, for messages.
 
     Raises
     ------
@@ -1361,17 +1342,16 @@ def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     """
     keys: dict[str, Any] = {}
     if (frame := overrides.get("frame")) is not None:
-        file = _with_frame(file, frame, where)
+        file = _with_frame(file, frame)
     if locked := overrides.get("locked"):
         if file.kind not in ("serial", "closed-chain"):
             raise InputError(
                 f"kind {file.kind} has no joints to lock",
-                where=where,
                 expected="kind serial or closed-chain",
             )
         keys["locked"] = {**file.locked, **locked}
     if overrides.get("xacro") or overrides.get("package_path"):
-        file = _with_ros(file, overrides, where)
+        file = _with_ros(file, overrides)
     payload = file.payload
     if (T := overrides.get("tcp")) is not None:
         back = se3.inverse(T)
@@ -1402,27 +1382,24 @@ def _model_of(T: Array) -> PoseModel:
     return PoseModel.model_construct(xyz=xyz, rpy=rpy)
 
 
-def _with_ros(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
+def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
     """A file whose robots get more xacro arguments, and more folders for packages."""
     if hasattr(file, "model"):
         return file.with_ros(overrides.get("xacro", {}), overrides.get("package_path", ()))
     if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
-        legs = [
-            _with_ros(leg, overrides, where) if leg.drawing is None else leg for leg in file.legs
-        ]
+        legs = [_with_ros(leg, overrides) if leg.drawing is None else leg for leg in file.legs]
         return file.model_copy(update={"legs": legs})
     raise InputError(
         f"kind {file.kind} has no robot description",
-        where=where,
         expected="no xacro arguments and no package path",
     )
 
 
-def _with_frame(file: Any, frame: str, where: str) -> Any:
+def _with_frame(file: Any, frame: str) -> Any:
     """File with another frame of interest."""
     only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(file.kind)
     if only is not None:
-        check_name("frame", frame, [only], where)
+        check_name("frame", frame, [only])
         return file
     return file.model_copy(update={"frame": frame, "offset": _model_of(np.eye(4))})
 
@@ -1448,32 +1425,28 @@ def _add_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
     tree.frames[name] = FixedFrame(at.joint, at.T_j_f @ T)
 
 
-def _actuated(names: Sequence[str], tree: KinematicTree, where: str) -> list[int] | None:
+def _actuated(names: Sequence[str], tree: KinematicTree) -> list[int] | None:
     known = _names(tree)
-    _check_joints(names, known, f"{where}, key actuated")
+    _check_joints(names, known, "key actuated")
     if len(set(names)) != len(names):
-        raise InputError("a joint stands twice under actuated", where=where)
+        raise InputError("a joint stands twice under actuated")
     return [known.index(name) for name in names] or None
 
 
-def _assembled(
-    chain: Chain, q: Array, posture: Mapping[str, float], where: str, notes: list[Note]
-) -> Array:
+def _assembled(chain: Chain, q: Array, posture: Mapping[str, float], notes: list[Note]) -> Array:
     """Closed coordinates near q; where no joint is actuated, those that the file names are held."""
     named = [] if chain.actuated else [chain.names.index(name) for name in posture]
     try:
         at = chain.closed(q, named=named)
     except ConvergenceError as error:
-        raise InputError(f"{error}", where=where, expected="a posture near a closed one") from None
+        raise InputError(f"{error}", expected="a posture near a closed one") from None
     chain.home = ReferencePosture(at.q, chain.held, at.coordinate_lengths)
     if len(named) < len(q):  # else they are where the search starts
         notes += adjusted(chain, q, at.q, named)
     return at.q
 
 
-def build_parallel(
-    file: ParallelFile, beside: Path | None, where: str, name: str
-) -> ElasticMechanism:
+def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> ElasticMechanism:
     """One body carried by several chains: the end frames of all chains are welded together.
 
     The body frame hangs on the first chain; every other chain's end is welded to it.
@@ -1486,11 +1459,11 @@ def build_parallel(
     driven: list[str] = []
     legs = drawn_legs(file)
     for i, leg in enumerate(legs):
-        prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
+        prefix, place = f"leg{i + 1}/", f"leg {i + 1}"
         drawing = leg.drawing
         description = described(leg, beside) if drawing is None else drawing.description
-        end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
-        tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
+        end = chosen_frame(description, leg.frame, notes, place)
+        tree = tree_to(description, [end], leg.locked, f"{place}, ", notes, leg.flexible)
         notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
@@ -1519,7 +1492,7 @@ def build_parallel(
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
     for frame, part, end, grip in zip(body, parts, ends, grips, strict=True):
         _add_frame(tree, frame, part.prefix + end, se3.inverse(grip))
-    q = default_posture(tree, _of_all(parts, lambda part: part.entry.q), where, facts=facts)
+    q = default_posture(tree, _of_all(parts, lambda part: part.entry.q), facts=facts)
     start = 0
     for i, (leg, (_, part, T_F_root)) in enumerate(zip(legs, trees, strict=True)):
         own = slice(start, start + part.n)
@@ -1534,7 +1507,6 @@ def build_parallel(
             se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
             q[own],
             [j for j, n in enumerate(_names(part)) if n in virtual],
-            where,
             f"leg {i + 1}",
         )
 
@@ -1544,7 +1516,6 @@ def build_parallel(
 
     return _finished(
         file,
-        where,
         name,
         notes,
         tree,
@@ -1580,9 +1551,9 @@ def _placed(
     return tuple(placed)
 
 
-def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:
+def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array) -> Closure:
     """Closure of a file's entry; without points a frame is tied to "world" where it is at q."""
-    place = f"{where}, closure {i + 1}"
+    place = f"closure {i + 1}"
     for frame in entry.frames:
         check_name("frame", frame, tree.frames, place)
     a, b = entry.frames

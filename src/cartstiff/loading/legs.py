@@ -29,7 +29,7 @@ from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-def drawn(entry: NamedLegs, T_F_P: Array, where: str) -> list[LegShape]:
+def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
     """Shape of each leg, with the body at a pose.
 
     Parameters
@@ -38,8 +38,8 @@ def drawn(entry: NamedLegs, T_F_P: Array, where: str) -> list[LegShape]:
         What the file says.
     T_F_P : ndarray (4, 4)
         The file's pose: there all passive joints are at zero.
-    where : str
-        The file and its entry, for messages.
+    leg : str
+        The file's entry with a comma, for messages, where it has several.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def drawn(entry: NamedLegs, T_F_P: Array, where: str) -> list[LegShape]:
     if len(platform) != m:
         raise InputError(
             "base and platform differ in number",
-            where=f"{where}, key legs.platform",
+            where=f"{leg}key legs.platform",
             expected=f"{m} joints as on the base",
             got=len(platform),
         )
@@ -70,12 +70,11 @@ def drawn(entry: NamedLegs, T_F_P: Array, where: str) -> list[LegShape]:
         base,
         frames,
         mirrored,
-        where,
+        leg,
     )
-    rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, where)
+    rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, leg)
     rods, cranks, modes = (
-        one_each(getattr(entry, key), m, f"{where}, key legs.{key}")
-        for key in ("rod", "crank", "mode")
+        one_each(getattr(entry, key), m, f"{leg}key legs.{key}") for key in ("rod", "crank", "mode")
     )
     R = T_F_P[:3, :3]
     shapes = []
@@ -103,7 +102,7 @@ def drawn(entry: NamedLegs, T_F_P: Array, where: str) -> list[LegShape]:
             0.0,
             se3.pose(R, B),
         )
-        shapes.append(_at_home(shape, _root(shape, modes[k]), f"leg {k + 1}", where))
+        shapes.append(_at_home(shape, _root(shape, modes[k]), f"leg {k + 1}", leg))
     return shapes
 
 
@@ -120,27 +119,27 @@ def _root(shape: LegShape, mode: str | None) -> int:
     return values[max(values) if mode == "plus" else min(values)]
 
 
-def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:
+def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
     """The same with its driven coordinate where the end is at home, checked."""
     B = shape.end_home[:3, 3]
     value = float(shape.driven(B[None], sign)[0][0])
     if not np.isfinite(value):
         raise InputError(
             "the pose cannot be reached",
-            where=f"{where}, key pose",
+            where="key pose",
             expected="a pose that every leg reaches",
-            got=f"{leg}, which is {shape.short_of(B):.3g} too short",
+            got=f"{name}, which is {shape.short_of(B):.3g} too short",
         )
     shape = replace(shape, home=value)
     if float(np.linalg.norm(B - shape.centre)) <= numerics.NEARBY * float(np.abs(B).max()):
-        raise InputError(f"{leg} has no length at the pose", where=f"{where}, key pose")
+        raise InputError(f"{name} has no length at the pose", where="key pose")
     n = shape.line
     try:
         inner = shape.universal[1] if shape.middle == "U" else shape.axis
         end_inner = shape.end_inner if shape.end == "U" else shape.end_axis
     except InputError as error:
         raise InputError(
-            f"{error.what} ({leg})", where=f"{where}, key legs.axis", expected=error.expected
+            f"{error.what} ({name})", where=f"{leg}key legs.axis", expected=error.expected
         ) from None
     # What cannot turn to fit is not drawn askew: another machine would come of it.
     askew = 0.0
@@ -152,8 +151,8 @@ def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:
         askew = max(askew, float(np.linalg.norm(np.cross(inner, end_inner))))
     if askew > numerics.NEARBY:
         raise InputError(
-            f"the joints of {leg} do not fit together at the pose",
-            where=f"{where}, key pose",
+            f"the joints of {name} do not fit together at the pose",
+            where="key pose",
             expected="a pose at which hinges are across the rod, and the axes at both its ends "
             "parallel",
             got=f"{np.arcsin(min(1.0, askew)):.3g} rad askew",
@@ -210,23 +209,23 @@ def _frames(entry: NamedLegs, base: list[Array]) -> list[Array]:
 
 
 def _directions(
-    value: Any, key: str, base: list[Array], frames: list[Array], mirrored: list[bool], where: str
+    value: Any, key: str, base: list[Array], frames: list[Array], mirrored: list[bool], leg: str
 ) -> list[Array]:
     """Unit vectors in F, one for each leg."""
     m, is_word = len(base), isinstance(value, str)
     if is_word:
         words = {"radial": [1, 0, 0], "tangential": [0, 1, 0], "vertical": [0, 0, 1]}
         if value != "vertical":
-            frames = [_radial(p, base, f"{where}, key legs.{key}") for p in base]
+            frames = [_radial(p, base, f"{leg}key legs.{key}") for p in base]
         # About it a positive angle raises a crank that points outwards.
         value = [0, -1, 0] if (key, value) == ("axis", "tangential") else words[value]
     one = is_word or not isinstance(value[0], list)
     directions = []
-    for k, entry in enumerate(one_each(value, m, f"{where}, key legs.{key}", row=True)):
+    for k, entry in enumerate(one_each(value, m, f"{leg}key legs.{key}", row=True)):
         v = np.array(entry, float)
         size = float(np.linalg.norm(v))
         if size < numerics.TINY:
-            raise InputError("a direction has no length", where=f"{where}, key legs.{key}")
+            raise InputError("a direction has no length", where=f"{leg}key legs.{key}")
         v = v / size
         if one and mirrored[k]:  # axes turn the other way in a mirror
             v = v * (np.array([-1.0, 1.0, -1.0]) if key == "axis" else np.array([1.0, -1.0, 1.0]))
@@ -373,7 +372,7 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
     return drawing.model, drawing.names
 
 
-def with_drawn_legs(file: ParallelFile, where: str) -> ParallelFile:
+def with_drawn_legs(file: ParallelFile) -> ParallelFile:
     """The file with its legs by name drawn, one entry for each; itself where it has none."""
     entries = file.legs if isinstance(file.legs, list) else [file.legs]
     if not any(isinstance(entry, NamedLegs) for entry in entries):
@@ -381,13 +380,12 @@ def with_drawn_legs(file: ParallelFile, where: str) -> ParallelFile:
     if file.pose is None:
         raise InputError(
             "key 'pose' is missing",
-            where=where,
             expected="where the body is: legs by name are drawn there",
         )
     legs: list[LegModel] = []
     driven: list[str] = []
     for i, entry in enumerate(entries):
-        place = where if entry is file.legs else f"{where}, leg {i + 1}"
+        place = "" if entry is file.legs else f"leg {i + 1}, "
         if not isinstance(entry, NamedLegs):
             legs.append(entry)
             continue
@@ -403,12 +401,12 @@ def drawn_legs(file: ParallelFile) -> list[LegModel]:
     return [entry for entry in entries if isinstance(entry, LegModel)]
 
 
-def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, list[str]]]:
+def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list[str]]]:
     """Entries of the legs that a name stands for, with their driven joints."""
-    shapes = drawn(entry, T_F_P, where)
+    shapes = drawn(entry, T_F_P, leg)
     m = len(shapes)
     stiffness, limits, diameters = (
-        one_each(getattr(entry, key), m, f"{where}, key legs.{key}", row=key == "limits")
+        one_each(getattr(entry, key), m, f"{leg}key legs.{key}", row=key == "limits")
         for key in ("stiffness", "limits", "diameter")
     )
     legs = []
@@ -423,13 +421,13 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
             ("turns", entry.turns, others),
         ):
             for name in entries:
-                check_name("joint", name, known, f"{where}, key legs.{key}")
+                check_name("joint", name, known, f"{leg}key legs.{key}")
         limited = {name: ("turns", pair) for name, pair in entry.turns.items()}
         if limit is not None:
             limited[main] = "limits", limit
         lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         for name, (key, pair) in limited.items():
-            check_limits(pair, f"{where}, key legs.{key}", "[least, most]")
+            check_limits(pair, f"{leg}key legs.{key}", "[least, most]")
             lower[names.index(name)], upper[names.index(name)] = pair
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         springs = dict(entry.springs)
@@ -439,11 +437,11 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
             elif name not in springs:
                 raise InputError(
                     f"driven joint {name!r} has no spring",
-                    where=f"{where}, key legs",
+                    where=f"{leg}key legs",
                     expected="stiffness, or an entry under springs",
                 )
         grip = se3.inverse(T_F_P) @ shape.end_home
-        leg = LegModel(
+        model_of_leg = LegModel(
             model="by name",
             frame=END,
             grip=PoseModel(xyz=grip[:3, 3].tolist()),
@@ -454,5 +452,5 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
         )
         description = RobotDescription(None, model)
         drawing = DrawnLeg(description, shape, tuple(names), main, diameter)
-        legs.append((leg.drawn(drawing), [n for n in names if n in actuated]))
+        legs.append((model_of_leg.drawn(drawing), [n for n in names if n in actuated]))
     return legs

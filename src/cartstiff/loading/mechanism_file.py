@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from graphlib import CycleError, TopologicalSorter
@@ -246,21 +247,22 @@ def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:
     return f"{one_line(str(path))}{line}" + (f", key {one_line(key)}" if key else "")
 
 
-def located(error: InputError, path: Path, lines: Lines) -> InputError:
-    """The same error with the line of the key that its place names, or at least the file."""
-    where = one_line(str(path))
-    place = error.where or where
-    match = re.fullmatch(r"(?:, leg (\d+))?(?:, key ([\w.]+))?", place.removeprefix(where))
-    if not place.startswith(where) or match is None:
-        if error.where and where in error.where:
-            return error
-        return error.at(where)
-    leg, key = match.groups()
-    at: tuple[str | int, ...] = () if leg is None else ("legs", int(leg) - 1)
-    if key is not None:
-        at = (*at, *key.split("."))
-    located_at = place_of(path, lines, at) if at else place
-    return error.moved_to(located_at)
+@contextmanager
+def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterator[None]:
+    """Errors within name a leg and a key, or nothing: they get the file, with the key's line."""
+    try:
+        yield
+    except InputError as error:
+        match = re.fullmatch(r"(?:leg (\d+)(?:, |$))?(?:key ([\w.-]+))?", error.where or "")
+        if match is None:
+            if where in (error.where or ""):
+                raise
+            raise error.at(where) from None
+        leg, key = match.groups()
+        at: Place = () if leg is None else ("legs", int(leg) - 1)
+        at += () if key is None else tuple(key.split("."))
+        own = f"{where}, {error.where}" if error.where else where
+        raise error.moved_to(place(at) if place and at else own) from None
 
 
 def first_error(
@@ -364,17 +366,17 @@ def mechanism_of(
     from cartstiff.loading import build
     from cartstiff.loading.plausible import file_notes
 
-    where, name = one_line(str(path)), file.name or path.stem
+    name = file.name or path.stem
     if file.kind == "parallel":
         from cartstiff.loading.legs import with_drawn_legs
 
-        file = with_drawn_legs(file, where)
-    file = build.with_overrides(file, overrides, where)
+        file = with_drawn_legs(file)
+    file = build.with_overrides(file, overrides)
     if file.kind in ("stewart-gough", "springs"):
-        elastic = build.build_platform(file, where, name)
+        elastic = build.build_platform(file, name)
     else:
         make = build.build_parallel if file.kind == "parallel" else build.build_chain
-        elastic = make(file, path.parent, where, name)
+        elastic = make(file, path.parent, name)
     notes = (*elastic.notes, *file_notes(file), *parameters.notes())
     source = " ".join((file.source or "").split())
     elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)

@@ -20,6 +20,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.loading.build import chain_of, with_overrides
+from cartstiff.loading.mechanism_file import places_in
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import Followers, RobotFacts
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
@@ -126,15 +127,17 @@ def from_pinocchio(
             where=where,
             expected="closures=[pinocchio.RigidConstraintModel(...)]",
         )
-    file: Any = with_overrides(_unsaid().model_copy(update={"model": name}), keys, where)
-    if ties:
-        common = {
-            key: getattr(file, key) for key in ("frame", "locked", "offset", "gravity", "payload")
-        }
-        file = ClosedChainFile.model_construct(
-            kind="closed-chain", model=name, closures=ties, actuated=list(actuated), **common
-        )
-    return chain_of(description, file, where, name, posture, notes)
+    with places_in(where):
+        file: Any = with_overrides(_unsaid().model_copy(update={"model": name}), keys)
+        if ties:
+            common = {
+                key: getattr(file, key)
+                for key in ("frame", "locked", "offset", "gravity", "payload")
+            }
+            file = ClosedChainFile.model_construct(
+                kind="closed-chain", model=name, closures=ties, actuated=list(actuated), **common
+            )
+        return chain_of(description, file, name, posture, notes)
 
 
 def _configuration(
