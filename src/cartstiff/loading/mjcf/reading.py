@@ -141,7 +141,7 @@ class Compiled:
                 values = np.array(self.data[name] or [], float)
                 rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
                 for i in np.flatnonzero(~(np.abs(rows) <= LARGEST_NUMBER).all(axis=1))[:1]:
-                    what = name
+                    what = f"a position, an armature, a damping or gravity ({name})"
                     if kind:
                         whose = (owners.get(kind) or self.data[f"{kind}_names"])[i] or str(i + 1)
                         what = f"{kind} {whose!r}: {name.partition('_')[2]}"
