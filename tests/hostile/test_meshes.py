@@ -157,6 +157,17 @@ class Drawn:
     def set_transform(self, T: object) -> None: ...
 
 
+@pytest.fixture(scope="module")
+def shapes(tmp_path_factory):
+    """A folder with a good mesh, read once, and bad ones."""
+    folder = tmp_path_factory.mktemp("shapes")
+    (folder / "nan.obj").write_text(TRIANGLE.replace("1 0 0", "nan 0 0"))
+    (folder / "good.obj").write_text(TRIANGLE)
+    os.mkfifo(folder / "pipe.stl")
+    read_mesh(folder / "good.obj")
+    return folder
+
+
 @pytest.mark.parametrize(
     "shape",
     [
@@ -173,11 +184,8 @@ class Drawn:
         "<sphere radius='1e300'/>",
     ],
 )
-def test_a_bad_shape_is_a_note_and_a_placeholder(tmp_path, shape):
-    (tmp_path / "nan.obj").write_text(TRIANGLE.replace("1 0 0", "nan 0 0"))
-    (tmp_path / "good.obj").write_text(TRIANGLE)
-    os.mkfifo(tmp_path / "pipe.stl")
-    arm = cartstiff.load(robot(tmp_path, ["<mesh filename='good.obj'/>", shape]))
+def test_a_bad_shape_is_a_note_and_a_placeholder(shapes, shape):
+    arm = cartstiff.load(robot(shapes, ["<mesh filename='good.obj'/>", shape]))
     picture = ChainPicture(Drawn(), arm.mechanism, 1.0, theme.LIGHT)
     assert picture.notes[0].startswith(("link b: ", "no picture of"))
     assert "sticks between the joints" in picture.notes[-1]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.commands import words as split
 
 from cartstiff.cli.main import main
 
@@ -53,11 +54,11 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]
 def refused(capfd: pytest.CaptureFixture[str], workplace: Path) -> Callable[..., str]:
     """Run the command line, check that it refuses as promised; returns the line."""
 
-    def check(*arguments: str, words: tuple[str, ...] = ()) -> str:
+    def check(*arguments: object, words: tuple[str, ...] = ()) -> str:
         before = sorted(workplace.rglob("*"))
         capfd.readouterr()
         with pytest.raises(SystemExit) as exit_:
-            main([str(a) for a in arguments])
+            main(split(*arguments))
         out, line = capfd.readouterr()
         assert exit_.value.code == 2, line
         assert out == ""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.inputs.refusals import rows
+from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
@@ -24,38 +23,24 @@ LOAD = "10,-20,5,30,-40,50"
 
 
 @pytest.fixture
-def run(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Standard output of a command that works."""
-
-    def check(*arguments: str) -> str:
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main(["analyse", *map(str, arguments)])
-        out, error = capfd.readouterr()
-        assert exit_.value.code == 0, error
-        assert error == ""
-        return out
-
-    return check
-
-
-@pytest.fixture
-def analysis(run: Callable[..., str]) -> Callable[..., dict[str, Any]]:
+def analysis():
     def check(*arguments: str) -> dict[str, Any]:
-        return json.loads(run(*arguments, "--json"))["analysis"]
+        return answer("analyse", *arguments)["analysis"]
 
     return check
 
 
-def test_choices_are_those_of_the_library() -> None:
+def test_choices_are_those_of_the_library():
     from cartstiff.report.analysis import LEVELS
 
     assert OFFERED_LEVELS == LEVELS
 
 
-def test_levels(run: Callable[..., str]) -> None:
-    none, short, full = (run("cubic", "--analysis", level) for level in ("none", "short", "full"))
-    assert run("cubic") == short
+def test_levels():
+    none, short, full = (
+        run(f"analyse cubic --analysis {level}") for level in ("none", "short", "full")
+    )
+    assert run("analyse cubic") == short
     assert short.startswith(none.rstrip("\n"))
     assert "centre" not in none
     assert len(short[len(none) :].splitlines()) <= 30
@@ -91,22 +76,18 @@ def test_levels(run: Callable[..., str]) -> None:
         assert words not in short
 
 
-def test_json_without_analysis(run: Callable[..., str]) -> None:
-    assert "analysis" not in json.loads(run("cubic", "--json", "--analysis", "none"))
+def test_json_without_analysis():
+    assert "analysis" not in json.loads(run("analyse cubic --json --analysis none"))
 
 
 @pytest.mark.parametrize("level", ["full", "short"])
-def test_json_does_not_depend_on_the_level(
-    run: Callable[..., str], analysis: Callable[..., dict[str, Any]], level: str
-) -> None:
-    found = analysis("stewart-gough", "--analysis", level)
+def test_json_does_not_depend_on_the_level(analysis, level):
+    found = analysis(f"stewart-gough --analysis {level}")
     expected = analyse_posture(cartstiff.analyse(cartstiff.load("stewart-gough")))
     assert found == json.loads(json.dumps(expected))
 
 
-def test_the_cubic_platform_has_its_closed_forms(
-    analysis: Callable[..., dict[str, Any]],
-) -> None:
+def test_the_cubic_platform_has_its_closed_forms(analysis):
     k, H = 1e6, 0.5 / np.sqrt(3.0)
     found = analysis("cubic")
     stiff = found["ellipsoids"]["stiffness"]
@@ -115,7 +96,7 @@ def test_the_cubic_platform_has_its_closed_forms(
     assert stiff["rotation"]["held"]["eigenvalues"] == pytest.approx(turning, rel=1e-12)
     assert found["synthesis"]["by_line_springs"]
     d = 0.1
-    off = analysis("cubic", "--report-at", f"0,0,{-d}")
+    off = analysis(f"cubic --report-at 0,0,{-d}")
     assert off["centres"]["elasticity"] == pytest.approx([0, 0, d], abs=1e-12)
     K = np.array(off["stiffness"])
     tilt = 1.5 * k * H**2 + 2 * k * d**2
@@ -123,21 +104,10 @@ def test_the_cubic_platform_has_its_closed_forms(
     assert abs(K[0, 4]) == pytest.approx(2 * k * d)
 
 
-def test_options_are_those_of_the_function(analysis: Callable[..., dict[str, Any]]) -> None:
+def test_options_are_those_of_the_function(analysis):
     found = analysis(
-        "stewart-gough",
-        "--load",
-        LOAD,
-        "--connection",
-        "K",
-        "--report-at",
-        "1,2,3",
-        "--direction",
-        "1,1,0",
-        "--added-load",
-        "0,0,0,1,2,3",
-        "--length",
-        "5",
+        f"stewart-gough --load {LOAD} --connection K --report-at 1,2,3 --direction 1,1,0 "
+        "--added-load 0,0,0,1,2,3 --length 5",
     )
     wrench = [float(x) for x in LOAD.split(",")]
     result = cartstiff.analyse(cartstiff.load("stewart-gough"), wrench=wrench)
@@ -154,8 +124,8 @@ def test_options_are_those_of_the_function(analysis: Callable[..., dict[str, Any
     assert found["directions"][3]["name"] == "given"
 
 
-def test_inertia_is_in_si_whatever_the_units(analysis: Callable[..., dict[str, Any]]) -> None:
-    found = analysis("stewart-gough", "--inertia", "2,0.01,0.02,0.015", "--connection", "B")
+def test_inertia_is_in_si_whatever_the_units(analysis):
+    found = analysis("stewart-gough --inertia 2,0.01,0.02,0.015 --connection B")
     result = cartstiff.analyse(cartstiff.load("stewart-gough"))
     K_si = result.B.to_units("m", "N").matrix
     M = np.diag([0.01, 0.02, 0.015, 2.0, 2.0, 2.0])
@@ -168,14 +138,14 @@ def test_inertia_is_in_si_whatever_the_units(analysis: Callable[..., dict[str, A
     assert found["length"]["value"] == pytest.approx(100 * np.sqrt(0.045 / 6.0))
 
 
-def test_tolerances(run: Callable[..., str], analysis: Callable[..., dict[str, Any]]) -> None:
-    found = analysis("five-bar", "--tolerance", "0.05,0.0001")["uncertainty"]
+def test_tolerances(analysis):
+    found = analysis("five-bar --tolerance 0.05,0.0001")["uncertainty"]
     result = cartstiff.analyse(cartstiff.load("five-bar"))
     expected = analyse_posture(result, tolerances=Tolerances(0.05, 1e-4))["uncertainty"]
     assert found == plain(expected)
-    drawn = analysis("cubic", "--tolerance", "0.05", "--samples", "6")["uncertainty"]
+    drawn = analysis("cubic --tolerance 0.05 --samples 6")["uncertainty"]
     assert (drawn["method"], drawn["samples"]) == ("Monte Carlo", 6)
-    text = run("cubic", "--tolerance", "0.05", "--samples", "6")
+    text = run("analyse cubic --tolerance 0.05 --samples 6")
     assert "Uncertainty from stiffness 5 % (6 samples; standard deviations)" in text
 
 
@@ -184,9 +154,7 @@ def wanted(**keys: Any) -> str:
     return json.dumps({"matrix": np.diag([1e5, 1e5, 2e5, 1e6, 2e6, 1e6]).tolist()} | keys)
 
 
-def test_a_target_says_its_order_units_and_frame(
-    analysis: Callable[..., dict[str, Any]], workplace: Path
-) -> None:
+def test_a_target_says_its_order_units_and_frame(analysis, workplace):
     """The same target in SI, in mm and kN, and with translation first: the same legs."""
     K = np.array(json.loads(wanted())["matrix"])
     swap = [3, 4, 5, 0, 1, 2]
@@ -201,7 +169,7 @@ def test_a_target_says_its_order_units_and_frame(
     found = []
     for name, text in files.items():
         (workplace / name).write_text(text)
-        found.append(analysis("cubic", "--target", name)["synthesis"]["target"])
+        found.append(analysis(f"cubic --target {name}")["synthesis"]["target"])
     np.savetxt(workplace / "swapped.csv", K[swap][:, swap], delimiter=",")
     by_option = ("--target", "swapped.csv", "--target-order", "linear-angular")
     found.append(analysis("cubic", *by_option)["synthesis"]["target"])
@@ -211,48 +179,44 @@ def test_a_target_says_its_order_units_and_frame(
     assert {f["order"] for f in found[:2]} == {"angular-linear"}
 
 
-def test_a_target_with_translation_first_is_noticed(
-    refused: Callable[..., str], run: Callable[..., str], workplace: Path
-) -> None:
+def test_a_target_with_translation_first_is_noticed(refused, workplace):
     K = np.diag([5e6, 5e6, 2e6, 2e2, 2e2, 1e2])
     np.savetxt(workplace / "a.csv", K, delimiter=",")
     words = ("--target a.csv", "translation came before rotation", "--target-order linear-angular")
-    refused("analyse", "cubic", "--target", "a.csv", words=words)
-    out = run("cubic", "--target", "a.csv", "--target-order", "linear-angular")
+    refused("analyse cubic --target a.csv", words=words)
+    out = run("analyse cubic --target a.csv --target-order linear-angular")
     assert "(linear-angular by option)" in out
-    assert run("cubic", "--target", "a.csv", "--target-order", "angular-linear")
+    assert run("analyse cubic --target a.csv --target-order angular-linear")
     np.savetxt(workplace / "b.csv", K[::-1, ::-1], delimiter=",")
-    assert "(angular-linear by default)" in run("cubic", "--target", "b.csv")
+    assert "(angular-linear by default)" in run("analyse cubic --target b.csv")
     (workplace / "c.json").write_text(wanted(order="linear-angular"))
     option = ("--target", "c.json", "--target-order", "angular-linear")
-    refused("analyse", "cubic", *option, words=("--target-order", "expected linear-angular"))
+    refused("analyse cubic", *option, words=("--target-order", "expected linear-angular"))
 
 
 @pytest.mark.parametrize("suffix", [".json", ".csv", ".npy"])
-def test_target_files(
-    analysis: Callable[..., dict[str, Any]], run: Callable[..., str], tmp_path: Path, suffix: str
-) -> None:
+def test_target_files(analysis, tmp_path, suffix):
     path = tmp_path / f"wanted{suffix}"
     result = cartstiff.analyse(cartstiff.load("stewart-gough"))
     if suffix == ".npy":
         np.save(path, result.B.matrix)
     else:
         result.B.save(path)
-    found = analysis("stewart-gough", "--target", str(path))["synthesis"]["target"]
+    found = analysis(f"stewart-gough --target {path}")["synthesis"]["target"]
     assert found["diagonal_fit"]["stiffness"] == pytest.approx([10, 20, 30, 40, 50, 60])
-    text = run("stewart-gough", "--target", str(path))
+    text = run(f"analyse stewart-gough --target {path}")
     assert "independent springs give it exactly" in text
     assert "N/cm" in text
 
 
-def test_a_posture_without_stiffness(run: Callable[..., str]) -> None:
-    out = run("five-bar", "--added-load", "0,0,0,1,0,0")
+def test_a_posture_without_stiffness():
+    out = run("analyse five-bar --added-load 0,0,0,1,0,0")
     for words in ("Analysis of the compliance", "[m/N]", "Linear deflection", "does not exist"):
         assert words in out
 
 
-def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path) -> None:
-    out = run("cubic", "--json", "-o", "result.json")
+def test_output_file_holds_the_analysis(workplace):
+    out = run("analyse cubic --json -o result.json")
     assert json.loads((workplace / "result.json").read_text()) == json.loads(out)
 
 
@@ -260,10 +224,8 @@ def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path
     ("arguments", "words"),
     rows("analyse: analysis"),
 )
-def test_refusals(
-    refused: Callable[..., str], arguments: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    refused("analyse", "cubic", *arguments, words=words)
+def test_refusals(refused, arguments, words):
+    refused("analyse cubic", arguments, words=words)
 
 
 @pytest.mark.parametrize(
@@ -288,19 +250,17 @@ def test_refusals(
         ("a.json", wanted(frame=3), "frame is not a name"),
     ],
 )
-def test_refused_targets(
-    refused: Callable[..., str], workplace: Path, name: str, text: str, words: str
-) -> None:
+def test_refused_targets(refused, workplace, name, text, words):
     (workplace / name).write_text(text)
-    refused("analyse", "cubic", "--target", name, words=("--target", words))
+    refused(f"analyse cubic --target {name}", words=("--target", words))
 
 
-def test_a_spread_that_does_not_exist_is_a_dash(analysis: Callable[..., dict[str, Any]]) -> None:
+def test_a_spread_that_does_not_exist_is_a_dash(analysis):
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
     from cartstiff.mechanisms.contract import SI
     from cartstiff.report.analysis import uncertainty_lines
 
-    found = analysis("cubic", "--tolerance", "0.1,0.0001", "--length", "0.3")["uncertainty"]
+    found = analysis("cubic --tolerance 0.1,0.0001 --length 0.3")["uncertainty"]
     whole = uncertainty_lines(found, SI, full=True)
     for entry in found["numbers"].values():
         entry |= {"deviation": None, "lower": None, "upper": None}
@@ -311,7 +271,7 @@ def test_a_spread_that_does_not_exist_is_a_dash(analysis: Callable[..., dict[str
     assert [line for line in lines if line.endswith("+- -, -, -")]
 
 
-def test_world_means_every_wrench_and_direction(analysis: Callable[..., dict[str, Any]]) -> None:
+def test_world_means_every_wrench_and_direction(analysis):
     """Also of a map and, by differences, of the equilibrium."""
     posture = ("cubic", "--pose", "0,0,0,0.3,-0.2,0.5")
     load, push = [1.0, -2.0, 0.5, 30.0, -20.0, -90.0], [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
@@ -321,9 +281,7 @@ def test_world_means_every_wrench_and_direction(analysis: Callable[..., dict[str
         _listed(load),
         "--added-load",
         _listed(push),
-        "--direction",
-        "0,0,1",
-        "--world",
+        "--direction 0,0,1 --world",
     )
     cubic = cartstiff.load("cubic")
     result = cartstiff.analyse(cubic, [0, 0, 0, 0.3, -0.2, 0.5], wrench=load, load_axes="world")
@@ -349,9 +307,7 @@ def _listed(numbers: list[float]) -> str:
 
 
 @pytest.mark.parametrize("command", ["analyse", "map", "equilibrium"])
-def test_world_needs_what_it_is_about(
-    command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_world_needs_what_it_is_about(command, tmp_path, capfd):
     words = [command, "cubic", "--world"]
     if command == "map":
         words += ["--grid", "x=0:0.01:2", "--quantity", "condition", "-o", str(tmp_path / "m.zarr")]

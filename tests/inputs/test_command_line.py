@@ -38,7 +38,7 @@ def test_bad_options_are_refused(case: str, refused: Refused) -> None:
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     Path("folder.json").mkdir()
     arguments, words = BAD[case]
-    refused("analyse", *arguments, words=words)
+    refused("analyse", arguments, words=words)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_bad_options_are_refused(case: str, refused: Refused) -> None:
     ],
 )
 def test_bad_commands_are_refused(arguments: list[str], word: str, refused: Refused) -> None:
-    refused(*arguments, words=(word,))
+    refused(arguments, words=(word,))
 
 
 def test_output_is_not_touched_by_a_refusal(refused: Refused) -> None:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import csv
 import importlib.util
-import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.inputs.refusals import commands
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.loading.catalogue import example_robots
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
-
-Refused = Callable[..., str]
-Run = Callable[..., str]
 
 ROBOTS = {"ur5", "panda"}
 MORE = {
@@ -54,32 +49,6 @@ def _needs(mechanism: str) -> None:
         pytest.skip("example-robot-data is not installed")
 
 
-@pytest.fixture
-def run(capfd: pytest.CaptureFixture[str]) -> Run:
-    """Standard output of a command that works."""
-
-    def check(*arguments: str) -> str:
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main(["equilibrium", *map(str, arguments)])
-        out, error = capfd.readouterr()
-        assert exit_.value.code == 0, error
-        assert error == ""
-        return out
-
-    return check
-
-
-@pytest.fixture
-def answer(run: Run) -> Callable[..., dict[str, Any]]:
-    def check(*arguments: str) -> dict[str, Any]:
-        data = json.loads(run(*arguments, "--json"))
-        assert data["schema"] == "cartstiff/1"
-        return data
-
-    return check
-
-
 def _codes(data: dict[str, Any]) -> list[str]:
     return [note["code"] for note in data["notes"]]
 
@@ -88,9 +57,9 @@ def _codes(data: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("mechanism", LOADS)
-def test_a_loaded_mechanism(mechanism: str, answer: Any) -> None:
+def test_a_loaded_mechanism(mechanism):
     _needs(mechanism)
-    data = answer(mechanism, "--load", LOADS[mechanism], "--world")
+    data = answer(f"equilibrium {mechanism} --load", LOADS[mechanism], "--world")
     assert set(data) == set(cartstiff.analyse(cartstiff.load("cubic")).as_dict()) | MORE
     assert data["stable"] is True
     assert data["residual"] < 1e-9
@@ -108,8 +77,8 @@ def test_a_loaded_mechanism(mechanism: str, answer: Any) -> None:
 
 
 @pytest.mark.parametrize("mechanism", ["hexapod", "stewart-gough", "five-bar"])
-def test_text_has_units(mechanism: str, run: Run) -> None:
-    text = run(mechanism, "--load", LOADS[mechanism])
+def test_text_has_units(mechanism):
+    text = run(f"equilibrium {mechanism} --load", LOADS[mechanism])
     length = "cm" if mechanism == "stewart-gough" else "m"
     lines = text.splitlines()
     assert lines[0].startswith("Equilibrium: stable, residual ")
@@ -123,19 +92,21 @@ def test_text_has_units(mechanism: str, run: Run) -> None:
     assert "Stiffness there, loads included" in text
 
 
-def test_load_in_body_or_inertial_axes(answer: Any) -> None:
+def test_load_in_body_or_inertial_axes():
     pose = "0.01,0.02,0.76,0.3,0.2,0.5"
-    R = np.array(answer("hexapod", "--pose", pose)["pose"])[:3, :3]
+    R = np.array(answer(f"equilibrium hexapod --pose {pose}")["pose"])[:3, :3]
     force = np.array([100.0, -200.0, 300.0])
-    body = answer("hexapod", "--pose", pose, "--load", "0,0,0," + ",".join(map(str, R.T @ force)))
-    world = answer("hexapod", "--pose", pose, "--load", "0,0,0,100,-200,300", "--world")
+    body = answer(
+        f"equilibrium hexapod --pose {pose} --load", "0,0,0," + ",".join(map(str, R.T @ force))
+    )
+    world = answer(f"equilibrium hexapod --pose {pose} --load 0,0,0,100,-200,300 --world")
     np.testing.assert_allclose(body["pose"], world["pose"], rtol=0, atol=1e-14)
-    other = answer("hexapod", "--pose", pose, "--load", "0,0,0,100,-200,300")
+    other = answer(f"equilibrium hexapod --pose {pose} --load 0,0,0,100,-200,300")
     assert not np.allclose(body["displacement"], other["displacement"], rtol=1e-3, atol=0)
 
 
-def test_a_follower_load_is_not_decided(answer: Any, run: Run) -> None:
-    data = answer("hexapod", "--load", "0,0,0,100,0,-200", "--follower")
+def test_a_follower_load_is_not_decided():
+    data = answer("equilibrium hexapod --load 0,0,0,100,0,-200 --follower")
     assert data["stable"] is None
     assert data["energy"] is None
     assert "non-conservative" in _codes(data)
@@ -143,31 +114,31 @@ def test_a_follower_load_is_not_decided(answer: Any, run: Run) -> None:
     assert "no potential" in note["message"]
     assert data["residual"] < 1e-9
     np.testing.assert_allclose(data["elastic_wrench"], [0, 0, 0, 100, 0, -200], atol=1e-6)
-    text = run("hexapod", "--load", "0,0,0,100,0,-200", "--follower")
+    text = run("equilibrium hexapod --load 0,0,0,100,0,-200 --follower")
     assert "not decided by definiteness" in text
     assert "energy's Hessian" not in text
 
 
-def test_a_moment_is_not_decided(answer: Any) -> None:
-    data = answer("hexapod", "--load", "5,0,0,0,0,0", "--world")
+def test_a_moment_is_not_decided():
+    data = answer("equilibrium hexapod --load 5,0,0,0,0,0 --world")
     assert data["stable"] is None
     assert "non-conservative" in _codes(data)
 
 
-def test_a_payload_weighs(answer: Any) -> None:
-    heavy = answer("hexapod", "--payload", "50,0.1,0,0.2")
+def test_a_payload_weighs():
+    heavy = answer("equilibrium hexapod --payload 50,0.1,0,0.2")
     W = np.array(heavy["elastic_wrench"])
     np.testing.assert_allclose(np.linalg.norm(W[3:]), 50 * 9.81, rtol=1e-9)
     assert heavy["displacement"][5] < 0
     assert heavy["stable"] is True
-    centred = answer("hexapod", "--payload", "50")
+    centred = answer("equilibrium hexapod --payload 50")
     np.testing.assert_allclose(centred["elastic_wrench"][:3], 0, atol=1e-9)
-    both = answer("hexapod", "--payload", "50", "--load", "0,0,0,0,0,490.5", "--world")
+    both = answer("equilibrium hexapod --payload 50 --load 0,0,0,0,0,490.5 --world")
     np.testing.assert_allclose(both["displacement"], 0, atol=1e-12)
 
 
-def test_a_held_displacement_has_a_reaction(answer: Any, run: Run) -> None:
-    data = answer("hexapod", "--hold", "z=-0.001,rx=0.002")
+def test_a_held_displacement_has_a_reaction():
+    data = answer("equilibrium hexapod --hold z=-0.001,rx=0.002")
     held = data["reactions"]["held"]
     assert set(held) == {"z", "rx"}
     # The hexapod's home pose has the axes of F.
@@ -176,19 +147,19 @@ def test_a_held_displacement_has_a_reaction(answer: Any, run: Run) -> None:
     K = cartstiff.analyse(cartstiff.load("hexapod")).B.matrix
     linear = np.linalg.inv(np.linalg.inv(K)[np.ix_([0, 5], [0, 5])]) @ [0.002, -0.001]
     np.testing.assert_allclose([held["rx"], held["z"]], linear, rtol=0.02)
-    text = run("hexapod", "--hold", "z=-0.001,rx=0.002")
+    text = run("equilibrium hexapod --hold z=-0.001,rx=0.002")
     assert "held z: reaction" in text
     assert any(x.startswith("  held z") and x.endswith(" N") for x in text.splitlines())
     assert any(x.startswith("  held rx") and x.endswith(" N m") for x in text.splitlines())
 
 
-def test_limits_stop_unless_they_are_left_out(answer: Any) -> None:
+def test_limits_stop_unless_they_are_left_out():
     push = ["hexapod", "--load", "0,0,0,0,0,-9e6", "--world"]
-    data = answer(*push)
+    data = answer("equilibrium", *push)
     assert "limit-contact" in _codes(data)
     assert data["reactions"]["limits"]
     assert set(data["reactions"]["limits"]) <= {f"leg{i}" for i in range(1, 7)}
-    free = answer(*push, "--no-limits")
+    free = answer("equilibrium", *push, "--no-limits")
     assert free["reactions"]["limits"] == {}
     assert "limit-contact" not in _codes(free)
 
@@ -202,12 +173,12 @@ def _table(path: str) -> tuple[list[str], np.ndarray]:
 
 
 @needs_plots
-def test_a_curve_with_its_files(run: Run, answer: Any, workplace: Path) -> None:
+def test_a_curve_with_its_files(workplace):
     push = ["five-bar", "--load", "0,0,0,0,-1000,0", "--world", "--curve", "1"]
-    text = run(*push, "--csv", "curve.csv", "--plot", "curve.png")
+    text = run("equilibrium", *push, "--csv curve.csv --plot curve.png")
     assert "x m" in text
     assert "Critical load: limit at factor 0.4521544917" in text
-    data = answer(*push)
+    data = answer("equilibrium", *push)
     header, table = _table("curve.csv")
     assert header[0] == "factor"
     assert header[1:5] == [f"{name} [rad]" for name in cartstiff.load("five-bar").names]
@@ -226,16 +197,16 @@ def test_a_curve_with_its_files(run: Run, answer: Any, workplace: Path) -> None:
 
 @needs_plots
 @pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_other_pictures(ending: str, start: bytes, run: Run) -> None:
-    run("five-bar", "--load", "0,0,0,0,-10,0", "--curve", "1", "--plot", f"a.{ending}")
+def test_other_pictures(ending, start):
+    run(f"equilibrium five-bar --load 0,0,0,0,-10,0 --curve 1 --plot a.{ending}")
     assert Path(f"a.{ending}").read_bytes().startswith(start)
 
 
 @pytest.mark.parametrize("axes", ["body", "world"])
-def test_a_curve_keeps_what_is_held(answer: Any, axes: str) -> None:
+def test_a_curve_keeps_what_is_held(axes):
     push = ["five-bar", "--load", "0,0,0,0,-100,0", "--curve", "1"]
     push += ["--world"] if axes == "world" else []
-    free, held = answer(*push), answer(*push, "--hold", "x=0")
+    free, held = answer("equilibrium", *push), answer("equilibrium", *push, "--hold x=0")
     R = cartstiff.analyse(cartstiff.load("five-bar")).pose[:3, :3]
     x, other = (R[:, 0], np.eye(3)[0]) if axes == "body" else (np.eye(3)[0], R[:, 0])
     np.testing.assert_allclose(np.array(held["displacement"])[:, 3:] @ x, 0, atol=1e-12)
@@ -243,11 +214,11 @@ def test_a_curve_keeps_what_is_held(answer: Any, axes: str) -> None:
     assert np.abs(np.array(held["displacement"])[:, 3:] @ other).max() > 1e-4
 
 
-def test_hold_is_along_the_world_where_the_load_is(answer: Any) -> None:
+def test_hold_is_along_the_world_where_the_load_is():
     """The tool of the UR5 is turned: held along z of the world, along no axis of its own."""
-    found = answer("ur5", "--hold", "z=-0.002", "--world")["displacement"]
+    found = answer("equilibrium ur5 --hold z=-0.002 --world")["displacement"]
     assert found[5] == pytest.approx(-0.002, rel=1e-9)
-    own = answer("ur5", "--hold", "z=-0.002")["displacement"]
+    own = answer("equilibrium ur5 --hold z=-0.002")["displacement"]
     assert abs(own[5] + 0.002) > 1e-4
 
 
@@ -260,15 +231,15 @@ def _write(name: str, rows: Any, head: str = "") -> None:
     Path(name).write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
 
 
-def test_a_path_of_postures(run: Run, answer: Any) -> None:
+def test_a_path_of_postures():
     _write("path.csv", POSES, "# a comment, and an empty line\n\n")
     push = ["hexapod", "--load", "0,0,0,10,0,-300", "--path", "path.csv"]
-    text = run(*push, "--csv", "commands.csv")
+    text = run("equilibrium", *push, "--csv commands.csv")
     assert "along 2 postures" in text
     legs = [line for line in text.splitlines() if line.startswith("  leg")]
     assert len(legs) == 6
     assert all(line.endswith(" m") for line in legs)
-    data = answer(*push)
+    data = answer("equilibrium", *push)
     assert data["springs"] == [f"leg{i}" for i in range(1, 7)]
     header, table = _table("commands.csv")
     assert header[:2] == ["command_leg1 [m]", "command_leg2 [m]"]
@@ -284,62 +255,62 @@ def test_a_path_of_postures(run: Run, answer: Any) -> None:
 
 
 @needs_plots
-def test_a_path_with_wrenches(answer: Any) -> None:
+def test_a_path_with_wrenches():
     rows = [pose + wrench for pose, wrench in zip(POSES, WRENCHES, strict=True)]
     _write("path.csv", rows)
-    data = answer("hexapod", "--path", "path.csv", "--world", "--plot", "error.png")
+    data = answer("equilibrium hexapod --path path.csv --world --plot error.png")
     assert Path("error.png").read_bytes().startswith(b"\x89PNG")
     for pose, wrench, before in zip(POSES, WRENCHES, data["error_before"], strict=True):
         _write("one.csv", [pose])
         load = ",".join(map(str, wrench))
-        one = answer("hexapod", "--path", "one.csv", "--load", load, "--world")
+        one = answer(f"equilibrium hexapod --path one.csv --load {load} --world")
         np.testing.assert_allclose(one["error_before"][0], before, rtol=1e-9, atol=1e-15)
-    body = answer("hexapod", "--path", "path.csv")
+    body = answer("equilibrium hexapod --path path.csv")
     np.testing.assert_allclose(body["commands"][0], data["commands"][0], rtol=1e-12)
     assert not np.allclose(body["commands"][1], data["commands"][1], rtol=1e-6)
     names = ("x", "y", "z", "roll", "pitch", "yaw", "mx", "my", "mz", "fx", "fy", "fz")
     header = ",".join(reversed(names)) + "\n"
     _write("named.csv", [row[::-1] for row in rows], header)
-    assert answer("hexapod", "--path", "named.csv")["commands"] == body["commands"]
-    turning = answer("hexapod", "--path", "path.csv", "--follower")
+    assert answer("equilibrium hexapod --path named.csv")["commands"] == body["commands"]
+    turning = answer("equilibrium hexapod --path path.csv --follower")
     np.testing.assert_allclose(turning["commands"], body["commands"], rtol=1e-12)
     assert turning["stable"] == [None, None]
 
 
-def test_a_payload_adds_to_the_wrenches_of_a_path(answer: Any) -> None:
+def test_a_payload_adds_to_the_wrenches_of_a_path():
     _write("path.csv", [pose + wrench for pose, wrench in zip(POSES, WRENCHES, strict=True)])
     more = [[*w[:5], w[5] - 98.1] for w in WRENCHES]
     _write("more.csv", [pose + wrench for pose, wrench in zip(POSES, more, strict=True)])
-    heavy = answer("hexapod", "--path", "path.csv", "--world", "--payload", "10")
-    same = answer("hexapod", "--path", "more.csv", "--world")
+    heavy = answer("equilibrium hexapod --path path.csv --world --payload 10")
+    same = answer("equilibrium hexapod --path more.csv --world")
     np.testing.assert_allclose(heavy["commands"], same["commands"], rtol=1e-12)
 
 
-def test_a_payload_beside_links_without_mass_is_a_mass(answer: Any) -> None:
+def test_a_payload_beside_links_without_mass_is_a_mass():
     """Gravity that is given acts on it: nobody is told that it acts on nothing."""
     for more, told in (([], True), (["--payload", "60"], False)):
-        found = answer("fanuc-r2000ic", "--gravity", "0,0,-9.81", *more)
+        found = answer("equilibrium fanuc-r2000ic --gravity 0,0,-9.81", *more)
         assert ("weightless" in _codes(found)) is told
 
 
-def test_a_payload_without_gravity_weighs_alike_everywhere(answer: Any) -> None:
+def test_a_payload_without_gravity_weighs_alike_everywhere():
     """Each command assumes the earth's gravity, on the links too, and says so."""
     _write("path.csv", [(0.3, -1.1, 1.4, -0.7, 0.9, 0.2)])
     analysed = cartstiff.analyse(cartstiff.load("ur5", payload=3)).as_dict()
     links = {part["name"]: part["mass"] for part in analysed["weighed"]} | {"payload": 0.0}
     for more in ([], ["--curve", "1"], ["--path", "path.csv"]):
-        found = answer("ur5", "--payload", "3", *more)
+        found = answer("equilibrium ur5 --payload 3", *more)
         assert found["gravity"] == analysed["gravity"] == [0.0, 0.0, -9.81]
         parts = {part["name"]: part["mass"] for part in found["weighed"]}
         assert parts.pop("payload among the loads") == 3.0
         assert parts == {name: mass for name, mass in links.items() if mass}
         assert "gravity-assumed" in _codes(found)
-        given = answer("ur5", "--payload", "3", "--gravity", "0,0,-9.81", *more)
+        given = answer("equilibrium ur5 --payload 3 --gravity 0,0,-9.81", *more)
         key = "commands" if more[:1] == ["--path"] else "displacement"
         assert found[key] == given[key]
     # Who says that there is none has none.
-    assert answer("ur5", "--payload", "3", "--gravity", "0,0,0")["displacement"] == [0.0] * 6
-    assert "weightless" not in _codes(answer("hexapod", "--payload", "50"))
+    assert answer("equilibrium ur5 --payload 3 --gravity 0,0,0")["displacement"] == [0.0] * 6
+    assert "weightless" not in _codes(answer("equilibrium hexapod --payload 50"))
 
 
 # -- refusals -------------------------------------------------------------------------------------
@@ -351,7 +322,7 @@ BAD = commands("equilibrium: options")
 
 
 @pytest.fixture
-def files() -> None:
+def files():
     _write("path.csv", POSES)
     Path("empty.csv").write_text("# nothing\n\n", encoding="utf-8")
     Path("short.csv").write_text("0,0,1\n", encoding="utf-8")
@@ -362,11 +333,11 @@ def files() -> None:
 
 @pytest.mark.usefixtures("files")
 @pytest.mark.parametrize("name", BAD)
-def test_bad_options(name: str, refused: Refused) -> None:
+def test_bad_options(name, refused):
     arguments, words = BAD[name]
-    refused("equilibrium", "hexapod", *arguments, words=words)
+    refused("equilibrium hexapod", arguments, words=words)
 
 
-def test_bad_mechanism(refused: Refused) -> None:
-    refused("equilibrium", "hexapot", *LOAD, words=("unknown mechanism",))
+def test_bad_mechanism(refused):
+    refused("equilibrium hexapot", *LOAD, words=("unknown mechanism",))
     refused("equilibrium", words=("MECHANISM",))

@@ -158,7 +158,7 @@ def test_a_changed_file_is_read_or_refused(name: str, answer: Callable[[str], No
     Path("two.urdf").write_text(URDF, encoding="utf-8")
 
     # Each MJCF file is compiled by a process of its own; `make fuzz` tries many more of all.
-    count = 30 if name.endswith(".xml") else 100
+    count = 15 if name.endswith(".xml") else 40
 
     @settings(max_examples=count, suppress_health_check=list(HealthCheck))
     @given(mutations(FILES[name]))
@@ -171,7 +171,7 @@ def test_a_changed_file_is_read_or_refused(name: str, answer: Callable[[str], No
 
 @pytest.mark.parametrize("ending", [".yaml", ".urdf", ".xml"])
 def test_any_bytes_are_refused(ending: str, answer: Callable[[str], None]) -> None:
-    @settings(max_examples=60, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=25, suppress_health_check=list(HealthCheck))
     @given(
         st.binary(max_size=200) | st.text(max_size=200).map(lambda t: t.encode("utf-8", "replace"))
     )
@@ -189,7 +189,7 @@ def test_any_text_of_an_option_is_used_or_refused(
     Path("two.urdf").write_text(URDF, encoding="utf-8")
     texts = st.text(alphabet="j12=,.-+e0nainf_ \n", max_size=12) | st.text(max_size=12)
 
-    @settings(max_examples=80, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=40, suppress_health_check=list(HealthCheck))
     @given(texts.filter(lambda t: "\0" not in t))
     def law(text: str) -> None:
         with pytest.raises(SystemExit) as exit_:

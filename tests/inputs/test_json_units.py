@@ -1,37 +1,22 @@
 """``--units`` beside ``--json``: numbers are given in them, the answer is the same as without."""
 
-from __future__ import annotations
-
 import json
 import math
 
 import click
 import numpy as np
 import pytest
+from tests.support.commands import answer, words
 
 from cartstiff.cli.main import command as group
-from cartstiff.cli.main import main
 from cartstiff.cli.options import OptionType, Pairs, UnitsCommand
 
-MM = ("--units", "mm,deg")
+MM = "--units mm,deg"
 Q = "0.2,-1,1.2,0.3,1,0.1"
 DEG = ",".join(repr(math.degrees(float(x))) for x in Q.split(","))
 PATH = "x,y,z,roll,pitch,yaw,mx,my,mz,fx,fy,fz\n"
 POSES = [(0.4, 0.1, 0.4, 3.0, 0.0, 0.3), (0.4, 0.15, 0.4, 3.0, 0.0, 0.3)]
 K = np.diag([3e3, 4e3, 5e3, 2e5, 3e5, 4e5])
-
-
-@pytest.fixture
-def answer(capfd):
-    def run(*arguments):
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main([*map(str, arguments), "--json"])
-        out, error = capfd.readouterr()
-        assert exit_.value.code == 0, error
-        return json.loads(out)
-
-    return run
 
 
 def same(a, b, where=""):
@@ -74,279 +59,134 @@ def pose(text):
     return scaled(text, 1, 1, 1, 0, degrees=(3, 4, 5))
 
 
-TOOL = ("--tcp", "0,0,0.1,0,0,0.5"), ("--tcp", pose("0,0,0.1,0,0,0.5"))
+TOOL = ("--tcp 0,0,0.1,0,0,0.5", f"--tcp {pose('0,0,0.1,0,0,0.5')}")
 LOADED = (
-    ("--load", "1,2,3,10,20,30", "--load-at", "0,0.02,0.1"),
-    ("--load", wrench("1,2,3,10,20,30"), "--load-at", "0,20,100"),
+    "--load 1,2,3,10,20,30 --load-at 0,0.02,0.1",
+    f"--load {wrench('1,2,3,10,20,30')} --load-at 0,20,100",
 )
 # (command, words in SI, words in mm and degrees)
 CASES = {
     "analyse": (
-        ("analyse", "ur5"),
+        "analyse ur5",
         (
-            "--q",
-            Q,
-            *TOOL[0],
-            *LOADED[0],
-            "--payload",
-            "2,0,0,0.05",
-            "--gravity",
-            "0,0,-9.81",
-            "--report-at",
-            "0.1,0,0",
-            "--added-load",
-            "1,0,0,0,5,0",
-            "--added-load-at",
-            "0,0.1,0",
-            "--length",
-            "0.3",
-            "--tolerance",
-            "0.05,0.0001,0.001",
-            "--direction",
-            "1,2,0",
-            "--inertia",
-            "2,0.1,0.2,0.3",
-            "--stiffness",
-            "2e4",
+            f"--q {Q} {TOOL[0]} {LOADED[0]} --payload 2,0,0,0.05 --gravity 0,0,-9.81 "
+            "--report-at 0.1,0,0 --added-load 1,0,0,0,5,0 --added-load-at 0,0.1,0 --length 0.3 "
+            "--direction 1,2,0 --inertia 2,0.1,0.2,0.3 "
+            "--stiffness 2e4"
         ),
         (
-            "--q",
-            DEG,
-            *TOOL[1],
-            *LOADED[1],
-            "--payload",
-            "2,0,0,50",
-            "--gravity",
-            "0,0,-9.81",
-            "--report-at",
-            "100,0,0",
-            "--added-load",
-            "1000,0,0,0,5,0",
-            "--added-load-at",
-            "0,100,0",
-            "--length",
-            "300",
-            "--tolerance",
-            f"0.05,0.1,{math.degrees(0.001)!r}",
-            "--direction",
-            "1,2,0",
-            "--inertia",
-            "2,0.1,0.2,0.3",
-            "--stiffness",
-            "2e7",
+            f"--q {DEG} {TOOL[1]} {LOADED[1]} --payload 2,0,0,50 --gravity 0,0,-9.81 "
+            "--report-at 100,0,0 --added-load 1000,0,0,0,5,0 --added-load-at 0,100,0 "
+            f"--length 300 --direction 1,2,0 "
+            "--inertia 2,0.1,0.2,0.3 --stiffness 2e7"
         ),
+    ),
+    "analyse tolerances": (
+        "analyse five-bar",
+        "--tolerance 0.05,0.0001,0.001",
+        f"--tolerance 0.05,0.1,{math.degrees(0.001)!r}",
     ),
     "analyse legs": (
-        ("analyse", "hexapod"),
-        ("--pose", "0.02,0.01,0.55,0.1,0,0.1", "--stiffness", "1e6", "--actuate", "leg2=0.001"),
-        ("--pose", pose("0.02,0.01,0.55,0.1,0,0.1"), "--stiffness", "1e3", "--actuate", "leg2=1"),
+        "analyse hexapod",
+        "--pose 0.02,0.01,0.55,0.1,0,0.1 --stiffness 1e6 --actuate leg2=0.001",
+        f"--pose {pose('0.02,0.01,0.55,0.1,0,0.1')} --stiffness 1e3 --actuate leg2=1",
     ),
     "analyse rest": (
-        ("analyse", "hexapod"),
+        "analyse hexapod",
         (
-            "--pose",
-            "0,0,0.55,0,0,0",
-            "--rest",
-            "0.6,0.6,0.6,0.6,0.6,0.61",
-            "--stiffness",
-            "1e6,2e6,1e6,2e6,1e6,2e6",
+            "--pose 0,0,0.55,0,0,0 --rest 0.6,0.6,0.6,0.6,0.6,0.61 "
+            "--stiffness 1e6,2e6,1e6,2e6,1e6,2e6"
         ),
-        (
-            "--pose",
-            "0,0,550,0,0,0",
-            "--rest",
-            "600,600,600,600,600,610",
-            "--stiffness",
-            "1e3,2e3,1e3,2e3,1e3,2e3",
-        ),
+        "--pose 0,0,550,0,0,0 --rest 600,600,600,600,600,610 --stiffness 1e3,2e3,1e3,2e3,1e3,2e3",
     ),
     "analyse slides": (
-        ("analyse", "6-pus"),
-        ("--actuate", "leg1/slide=0.001", "--stiffness", "leg1/slide=1e6", *LOADED[0]),
-        ("--actuate", "leg1/slide=1", "--stiffness", "leg1/slide=1e3", *LOADED[1]),
+        "analyse 6-pus",
+        f"--actuate leg1/slide=0.001 --stiffness leg1/slide=1e6 {LOADED[0]}",
+        f"--actuate leg1/slide=1 --stiffness leg1/slide=1e3 {LOADED[1]}",
     ),
-    "analyse centimetres": (
-        ("analyse", "stewart-gough"),
-        ("--tcp", "1,2,3"),
-        ("--tcp", "10,20,30"),
-    ),
+    "analyse centimetres": ("analyse stewart-gough", "--tcp 1,2,3", "--tcp 10,20,30"),
     "equilibrium": (
-        ("equilibrium", "ur5"),
-        ("--q", Q, *TOOL[0], *LOADED[0], "--payload", "2,0,0,0.05"),
-        ("--q", DEG, *TOOL[1], *LOADED[1], "--payload", "2,0,0,50"),
+        "equilibrium ur5",
+        f"--q {Q} {TOOL[0]} {LOADED[0]} --payload 2,0,0,0.05",
+        f"--q {DEG} {TOOL[1]} {LOADED[1]} --payload 2,0,0,50",
     ),
     "equilibrium held": (
-        ("equilibrium", "hexapod"),
-        ("--hold", "x=0.001,rz=0.002", "--lengths", "0.6,0.6,0.6,0.6,0.6,0.6"),
-        ("--hold", f"x=1,rz={math.degrees(0.002)!r}", "--lengths", "600,600,600,600,600,600"),
+        "equilibrium hexapod",
+        "--hold x=0.001,rz=0.002 --lengths 0.6,0.6,0.6,0.6,0.6,0.6",
+        f"--hold x=1,rz={math.degrees(0.002)!r} --lengths 600,600,600,600,600,600",
     ),
     "modes": (
-        ("modes", "ur5"),
+        "modes ur5",
         (
-            "--q",
-            Q,
-            *TOOL[0],
-            *LOADED[0],
-            "--response",
-            "10:20:5",
-            "--point",
-            "0,0.1,0",
-            "--damping",
-            "0.02",
-            "--lobes",
-            "9000:9500:2",
-            "--milling",
-            "6e8,0.3,3,0,3.1416",
-            "--tip",
-            "0,0,0.02",
-            "--impedance",
-            "K.csv",
+            f"--q {Q} {TOOL[0]} {LOADED[0]} --response 10:20:5 --point 0,0.1,0 --damping 0.02 "
+            "--lobes 9000:9500:2 --milling 6e8,0.3,3,0,3.1416 --tip 0,0,0.02 --impedance K.csv"
         ),
         (
-            "--q",
-            DEG,
-            *TOOL[1],
-            *LOADED[1],
-            "--response",
-            "10:20:5",
-            "--point",
-            "0,100,0",
-            "--damping",
-            "0.02",
-            "--lobes",
-            "9000:9500:2",
-            "--milling",
-            f"600,0.3,3,0,{math.degrees(3.1416)!r}",
-            "--tip",
-            "0,0,20",
-            "--impedance",
-            "K_mm.csv",
+            f"--q {DEG} {TOOL[1]} {LOADED[1]} --response 10:20:5 --point 0,100,0 --damping 0.02 "
+            f"--lobes 9000:9500:2 --milling 600,0.3,3,0,{math.degrees(3.1416)!r} --tip 0,0,20 "
+            "--impedance K_mm.csv"
         ),
     ),
     "path": (
-        ("path", "ur5"),
+        "path ur5",
+        "path.csv --max-step 0.4 --range elbow_joint=-2:2 --samples 8 --free-axis z",
         (
-            "path.csv",
-            "--max-step",
-            "0.4",
-            "--range",
-            "elbow_joint=-2:2",
-            "--samples",
-            "8",
-            "--free-axis",
-            "z",
-        ),
-        (
-            "path_mm.csv",
-            "--max-step",
-            repr(math.degrees(0.4)),
-            "--range",
-            f"elbow_joint={math.degrees(-2)!r}:{math.degrees(2)!r}",
-            "--samples",
-            "8",
-            "--free-axis",
-            "z",
+            f"path_mm.csv --max-step {math.degrees(0.4)!r} "
+            f"--range elbow_joint={math.degrees(-2)!r}:{math.degrees(2)!r} "
+            "--samples 8 --free-axis z"
         ),
     ),
     "path places": (
-        ("path", "ur5"),
-        ("path.csv", "--place", "x=-0.01:0.01:2", "--samples", "4", "--free-axis", "z"),
-        ("path_mm.csv", "--place", "x=-10:10:2", "--samples", "4", "--free-axis", "z"),
+        "path ur5",
+        "path.csv --place x=-0.01:0.01:2 --samples 4 --free-axis z",
+        "path_mm.csv --place x=-10:10:2 --samples 4 --free-axis z",
     ),
     "compensate": (
-        ("equilibrium", "6-pus"),
-        ("--path", "slides.csv", "--payload", "1"),
-        ("--path", "slides_mm.csv", "--payload", "1"),
+        "equilibrium 6-pus",
+        "--path slides.csv --payload 1",
+        "--path slides_mm.csv --payload 1",
     ),
     "workspace": (
-        ("workspace", "hexapod"),
-        ("--pose", "0,0,0.6,0.1,0,0", "--radius", "0.5", "--directions", "60"),
-        ("--pose", pose("0,0,0.6,0.1,0,0"), "--radius", "500", "--directions", "60"),
+        "workspace hexapod",
+        "--pose 0,0,0.6,0.1,0,0 --radius 0.5 --directions 60",
+        f"--pose {pose('0,0,0.6,0.1,0,0')} --radius 500 --directions 60",
     ),
     "assemble": (
-        ("assemble", "hexapod"),
-        ("--all", "--lengths", "0.6,0.6,0.6,0.6,0.6,0.61", "--load", "1,0,0,0,0,-100"),
-        ("--all", "--lengths", "600,600,600,600,600,610", "--load", "1000,0,0,0,0,-100"),
+        "assemble hexapod",
+        "--all --lengths 0.6,0.6,0.6,0.6,0.6,0.61 --load 1,0,0,0,0,-100",
+        "--all --lengths 600,600,600,600,600,610 --load 1000,0,0,0,0,-100",
     ),
-    "frames": (
-        ("frames", "ur5"),
-        ("--q", Q, "--tcp", "0,0,0.1"),
-        ("--q", DEG, "--tcp", "0,0,100"),
-    ),
+    "frames": ("frames ur5", f"--q {Q} --tcp 0,0,0.1", f"--q {DEG} --tcp 0,0,100"),
     "identify": (
-        ("identify", "ur5"),
+        "identify ur5",
         (
-            "measured.csv",
-            "--point",
-            "0,0,0.05",
-            "--load-at",
-            "0,0,0.1",
-            "--known",
-            "wrist_3_joint=8e3",
-            "--prior",
-            "wrist_2_joint=9e3,500",
-            "--sd",
-            "dz=0.02mm",
+            "measured.csv --point 0,0,0.05 --load-at 0,0,0.1 --known wrist_3_joint=8e3 "
+            "--prior wrist_2_joint=9e3,500 --sd dz=0.02mm"
         ),
         (
-            "measured.csv",
-            "--point",
-            "0,0,50",
-            "--load-at",
-            "0,0,100",
-            "--known",
-            "wrist_3_joint=8e6",
-            "--prior",
-            "wrist_2_joint=9e6,5e5",
-            "--sd",
-            "dz=0.02",
+            "measured.csv --point 0,0,50 --load-at 0,0,100 --known wrist_3_joint=8e6 "
+            "--prior wrist_2_joint=9e6,5e5 "
+            "--sd dz=0.02"
         ),
     ),
     "plan": (
-        ("identify", "ur5", "--plan", "4", "--candidates", "30", "--criterion", "posture"),
+        "identify ur5 --plan 4 --candidates 30 --criterion posture",
         (
-            "--q",
-            Q,
-            "--load",
-            "1,2,3,10,20,30",
-            "--force",
-            "80",
-            "--range",
-            "elbow_joint=-1:1",
-            "--within",
-            "z=0.1:0.9",
-            "--sd",
-            "dz=0.02mm",
-            "--known",
-            "wrist_3_joint=8e3",
+            f"--q {Q} --load 1,2,3,10,20,30 --force 80 --range elbow_joint=-1:1 --within z=0.1:0.9 "
+            "--sd dz=0.02mm --known wrist_3_joint=8e3"
         ),
         (
-            "--q",
-            DEG,
-            "--load",
-            wrench("1,2,3,10,20,30"),
-            "--force",
-            "80",
-            "--range",
-            f"elbow_joint={math.degrees(-1)!r}:{math.degrees(1)!r}",
-            "--within",
-            "z=100:900",
-            "--sd",
-            "dz=0.02",
-            "--known",
-            "wrist_3_joint=8e6",
+            f"--q {DEG} --load {wrench('1,2,3,10,20,30')} --force 80 "
+            f"--range elbow_joint={math.degrees(-1)!r}:{math.degrees(1)!r} "
+            "--within z=100:900 --sd dz=0.02 --known wrist_3_joint=8e6"
         ),
     ),
-    "target": (
-        ("analyse", "ur5"),
-        ("--q", Q, "--target", "K.csv"),
-        ("--q", DEG, "--target", "K_mm.csv"),
-    ),
+    "target": ("analyse ur5", f"--q {Q} --target K.csv", f"--q {DEG} --target K_mm.csv"),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_answer_is_the_same(case, answer, tmp_path, monkeypatch):
+def test_answer_is_the_same(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sizes = np.repeat([1e3, 1.0], 3)
     np.savetxt("K.csv", K, delimiter=",")
@@ -354,11 +194,11 @@ def test_answer_is_the_same(case, answer, tmp_path, monkeypatch):
     for name, place, load in (("path", str, str), ("path_mm", pose, wrench)):
         rows = [f"{place(','.join(map(str, row)))},{load('1,2,3,0,0,-50')}" for row in POSES]
         (tmp_path / f"{name}.csv").write_text(PATH + "\n".join(rows) + "\n")
-    (first, *words), si, mm = CASES[case]
+    command, si, mm = CASES[case]
     if case == "identify":
-        measured = ("--sd", "dz=0.02mm", "--csv", "measured.csv")
-        answer("identify", "ur5", "--plan", "12", "--candidates", "30", "--force", "80", *measured)
-        answer("identify", "ur5", "measured.csv", "--simulate", "1", *measured)
+        measured = "--sd dz=0.02mm --csv measured.csv"
+        answer("identify ur5 --plan 12 --candidates 30 --force 80", measured)
+        answer("identify ur5 measured.csv --simulate 1", measured)
     if case == "compensate":
         import cartstiff
 
@@ -369,12 +209,14 @@ def test_answer_is_the_same(case, answer, tmp_path, monkeypatch):
         q = np.array(robot.q)
         np.savetxt("slides.csv", q[None], delimiter=",")
         np.savetxt("slides_mm.csv", (q * shown)[None], delimiter=",")
-    expected = answer(first, *words, *si)
-    same(expected, answer(first, *words, *mm, *MM))
+    expected = answer(command, si)
+    same(expected, answer(command, mm, MM))
 
 
 def test_every_option_with_a_length_is_tried_here():
-    tried = {word for _, si, _ in CASES.values() for word in si if word.startswith("--")}
+    tried = {
+        word for command, si, _ in CASES.values() for word in words(command, si) if word[:2] == "--"
+    }
     for name in group.list_commands(click.Context(group)):
         command = group.get_command(click.Context(group), name)
         options = {option for p in command.params for option in p.opts}
@@ -391,7 +233,7 @@ def test_every_option_with_a_length_is_tried_here():
                 assert set(option.opts) & {*tried, "--near"}, (name, option.opts)
 
 
-def test_units_of_a_controllers_stiffness_act(answer, tmp_path):
+def test_units_of_a_controllers_stiffness_act(tmp_path):
     sizes = np.repeat([1e3, 1.0], 3)
     named = {
         "matrix": (K * np.outer(sizes, sizes / 1e3)).tolist(),
@@ -401,7 +243,7 @@ def test_units_of_a_controllers_stiffness_act(answer, tmp_path):
     (tmp_path / "K.json").write_text(json.dumps(named))
     np.savetxt(tmp_path / "K.csv", K, delimiter=",")
     a, b = (
-        answer("modes", "ur5", "--q", Q, "--impedance", tmp_path / f"K.{end}")["impedance"]
+        answer(f"modes ur5 --q {Q} --impedance", tmp_path / f"K.{end}")["impedance"]
         for end in ("csv", "json")
     )
     same(a, b)

@@ -1,15 +1,13 @@
 """Tool, weight, load and units on the commands that judge many poses: each acts."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.optimize import linprog
+from tests.support.commands import answer
 
 import cartstiff
 from cartstiff.cli.main import _COMMANDS
@@ -31,12 +29,6 @@ LACKS = {
 }
 
 
-def run(*words: str) -> str:
-    done = CliRunner().invoke(cartstiff_command, list(words), catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
 @pytest.mark.parametrize("name", list(_COMMANDS))
 def test_the_same_options_on_every_command(name):
     command = cartstiff_command.get_command(click.Context(cartstiff_command), name)
@@ -55,22 +47,9 @@ def test_assembly_modes_under_a_load():
         assert np.array_equal(mode.result.tangent, expected.tangent)
     bare = cartstiff.assemble(elastic)
     assert abs(modes[0].eigenvalue / bare[0].eigenvalue - 1) > 1e-3
-    told = json.loads(
-        run(
-            "assemble",
-            "hexapod",
-            "--payload",
-            "3",
-            "--load",
-            "10,0,5,100,0,-9e4",
-            "--load-at",
-            "0.1,0,0.2",
-            "--world",
-            "--load-kind",
-            "follower",
-            "--all",
-            "--json",
-        )
+    told = answer(
+        "assemble hexapod --payload 3 --load 10,0,5,100,0,-9e4 --load-at 0.1,0,0.2 --world "
+        "--load-kind follower --all",
     )
     assert told["modes"][0]["smallest_eigenvalue"] == modes[0].eigenvalue
     assert told["weighed"] == [{"name": "platform", "mass": 3.0}]
@@ -169,7 +148,7 @@ def test_designs_carry_tool_weight_and_load(tmp_path):
         "--load-at",
         "0,0.1,0",
     )
-    told = json.loads(run("design", str(path), *words, "--json"))
+    told = answer("design", str(path), *words)
     assert told["weighed"] == [{"name": "platform", "mass": 400.0}]
     for one in told["designs"]:
         elastic = cartstiff.load(
@@ -201,7 +180,7 @@ def test_designs_carry_tool_weight_and_load(tmp_path):
         "--units",
         "mm,deg",
     )
-    other = json.loads(run("design", str(path), *in_mm, "--json"))
+    other = answer("design", str(path), *in_mm)
     for one, two in zip(told["designs"], other["designs"], strict=True):
         assert two["values"]["moves"] == pytest.approx(1e3 * one["values"]["moves"], rel=1e-9)
     assert other["objectives"][0]["unit"] == "mm"

@@ -4,72 +4,48 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from tests.inputs.refusals import rows
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import main
 
 for _package in ("dask", "matplotlib", "tqdm", "xarray", "zarr"):
     if importlib.util.find_spec(_package) is None:
         pytest.skip(f"{_package} is not installed", allow_module_level=True)
 
-Refused = Callable[..., str]
-Run = Callable[..., str]
-CUBIC = ("map", "cubic", "--quantity", "translation_held_min")
-GRID = ("--grid", "x=-0.02:0.02:3", "--grid", "yaw=0:0.2:4")
+CUBIC = "map cubic --quantity translation_held_min"
+GRID = "--grid x=-0.02:0.02:3 --grid yaw=0:0.2:4"
 
 
-@pytest.fixture
-def run(capfd: pytest.CaptureFixture[str]) -> Run:
-    """Standard output of a command that works."""
-
-    def check(*arguments: str) -> str:
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main([str(a) for a in arguments])
-        out, error = capfd.readouterr()
-        assert exit_.value.code == 0, error
-        assert error == ""
-        return out
-
-    return check
-
-
-def _answer(text: str) -> dict[str, Any]:
-    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
-
-
-def test_grid_to_file_table_and_picture(run: Run) -> None:
-    out = run(*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--worst", "2")
+def test_grid_to_file_table_and_picture():
+    out = run(CUBIC, GRID, "-o m.zarr --picture m.png --worst 2")
     assert "12 postures" in out
     assert "translation_held_min   N/m" in out
     assert "Worst of translation_held_min [N/m]" in out
     assert Path("m.png").read_bytes()[:4] == b"\x89PNG"
 
-    answer = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", "--worst", "2", "--json"))
-    assert answer["schema"] == "cartstiff-map/3"
-    assert answer["postures"] == 12
-    assert answer["parts"] == {"total": 1, "computed": 0, "found": 1}
-    assert answer["states"] == {"regular": 12}
-    worst = answer["worst"]["translation_held_min"]
+    told = answer(CUBIC, GRID, "-o m.zarr --worst 2")
+    assert told["schema"] == "cartstiff-map/3"
+    assert told["postures"] == 12
+    assert told["parts"] == {"total": 1, "computed": 0, "found": 1}
+    assert told["states"] == {"regular": 12}
+    worst = told["worst"]["translation_held_min"]
     assert len(worst) == 2
-    assert worst[0]["value"] == answer["quantities"]["translation_held_min"]["smallest"]
+    assert worst[0]["value"] == told["quantities"]["translation_held_min"]["smallest"]
     assert worst[0]["value"] <= worst[1]["value"]
     K = cartstiff.analyse(cartstiff.load("cubic"), worst[0]["q"]).matrices["B"]
     assert K is not None
     assert worst[0]["value"] == pytest.approx(np.linalg.eigvalsh(K[3:, 3:])[0], rel=1e-9)
 
 
-def test_the_command_is_in_the_file(run: Run) -> None:
+def test_the_command_is_in_the_file():
     from cartstiff.maps import open_map
 
-    run(*CUBIC, *GRID, "-o", "m.zarr", "--world", "--load", "0,0,0,1,0,0", "--no-progress")
+    run(CUBIC, GRID, "-o m.zarr --world --load 0,0,0,1,0,0 --no-progress")
     command = open_map("m.zarr").attrs["command"]
     assert command.startswith("cartstiff map cubic ")
     for words in (
@@ -81,14 +57,14 @@ def test_the_command_is_in_the_file(run: Run) -> None:
     ):
         assert any(word in command for word in words.split("|"))
     # As it stands there it is the same map.
-    answer = _answer(run(*command.split()[1:], "--json"))
-    assert answer["parts"]["computed"] == 0
+    told = answer(command.removeprefix("cartstiff "))
+    assert told["parts"]["computed"] == 0
 
 
-def test_slices_cut_what_is_listed(run: Run) -> None:
-    whole = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", "--json"))
-    cut = ("--slice", "yaw=0.2", "--best", "9", "--json")
-    part = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", *cut))
+def test_slices_cut_what_is_listed():
+    whole = answer(CUBIC, GRID, "-o m.zarr")
+    cut = "--slice yaw=0.2 --best 9"
+    part = answer(CUBIC, GRID, "-o m.zarr", cut)
     assert sum(whole["states"].values()) == 12
     assert sum(part["states"].values()) == 3
     rows = part["best"]["translation_held_min"]
@@ -96,93 +72,56 @@ def test_slices_cut_what_is_listed(run: Run) -> None:
     assert {row["q"]["yaw"] for row in rows} == {0.2}
 
 
-def test_random_postures(run: Run) -> None:
+def test_random_postures():
     ranges = [f"--range={n}=-0.01:0.01" for n in ("x", "y", "z")]
     ranges += [f"--range={n}=-0.1:0.1" for n in ("roll", "pitch", "yaw")]
-    first = _answer(run(*CUBIC, "--random", "50", *ranges, "-o", "a.zarr", "--json"))
-    again = _answer(run(*CUBIC, "--random", "50", *ranges, "-o", "b.zarr", "--json"))
-    other = _answer(run(*CUBIC, "--random", "50", "--seed", "1", *ranges, "-o", "c.zarr", "--json"))
+    first = answer(CUBIC, "--random 50", *ranges, "-o a.zarr")
+    again = answer(CUBIC, "--random 50", *ranges, "-o b.zarr")
+    other = answer(CUBIC, "--random 50 --seed 1", *ranges, "-o c.zarr")
     assert first["quantities"] == again["quantities"]
     assert first["quantities"] != other["quantities"]
 
 
-def test_trajectory_from_csv(run: Run) -> None:
+def test_trajectory_from_csv():
     Path("p.csv").write_text("# a path\ntime, x, yaw\n0, 0.0, 0.0\n0.5, 0.01, 0.1\n")
-    answer = _answer(
-        run(
-            *CUBIC,
-            "--trajectory",
-            "p.csv",
-            "-o",
-            "t.zarr",
-            "--json",
-            "--best",
-            "5",
-            "--picture",
-            "p.svg",
-        )
+    told = answer(
+        CUBIC,
+        "--trajectory p.csv -o t.zarr --best 5 --picture p.svg",
     )
-    assert answer["postures"] == 2
-    yaws = sorted(row["q"]["yaw"] for row in answer["best"]["translation_held_min"])
+    assert told["postures"] == 2
+    yaws = sorted(row["q"]["yaw"] for row in told["best"]["translation_held_min"])
     assert yaws == [0.0, 0.1]
     assert Path("p.svg").read_text().startswith("<?xml")
 
 
-def test_cartesian_grid_in_one_option(run: Run) -> None:
-    answer = _answer(
-        run(
-            "map",
-            "five-bar",
-            "--cartesian",
-            "x=0.1:0.2:2 y=0.3:0.35:2",
-            "--free",
-            "rotation",
-            "--starts",
-            "4",
-            "--branches",
-            "2",
-            "--quantity",
-            "compliance_translation_free_max",
-            "-o",
-            "c.zarr",
-            "--json",
-        )
+def test_cartesian_grid_in_one_option():
+    told = answer(
+        "map five-bar --cartesian",
+        ["x=0.1:0.2:2 y=0.3:0.35:2"],
+        "--free rotation --starts 4 --branches 2 "
+        "--quantity compliance_translation_free_max -o c.zarr",
     )
-    assert answer["postures"] == 8
+    assert told["postures"] == 8
     # The tip's position leaves each arm two elbows.
-    assert answer["branches"] == {"starts": 5, "legs": 2, "found": 4, "kept": 2}
-    assert set(answer["states"]) <= {"fewer-than-six-freedoms", "unreachable", "not-assembled"}
+    assert told["branches"] == {"starts": 5, "legs": 2, "found": 4, "kept": 2}
+    assert set(told["states"]) <= {"fewer-than-six-freedoms", "unreachable", "not-assembled"}
 
 
-def test_how_much_is_below(run: Run) -> None:
-    words = (
-        "map",
-        "five-bar",
-        "--cartesian",
-        "x=0.1:0.2:2 y=0.3:0.35:2",
-        "--free",
-        "rotation",
-        "--quantity",
-        "deflection",
-        "--load",
-        "0,0,0,0,-10,0",
-        "--json",
-    )
-    found = json.loads(run(*words, "-o", "m.zarr"))["quantities"]["deflection"]
+def test_how_much_is_below():
+    cartesian = ["--cartesian", "x=0.1:0.2:2 y=0.3:0.35:2"]
+    words = "map five-bar --free rotation --quantity deflection --load 0,0,0,0,-10,0 -o m.zarr"
+    found = answer(words, cartesian)["quantities"]["deflection"]
     limit = f"{1e3 * found['smallest'] * 1.0001!r} mm"
-    answers = [
-        json.loads(run(*words, f"--{side}", limit, "-o", "m.zarr"))[side]
-        for side in ("below", "above")
-    ]
-    assert [answer["quantity"] for answer in answers] == ["deflection"] * 2
-    assert 1 <= answers[0]["within"] < answers[0]["reached"] <= 4
-    assert sum(answer["share"] for answer in answers) == pytest.approx(1.0)
+    sides = [answer(words, cartesian, [f"--{s}", limit])[s] for s in ("below", "above")]
+    assert [side["quantity"] for side in sides] == ["deflection"] * 2
+    assert 1 <= sides[0]["within"] < sides[0]["reached"] <= 4
+    assert sum(side["share"] for side in sides) == pytest.approx(1.0)
 
 
-def test_quantities_are_listed(run: Run) -> None:
+def test_quantities_are_listed():
     from cartstiff.maps.quantities import QUANTITIES
 
-    out = run("map", "--list-quantities")
+    out = run("map --list-quantities")
     for name in QUANTITIES:
         assert f"\n{name} " in f"\n{out}"
     for words in (("cubic", "--json", "--list-quantities"), ("--list-quantities", "--json")):
@@ -196,10 +135,8 @@ def test_quantities_are_listed(run: Run) -> None:
     ("arguments", "words"),
     rows("map: options"),
 )
-def test_refused_in_one_line(
-    refused: Refused, arguments: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    refused(*arguments, words=words)
+def test_refused_in_one_line(refused, arguments, words):
+    refused(arguments, words=words)
 
 
 @pytest.mark.parametrize(
@@ -215,56 +152,32 @@ def test_refused_in_one_line(
         ("time\n0\n", "no column of a coordinate"),
     ],
 )
-def test_bad_trajectories(refused: Refused, text: str, words: str) -> None:
+def test_bad_trajectories(refused, text, words):
     Path("p.csv").write_text(text)
-    refused(*CUBIC, "--trajectory", "p.csv", "-o", "m.zarr", words=(words,))
+    refused(CUBIC, "--trajectory p.csv -o m.zarr", words=(words,))
 
 
-def test_another_map_s_file_is_left_alone(run: Run, refused: Refused) -> None:
-    run(*CUBIC, *GRID, "-o", "m.zarr")
+def test_another_map_s_file_is_left_alone(refused):
+    run(CUBIC, GRID, "-o m.zarr")
     line = refused(
-        "map",
-        "cubic",
-        "--quantity",
-        "condition",
-        *GRID,
-        "-o",
-        "m.zarr",
+        f"map cubic --quantity condition {GRID} -o m.zarr",
         words=("m.zarr", "another map", "quantities differs"),
     )
     assert "translation_held_min" in line
     refused(
-        *CUBIC,
-        "--grid",
-        "x=-0.02:0.02:4",
-        "--grid",
-        "yaw=0:0.2:4",
-        "-o",
-        "m.zarr",
+        CUBIC,
+        "--grid x=-0.02:0.02:4 --grid yaw=0:0.2:4 -o m.zarr",
         words=("x differs",),
     )
-    refused(*CUBIC, *GRID, "--stiffness", "5", "-o", "m.zarr", words=("another mechanism",))
+    refused(CUBIC, GRID, "--stiffness 5 -o m.zarr", words=("another mechanism",))
 
 
-def test_the_load_means_what_it_means_to_analyse(
-    run: Run, refused: Refused, tmp_path: Path
-) -> None:
+def test_the_load_means_what_it_means_to_analyse(refused, tmp_path):
     """Kind, point and axes of the load; another kind is another map."""
-    load = ("--load", "1,2,3,30,0,-100", "--world", "--load-at", "0,0,0.1")
-    words = (
-        "map",
-        "ur5",
-        "--grid",
-        "elbow_joint=1.2:1.2:1",
-        "--quantity",
-        "deflection",
-        *load,
-        "-o",
-        str(tmp_path / "m.zarr"),
-        "--json",
-        "--no-progress",
-    )
-    data = json.loads(run(*words, "--load-kind", "follower"))
+    load = "--load 1,2,3,30,0,-100 --world --load-at 0,0,0.1"
+    words = f"map ur5 --grid elbow_joint=1.2:1.2:1 --quantity deflection {load} --no-progress -o"
+    file = tmp_path / "m.zarr"
+    data = answer(words, file, "--load-kind follower")
     assert data["connection"] == "load"
     assert data["load"] == {
         "kind": "follower",
@@ -284,4 +197,4 @@ def test_the_load_means_what_it_means_to_analyse(
     moved = np.linalg.solve(result.matrices["A"], result.wrench)
     expected = float(np.linalg.norm(moved[3:]))
     assert data["quantities"]["deflection"]["mean"] == pytest.approx(expected, rel=1e-9)
-    assert "load_kind differs" in refused(*words)
+    assert "load_kind differs" in refused(words, file, "--json")

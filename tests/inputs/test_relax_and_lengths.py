@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from tests.support.commands import outcome
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.statics.equilibrium import relaxed
 
 #: The held pose is kept, and lengths are met, to the rounding of a few steps.
@@ -37,25 +37,18 @@ Q = "0.1,0.5,-0.3,0.9,0.2,-0.6,0.4"
 REST = "0.15,0.45,-0.2,0.95,0.1,-0.5,0.3"
 
 
-def _run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(arguments))
-    out, error = capsys.readouterr()
-    return int(exit_.value.code or 0), out, error
-
-
 def test_relax_finds_the_balanced_posture(tmp_path, capsys):
     path = tmp_path / "seven.urdf"
     path.write_text(_arm())
     command = ["analyse", str(path), "--q", Q, "--rest", REST, "--stiffness", "1000", "--json"]
-    code, out, _ = _run(capsys, *command)
+    code, out, _ = outcome(*command)
     refused = json.loads(out)
     assert code == 0
     assert refused["wrench"] is None
     assert all(K is None for K in refused["stiffness"].values())
     (note,) = (n for n in refused["notes"] if n["code"] == "unbalanced")
     assert len(note["values"]["unbalanced_torque"]) == LINKS
-    code, out, _ = _run(capsys, *command, "--relax")
+    code, out, _ = outcome(*command, "--relax")
     settled = json.loads(out)
     assert code == 0
     assert "unbalanced" not in {n["code"] for n in settled["notes"]}
@@ -81,10 +74,10 @@ def test_relaxed_leaves_a_balanced_posture_where_it_is(tmp_path):
 def test_weight_along_a_self_motion_says_what_to_do(tmp_path, capsys, load):
     """Weight between the legs of a delta: rest positions are found where a load is given."""
     weighs = ["delta", "--gravity", "0,0,-9.81", *load]
-    code, analysed, _ = _run(capsys, "analyse", *weighs)
+    code, analysed, _ = outcome("analyse", *weighs)
     assert code == 0
     where = ["--cartesian", "x=0:0.05:2", "--branches", "1", "--quantity", "condition"]
-    code, mapped, _ = _run(capsys, "map", *weighs, *where, "-o", str(tmp_path / "delta.zarr"))
+    code, mapped, _ = outcome("map", *weighs, *where, "-o", str(tmp_path / "delta.zarr"))
     assert code == 0
     for text in (analysed, mapped):
         assert ("unbalanced" in text) == (load == ())
@@ -95,7 +88,7 @@ def test_strict_tells_the_unbalanced_posture(tmp_path, capsys):
     path = tmp_path / "seven.urdf"
     path.write_text(_arm())
     command = ["analyse", str(path), "--q", Q, "--rest", REST, "--stiffness", "1000", "--strict"]
-    code, _, error = _run(capsys, *command)
+    code, _, error = outcome(*command)
     assert code == 3
     assert error.count("\n") == 1
     assert "unbalanced" in error
@@ -106,7 +99,7 @@ def test_lengths_give_the_pose(capsys):
     pose = platform.q + np.array([0.02, -0.01, 0.03, 0.04, -0.05, 0.06])
     lengths = platform.mechanism.leg_lengths(pose)
     text = ",".join(repr(float(v)) for v in lengths)
-    code, out, _ = _run(capsys, "analyse", "hexapod", "--lengths", text, "--json")
+    code, out, _ = outcome(f"analyse hexapod --lengths {text} --json")
     assert code == 0
     assert np.abs(np.array(json.loads(out)["q"]) - pose).max() < KEPT
 
@@ -123,7 +116,7 @@ def test_lengths_give_the_pose(capsys):
     ],
 )
 def test_lengths_that_cannot_be_used(arguments, words, capsys):
-    code, out, error = _run(capsys, "analyse", *arguments)
+    code, out, error = outcome("analyse", *arguments)
     assert code in (2, 3)
     assert out == ""
     assert error.count("\n") == 1

@@ -1,13 +1,10 @@
 """One table for every command: units in the head, semicolons, what is not needed, controllers."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
+from tests.support.commands import answer, run
 
 from cartstiff.arrays import csv_rows, csv_text
 from cartstiff.cli.main import command as cartstiff_command
@@ -119,12 +116,6 @@ def test_controllers_numbers_lead_back_to_the_rotation(controller):
         assert np.abs(found - wanted).max() < 1e-12
 
 
-def run(*words):
-    done = CliRunner().invoke(cartstiff_command, list(map(str, words)), catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
 KR = [
     ("z", "0 0 0.33", 3.2),
     ("y", "0.35 0 0.42", 2.4),
@@ -165,12 +156,10 @@ def test_a_seam_in_four_commands(big_arm):
     tool = [big_arm, "--tcp", "0,0,0.2"]
     robot = [*tool, "--stiffness", "2e6,2e6,1.5e6,3e5,3e5,2e5"]
     p, c, k = (folder / name for name in ("p.csv", "c.csv", "k.csv"))
-    run("path", *robot, folder / "seam.csv", "--load", "0,0,0,0,0,-300", "--world", "--csv", p)
-    answer = json.loads(
-        run("equilibrium", *robot, "--path", p, "--csv", c, "--json").split("\n")[-2]
-    )
-    assert answer["summary"]["before"]["translation_max"] > 1e-4
-    assert answer["summary"]["after"]["translation_max"] < 1e-9
+    run("path", *robot, folder / "seam.csv", f"--load 0,0,0,0,0,-300 --world --csv {p}")
+    errors = answer("equilibrium", *robot, f"--path {p} --csv {c}")["summary"]
+    assert errors["before"]["translation_max"] > 1e-4
+    assert errors["after"]["translation_max"] < 1e-9
     from cartstiff.page.source import read_trajectory
 
     heads = c.read_text().splitlines()[0].split(",")
@@ -179,14 +168,14 @@ def test_a_seam_in_four_commands(big_arm):
     m = folder / "m.csv"
     seen = [word for axis in "xyz" for word in ("--sd", f"d{axis}=1e-6mm")]
     seen += [word for axis in "xyz" for word in ("--sd", f"dr{axis}=1e-6mrad")]
-    run("identify", *robot[:3], "--simulate", 1, p, *seen, "--csv", m)
-    found = json.loads(run("identify", *tool, m, *seen, "--json"))["parameters"]
+    run("identify", *robot[:3], "--simulate", 1, p, *seen, f"--csv {m}")
+    found = answer("identify", *tool, m, *seen)["parameters"]
     for entry in found:
         assert not entry["identifiable"] or abs(entry["stiffness"] / 1e4 - 1) < 1e-2, entry
     assert sum(entry["identifiable"] for entry in found) >= 3
     shown = read_trajectory(c, tuple(f"a{i}" for i in range(1, 7)))
     assert np.allclose(shown.q, read_rows(p, "rows").values[:, :6], atol=1e-12)
-    assert "40 commands that compensate" in run("poses", *tool, c, "--for", "kuka", "-o", k)
+    assert "40 commands that compensate" in run("poses", *tool, c, f"--for kuka -o {k}")
     head, *lines = k.read_text().splitlines()
     assert head.endswith("a6 [deg],X [mm],Y [mm],Z [mm],A [deg],B [deg],C [deg]")
     kuka = np.array([[float(x) for x in line.split(",")] for line in lines])
@@ -194,7 +183,7 @@ def test_a_seam_in_four_commands(big_arm):
     wanted = np.array([[1600, y + 0.5, 900] for y in range(-390, 400, 20)])
     # The load pushes down: the commands lie above, by about the deflection.
     assert 0.1 < (kuka[:, 8] - wanted[:, 2]).min() < 2
-    plain = run("poses", *tool, p, "--for", "kuka").splitlines()[-1].split(",")
+    plain = run("poses", *tool, p, "--for kuka").splitlines()[-1].split(",")
     assert np.allclose([float(x) for x in plain[6:9]], wanted[-1], atol=1e-4)
 
 

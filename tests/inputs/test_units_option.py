@@ -1,7 +1,5 @@
 """``--units``: what is given and shown in millimetres and degrees is the same as in SI."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -9,9 +7,9 @@ import re
 import numpy as np
 import pytest
 from matplotlib.colors import LogNorm
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.figures import figure_content, new_figure
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadForce
@@ -33,24 +31,11 @@ OTHER = (
 )
 
 
-@pytest.fixture
-def run(capfd):
-    def check(*arguments, code=0):
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main([str(a) for a in arguments])
-        out, error = capfd.readouterr()
-        assert exit_.value.code == code, error
-        return error if code else out
-
-    return check
-
-
-def test_analyse(run):
+def test_analyse():
     """Text is in the units asked for, as another program's users would compute by hand."""
-    si = json.loads(run("analyse", "ur5", *SI, "--load", "1,2,3,10,20,30", "--json"))
+    si = answer("analyse ur5", *SI, "--load 1,2,3,10,20,30")
     loaded = (*OTHER, "--load", "1000,2000,3000,10,20,30", "--connection", "B")
-    text = run("analyse", "ur5", *loaded, "--analysis", "none")
+    text = run("analyse ur5", *loaded, "--analysis none")
     assert "lengths in mm" in text
     assert "N mm/rad" in text
     s = np.repeat([1e3, 1.0], 3)
@@ -64,7 +49,7 @@ def test_analyse(run):
     np.testing.assert_allclose(found, K, rtol=1e-4, atol=1e-4 * np.abs(K).max())
 
 
-def test_path_and_what_reads_it(run, tmp_path):
+def test_path_and_what_reads_it(tmp_path):
     """Written in mm and degrees, read by the next commands with and without --units."""
     si, mm = tmp_path / "si.csv", tmp_path / "mm.csv"
     si.write_text("x,y,z,roll,pitch,yaw\n0.4,0.1,0.4,3,0,0.3\n0.4,0.15,0.4,3,0,0.3\n")
@@ -76,7 +61,7 @@ def test_path_and_what_reads_it(run, tmp_path):
     postures = {}
     for name, file, units in (("a", si, ()), ("b", mm, ("--units", "mm,deg"))):
         out = tmp_path / f"{name}.csv"
-        data = json.loads(run("path", "ur5", file, *load, *units, "--csv", out, "--json"))
+        data = answer("path ur5", file, *load, *units, f"--csv {out}")
         postures[name] = np.array(data["q"])
         with out.open() as handle:
             rows = list(csv.reader(handle))
@@ -86,33 +71,33 @@ def test_path_and_what_reads_it(run, tmp_path):
             np.testing.assert_allclose(np.radians(shown), postures[name], rtol=1e-12)
     np.testing.assert_allclose(postures["a"], postures["b"], rtol=1e-6, atol=1e-8)
     tables = [
-        run("poses", "ur5", tmp_path / "b.csv", "--for", "kuka", *units)
+        run("poses ur5", tmp_path / "b.csv", "--for kuka", *units)
         for units in ((), ("--units", "mm,deg"), ("--units", "in"))
     ]
     numbers = [np.array([r.split(",") for r in t.split("\n")[1:] if r], float) for t in tables]
     np.testing.assert_allclose(numbers[1], numbers[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(numbers[2], numbers[0], rtol=1e-9, atol=1e-9)
-    text = run("path", "ur5", mm, *load, "--units", "mm,deg")
+    text = run("path ur5", mm, *load, "--units mm,deg")
     assert "coordinates in deg" in text
     assert "[mm]" in text
     moved = tmp_path / "commands.csv"
-    run("equilibrium", "ur5", *load, "--path", tmp_path / "b.csv", "--csv", moved, code=2)
-    run("equilibrium", "ur5", "--path", tmp_path / "b.csv", "--csv", moved, "--units", "deg")
+    run("equilibrium ur5", *load, "--path", tmp_path / "b.csv", f"--csv {moved}", code=2)
+    run("equilibrium ur5 --path", tmp_path / "b.csv", f"--csv {moved} --units deg")
     head = moved.read_text(encoding="utf-8").split("\n")[0]
     assert head.startswith("command_shoulder_pan_joint [deg]")
     assert "before_rx [deg]" in head
     names, first = (line.split(",") for line in moved.read_text().split("\n")[:2])
-    answer = json.loads(run("equilibrium", "ur5", "--path", tmp_path / "b.csv", "--json"))
+    told = answer("equilibrium ur5 --path", tmp_path / "b.csv")
     turned = float(first[names.index("before_rx [deg]")])
-    assert np.isclose(np.radians(turned), answer["error_before"][0][0], rtol=1e-9)
+    assert np.isclose(np.radians(turned), told["error_before"][0][0], rtol=1e-9)
     curve = tmp_path / "curve.csv"
-    run("equilibrium", "ur5", *load, "--curve", "1", "--csv", curve, "--units", "mm,deg")
+    run("equilibrium ur5", *load, f"--curve 1 --csv {curve} --units mm,deg")
     names = curve.read_text().split("\n")[0].split(",")
     assert {"elbow_joint [deg]", "rx [deg]", "z [mm]", "linear_z [mm]"} <= set(names)
-    assert "kuka" not in run("poses", "ur5", moved, "--for", "kuka")
+    assert "kuka" not in run(f"poses ur5 {moved} --for kuka")
 
 
-def test_columns_without_units_are_in_those_of_the_option(run, tmp_path):
+def test_columns_without_units_are_in_those_of_the_option(tmp_path):
     table = tmp_path / "q.csv"
     table.write_text("10,-60,70,20,60,5\n")
     named = tmp_path / "named.csv"
@@ -120,9 +105,9 @@ def test_columns_without_units_are_in_those_of_the_option(run, tmp_path):
         "shoulder_pan_joint [deg],shoulder_lift_joint [deg],elbow_joint [deg],"
         "wrist_1_joint [deg],wrist_2_joint [deg],wrist_3_joint [deg]\n10,-60,70,20,60,5\n"
     )
-    a = run("poses", "ur5", table, "--for", "ur", "--units", "deg")
-    assert a == run("poses", "ur5", named, "--for", "ur")
-    assert a == run("poses", "ur5", named, "--for", "ur", "--units", "deg")
+    a = run(f"poses ur5 {table} --for ur --units deg")
+    assert a == run(f"poses ur5 {named} --for ur")
+    assert a == run(f"poses ur5 {named} --for ur --units deg")
 
 
 @pytest.mark.parametrize(
@@ -136,22 +121,22 @@ def test_columns_without_units_are_in_those_of_the_option(run, tmp_path):
         ("mm;deg", "unknown unit"),
     ],
 )
-def test_other_units_are_refused(run, units, expected):
-    error = run("analyse", "five-bar", "--units", units, code=2)
+def test_other_units_are_refused(units, expected):
+    error = run("analyse five-bar", ["--units", units], code=2)
     assert expected in error
     assert "--units" in error
     assert error.count("\n") == 1
 
 
-def test_a_mechanism_in_centimetres(run):
+def test_a_mechanism_in_centimetres():
     """tcp is in the units that were asked for, whatever the file's are."""
-    a = json.loads(run("analyse", "stewart-gough", "--tcp", "1,2,3", "--json"))
-    b = json.loads(run("analyse", "stewart-gough", "--tcp", "10,20,30", "--units", "mm", "--json"))
+    a = answer("analyse stewart-gough --tcp 1,2,3")
+    b = answer("analyse stewart-gough --tcp 10,20,30 --units mm")
     assert a["units"]["length"] == b["units"]["length"] == "cm"
     np.testing.assert_allclose(b["pose"], a["pose"], atol=1e-9)
 
 
-def test_measurements_are_planned_found_and_written_in_other_units(run, tmp_path):
+def test_measurements_are_planned_found_and_written_in_other_units(tmp_path):
     """Point, ranges, volume, springs and tables of `identify`; the file written is in its own."""
     small, large = ("--units", "mm,deg", "--point", "0,0,50"), ("--point", "0,0,0.05")
     what = [word for axis in "xyz" for word in ("--sd", f"d{axis}=0.02mm")]
@@ -161,37 +146,21 @@ def test_measurements_are_planned_found_and_written_in_other_units(run, tmp_path
         (large, "z=0.1:0.9", f"elbow_joint={-np.pi / 2}:{np.pi / 2}", tmp_path / "m"),
     ):
         text = run(
-            "identify",
-            "ur5",
+            "identify ur5",
             *own,
-            "--plan",
-            "8",
-            "--force",
-            "80",
+            "--plan 8 --force 80",
             *what,
-            "--within",
-            volume,
-            "--range",
-            turn,
-            "--candidates",
-            "60",
-            "--csv",
-            f"{to}1.csv",
+            f"--within {volume} --range {turn} --candidates 60 --csv {to}1.csv",
         )
         run(
-            "identify",
-            "ur5",
+            "identify ur5",
             *own,
             tmp_path / "mm1.csv",
-            "--simulate",
-            "1",
+            "--simulate 1",
             *what,
-            "--csv",
-            f"{to}2.csv",
+            f"--csv {to}2.csv",
         )
-        data = json.loads(
-            run("identify", "ur5", *own, f"{to}2.csv", *what, "--json", "-o", f"{to}.yaml")
-        )
+        data = json.loads(run("identify ur5", *own, f"{to}2.csv", *what, f"--json -o {to}.yaml"))
         K = cartstiff.analyse(cartstiff.load(f"{to}.yaml")).matrices["B"]
         found.append((text, data, K))
     (text, mm, K), (_, m, wanted) = found
@@ -239,12 +208,12 @@ def test_no_picture_with_a_logarithm_prints_a_formula(scale):
     assert not any("$" in text for text in ticks)
 
 
-def test_what_holds_assembly_modes_has_a_unit(run):
-    assert "Held: left_motor 126.051 deg, right" in run("assemble", "five-bar", "--all", *SHOWN)
-    assert "Held: leg1 836.457 mm, leg2" in run("assemble", "hexapod", *SHOWN)
+def test_what_holds_assembly_modes_has_a_unit():
+    assert "Held: left_motor 126.051 deg, right" in run("assemble five-bar --all", *SHOWN)
+    assert "Held: leg1 836.457 mm, leg2" in run("assemble hexapod", *SHOWN)
 
 
-def test_help_of_every_command_names_it(run):
+def test_help_of_every_command_names_it():
     from cartstiff.cli.main import _COMMANDS
 
     for name in _COMMANDS:
@@ -252,17 +221,17 @@ def test_help_of_every_command_names_it(run):
             assert "--units" in run(name, "--help"), name
 
 
-def test_how_far_the_body_turns_is_told_in_degrees(run):
+def test_how_far_the_body_turns_is_told_in_degrees():
     words = ["analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full"]
     found = {}
     for units in ("rad", "deg"):
-        line = next(x for x in run(*words, "--units", f"mm,{units}").splitlines() if "turns (" in x)
+        line = next(x for x in run(*words, f"--units mm,{units}").splitlines() if "turns (" in x)
         assert f") {units} (all" in line
         found[units] = np.array(line[line.index("(") + 1 : line.index(")")].split(","), float)
     np.testing.assert_allclose(found["deg"], np.degrees(found["rad"]), rtol=1e-3)
 
 
-def test_a_joint_that_does_not_move_is_told_as_zero(run):
-    text = run("analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full")
+def test_a_joint_that_does_not_move_is_told_as_zero():
+    text = run("analyse ur5 --load 0,0,0,0,0,-100 --analysis full")
     row = next(x for x in text.splitlines() if "wrist_3_joint" in x and " %" in x)
     assert row.split() == ["wrist_3_joint", "0", "rad", "0", "%", "0", "0", "0"]

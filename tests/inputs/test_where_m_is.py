@@ -1,20 +1,14 @@
 """Every command says where M is in its link: tool, `--tcp` and the file's offset alike."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from tests.support.commands import answer, outcome, run
 
-from cartstiff.cli.main import command as cartstiff_command
-
-#: M in the flange of the file below (offset), and in that frame (`--tcp`): together the tool.
-OFFSET, TCP = (0.1, 0.0, 0.0), (0.0, 0.02, 0.3)
+#: M in that of the file below, whose offset is (0.1, 0, 0) in the flange: together the tool.
+TCP = "--tcp 0.0,0.02,0.3"
 TOOL = "M at (0.1, 0.02, 0.3) m in 'tool0'"
 TOOL_POSE = [[1, 0, 0, 0.1], [0, 1, 0, 0.02], [0, 0, 1, 0.3], [0, 0, 0, 1]]
-DOWN = ("--load", "0,0,0,0,0,-10")
+DOWN = "--load 0,0,0,0,0,-10"
 
 
 @pytest.fixture
@@ -44,63 +38,49 @@ def folder(tmp_path):
     return tmp_path
 
 
-def run(*words):
-    done = CliRunner().invoke(cartstiff_command, list(words), catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done
-
-
 @pytest.mark.parametrize(
     "words",
     [
-        ("analyse",),
-        ("equilibrium", *DOWN),
-        ("frames",),
-        ("modes",),
-        ("map", "--grid", "elbow_joint=1:2:3", "--quantity", "deflection", *DOWN, "-o", "m.zarr"),
-        ("identify", "data.csv"),
-        ("path", "path.csv", "--criterion", "deflection", *DOWN),
-        ("design", "study.yaml"),
+        "analyse arm.yaml",
+        f"equilibrium arm.yaml {DOWN}",
+        "frames arm.yaml",
+        "modes arm.yaml",
+        f"map arm.yaml --grid elbow_joint=1:2:3 --quantity deflection {DOWN} -o m.zarr",
+        "identify arm.yaml data.csv",
+        f"path arm.yaml path.csv --criterion deflection {DOWN}",
+        "design study.yaml",
     ],
-    ids=lambda words: words[0],
+    ids=lambda words: words.split()[0],
 )
 def test_arms(words, folder, monkeypatch):
     monkeypatch.chdir(folder)
-    name, *more = words
-    robot = [] if name == "design" else ["arm.yaml"]
-    tool = ["--tcp", ",".join(map(str, TCP))]
-    given = [name, *robot, *more, *tool]
-    assert TOOL in run(*given).stdout
-    answer = json.loads(run(*given, "--json").stdout)
-    assert answer["frame"] == "tool0"
-    assert np.allclose(answer["frame_offset"], TOOL_POSE, atol=1e-12)
+    assert TOOL in run(words, TCP)
+    found = answer(words, TCP)
+    assert found["frame"] == "tool0"
+    assert np.allclose(found["frame_offset"], TOOL_POSE, atol=1e-12)
 
 
 def test_poses_and_reports(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    tool = ["--tcp", ",".join(map(str, TCP))]
-    given = ["poses", "arm.yaml", "commands.csv", *tool, "--for", "ur"]
-    done = run(*given)
-    assert TOOL in done.stderr
-    assert "tool0" not in done.stdout
-    assert TOOL in run(*given, "-o", "program.csv").stdout
-    run("report", "arm.yaml", *tool, *DOWN, "-o", "report.html")
+    given = f"poses arm.yaml commands.csv {TCP} --for ur"
+    _, table, said = outcome(given)
+    assert TOOL in said
+    assert "tool0" not in table
+    assert TOOL in run(given, "-o program.csv")
+    run("report arm.yaml", TCP, DOWN, "-o report.html")
     page = (folder / "report.html").read_text()
     assert "M is at (0.1, 0.02, 0.3) m in tool0" in page
 
 
 @pytest.mark.parametrize(
     "words",
-    [("workspace", "--directions", "50"), ("assemble", "--all")],
-    ids=lambda words: words[0],
+    ["workspace hexapod --directions 50 --tcp 0,0,0.02", "assemble hexapod --all --tcp 0,0,0.02"],
 )
 def test_platforms(words):
-    name, *more = words
-    given = (name, "hexapod", *more, "--tcp", "0,0,0.02")
-    assert "body frame M at (0, 0, 0.02) m in 'platform'" in run(*given).stdout
-    answer = json.loads(run(*given, "--json").stdout)
-    assert answer["frame"] == "platform"
-    assert np.allclose(np.array(answer["frame_offset"])[:3, 3], [0, 0, 0.02])
+    assert "body frame M at (0, 0, 0.02) m in 'platform'" in run(words)
+    found = answer(words)
+    assert found["frame"] == "platform"
+    assert np.allclose(np.array(found["frame_offset"])[:3, 3], [0, 0, 0.02])
 
 
 def test_a_map_s_file_says_it_and_so_does_the_comparison_of_two(folder, monkeypatch):
@@ -108,10 +88,10 @@ def test_a_map_s_file_says_it_and_so_does_the_comparison_of_two(folder, monkeypa
     from cartstiff.maps import open_map
 
     monkeypatch.chdir(folder)
-    where = ["--grid", "elbow_joint=1:2:3", "--quantity", "translation_free_min"]
+    where = "--grid elbow_joint=1:2:3 --quantity translation_free_min"
     for name, tool in (("a.zarr", "0,0,0"), ("b.zarr", "0,0.02,0.3")):
-        run("map", "arm.yaml", *where, "--tcp", tool, "-o", name)
+        run("map arm.yaml", where, f"--tcp {tool} -o {name}")
     about = open_map("b.zarr").attrs
     assert np.allclose(np.reshape(about["frame_offset"], (4, 4)), TOOL_POSE)
     assert np.allclose(np.reshape(about["base_pose"], (4, 4)), np.eye(4))
-    assert "frame_offset" in run("compare", "a.zarr", "b.zarr").stdout
+    assert "frame_offset" in run("compare a.zarr b.zarr")

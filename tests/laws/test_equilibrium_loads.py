@@ -96,7 +96,7 @@ def test_loads_that_must_be_put_on_in_stages():
 
 
 @pytest.mark.parametrize(
-    ("name", "count"), [("ur5", 30), ("panda", 21), ("stewart-gough", 30), ("five-bar", 21)]
+    ("name", "count"), [("ur5", 12), ("panda", 9), ("stewart-gough", 12), ("five-bar", 9)]
 )
 def test_absurd_loads_end_in_an_answer_or_a_refusal(name, count):
     elastic = mechanism(name)

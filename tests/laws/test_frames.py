@@ -1,17 +1,13 @@
 """F is the room, B the robot's own base: how a robot is mounted changes nothing that B knows."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import command
-from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 
 SPRINGS = (
@@ -24,12 +20,6 @@ Q = "0.3,-1.1,1.3,-0.7,0.9,0.2"
 JOINTS = (
     "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint"
 )
-
-
-def run(*arguments):
-    found = CliRunner().invoke(command, [str(a) for a in arguments], catch_exceptions=False)
-    assert found.exit_code == 0, found.output
-    return found.stdout
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +37,7 @@ def test_poses_are_those_of_the_base(robots, tmp_path):
     table = tmp_path / "postures.csv"
     table.write_text(f"{JOINTS}\n{Q}\n")
     for controller in ("ur", "kuka", "abb", "fanuc"):
-        first, *others = [run("poses", r, table, "--for", controller) for r in robots]
+        first, *others = [run(f"poses {r} {table} --for {controller}") for r in robots]
         for other in others:
             a, b = (
                 np.array([float(x) for x in text.split("\n")[1].split(",")])
@@ -58,17 +48,14 @@ def test_poses_are_those_of_the_base(robots, tmp_path):
 
 def test_matrices_along_base_axes(robots):
     for order in ("angular-linear", "linear-angular"):
-        found = [
-            json.loads(run("analyse", r, "--q", Q, "--axes", "base", "--order", order, "--json"))
-            for r in robots
-        ]
+        found = [answer(f"analyse {r} --q {Q} --axes base --order {order}") for r in robots]
         K = [np.array(d["as_controller"]["stiffness"]["B"]) for d in found]
         assert K[1] == pytest.approx(K[0], rel=1e-9, abs=1e-6)
         assert K[2] == pytest.approx(K[0], rel=1e-9, abs=1e-6)
     # Along the room's axes each block turns with the mount; the first is on the floor.
-    world = json.loads(run("analyse", robots[1], "--q", Q, "--axes", "world", "--json"))
+    world = answer("analyse", robots[1], f"--q {Q} --axes world")
     R = np.kron(np.eye(2), Rotation.from_rotvec([0, 0, 0.5]).as_matrix())
-    floor = json.loads(run("analyse", robots[0], "--q", Q, "--axes", "base", "--json"))
+    floor = answer("analyse", robots[0], f"--q {Q} --axes base")
     expected = R @ np.array(floor["as_controller"]["stiffness"]["A"]) @ R.T
     got = world["as_controller"]["stiffness"]["A"]
     assert np.array(got) == pytest.approx(expected, rel=1e-9, abs=1e-6)
@@ -81,10 +68,7 @@ def test_a_controller_does_not_see_the_mount(robots, tmp_path):
             {"matrix": np.diag([1e3, 1500, 800, 30, 30, 20]).tolist(), "order": "linear-angular"}
         )
     )
-    found = [
-        json.loads(run("modes", r, "--q", Q, "--impedance", wanted, "--axes", "base", "--json"))
-        for r in robots
-    ]
+    found = [answer(f"modes {r} --q {Q} --impedance {wanted} --axes base") for r in robots]
     for key in ("joint_stiffness", "joint_damping", "frequencies"):
         a, b, c = (np.array(data["impedance"][key]) for data in found)
         assert b == pytest.approx(a, rel=1e-8, abs=1e-8)
@@ -112,7 +96,7 @@ def test_positions_are_measured_in_the_base(robots, tmp_path):
     table = tmp_path / "measured.csv"
     table.write_text("\n".join(lines) + "\n")
     for robot in robots:
-        data = json.loads(run("identify", robot, table, "--json"))
+        data = answer(f"identify {robot} {table}")
         found = [p["stiffness"] for p in data["parameters"]]
         assert found[:5] == pytest.approx(k[:5], rel=1e-4)
         assert found[5] is None  # forces at the tool's origin do not turn the last joint
@@ -125,8 +109,7 @@ def test_offsets_need_sessions(robots, tmp_path):
         ("fz,x,y,z", "100,0.1,0.2,0.3", "column session"),
     ):
         table.write_text(f"{JOINTS},{columns}\n{Q},{numbers}\n")
-        with pytest.raises(InputError, match=words):
-            run("identify", robots[0], table, "--offsets", "rigid")
+        assert words in run("identify", robots[0], table, "--offsets rigid", code=2)
 
 
 def test_every_output_says_where_m_and_the_base_are(robots):
@@ -141,27 +124,26 @@ def test_every_output_says_where_m_and_the_base_are(robots):
         ("modes",),
         ("equilibrium", "--load", "0,0,0,0,0,-10"),
     ):
-        data = json.loads(run(name, robots[2], *tool, *more, "--json"))
+        data = answer(name, robots[2], *tool, *more)
         assert data["frame"] == "tool0"
         assert np.array(data["frame_offset"]) == pytest.approx(T)
         assert np.array(data["base_pose"]) == pytest.approx(base)
         text = run(name, robots[2], *tool, *more)
         assert "(0, 0, 0.1) m, turned by roll, pitch, yaw (0, 28.6479, 0) deg in 'tool0'" in text
-    platform = json.loads(run("analyse", "stewart-gough", "--tcp", "0,0,5", "--json"))
+    platform = answer("analyse stewart-gough --tcp 0,0,5")
     assert np.array(platform["frame_offset"])[:3, 3] == pytest.approx([0, 0, 5])
     # A body on chains: M moves with the tool, and the same tool as key `offset` of the file.
     plain, moved = (
-        json.loads(run("analyse", "orthoglide", *more, "--json"))
-        for more in ([], ["--tcp", "0,0,0.1,0,0.5,0"])
+        answer("analyse orthoglide", *more) for more in ([], ["--tcp", "0,0,0.1,0,0.5,0"])
     )
     assert np.array(moved["frame_offset"]) == pytest.approx(T)
     assert np.array(moved["pose"]) == pytest.approx(np.array(plain["pose"]) @ T, abs=1e-9)
 
 
 def test_a_written_tree_keeps_the_base(robots, tmp_path):
-    run("analyse", robots[2], "--q", Q, "-o", tmp_path / "tree.urdf")
-    again = json.loads(run("analyse", tmp_path / "tree.yaml", "--axes", "base", "--json"))
-    first = json.loads(run("analyse", robots[2], "--q", Q, "--axes", "base", "--json"))
+    run("analyse", robots[2], f"--q {Q} -o", tmp_path / "tree.urdf")
+    again = answer("analyse", tmp_path / "tree.yaml", "--axes base")
+    first = answer("analyse", robots[2], f"--q {Q} --axes base")
     assert np.array(again["base_pose"]) == pytest.approx(np.array(first["base_pose"]))
     assert np.array(again["pose"]) == pytest.approx(np.array(first["pose"]), abs=1e-9)
     a, b = (np.array(d["as_controller"]["stiffness"]["B"]) for d in (first, again))

@@ -98,8 +98,7 @@ def test_every_kind_of_closure_and_load(case):
     for change in changes:
         elastic = change(elastic)
     q = starts(elastic, 0.02)
-    assert_same(elastic, q, "portable", outputs=RECORDED, **load)
-    found = analyse_many(elastic, q, path="portable", **load)
+    (found,) = assert_same(elastic, q, "portable", outputs=RECORDED, **load)
     assert found.fallback == 0
     for given, at in zip(q, found.q, strict=True):
         np.testing.assert_allclose(at, elastic.mechanism.closed(given).q, rtol=0, atol=ASSEMBLED)

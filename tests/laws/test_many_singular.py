@@ -30,8 +30,7 @@ def singular(n: int, zeros: tuple[int, ...] = (4,), seed: int = 0) -> Array:
 
 
 def check(elastic: ElasticMechanism, q: Array, by_engine: int, **load: object) -> dict[str, int]:
-    assert_same(elastic, q, "portable", outputs=OUTPUTS, **load)
-    found = analyse_many(elastic, q, outputs=OUTPUTS, path="portable", **load)
+    (found,) = assert_same(elastic, q, "portable", outputs=OUTPUTS, **load)
     assert found.fallback == by_engine
     return found.counts()
 
@@ -77,8 +76,8 @@ def test_loads_that_buckle():
     """A self-motion that would snap away is the engine's."""
     elastic = cartstiff.load("ur5").with_springs([1e-3, 1e3, 1.0, 1.0, 1.0, 1.0])
     q = singular(6)
-    assert_same(elastic, q, "portable", outputs=("stiffness_B", "compliance_B"), wrench=WRENCH)
-    found = analyse_many(elastic, q, wrench=WRENCH, path="portable")
+    outputs = ("stiffness_B", "compliance_B")
+    (found,) = assert_same(elastic, q, "portable", outputs=outputs, wrench=WRENCH)
     assert found.counts()["buckled"] > 0
 
 
@@ -115,9 +114,8 @@ def test_an_arm_that_is_singular_in_every_posture_is_decided_without_an_inverse(
     ]
     planar = cartstiff.load(write_urdf(tmp_path, *joints), frame="l6").with_springs(1e3)
     q = np.random.default_rng(3).uniform(-1, 1, (COUNT, 7))
-    found = analyse_many(planar, q, path="portable", outputs=OUTPUTS)
+    (found,) = assert_same(planar, q, "portable", outputs=OUTPUTS)
     assert not found.is_regular.any()
-    assert_same(planar, q, "portable", outputs=OUTPUTS)
 
 
 def test_quantities_of_maps_where_there_is_no_stiffness():

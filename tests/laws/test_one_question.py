@@ -16,30 +16,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
+from tests.support.commands import answer, run
 from tests.support.generated import EARTH, Arm, FourBar, close, frame, numbers
 from tests.support.oracles import cross_matrix
 
 import cartstiff
-from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-
-
-def run(*words: Any) -> str:
-    done = CliRunner().invoke(cartstiff_command, [str(w) for w in words], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
 
 SEEDS = pytest.mark.parametrize("seed", range(6))
 
 
 @pytest.fixture
-def arm(seed, tmp_path) -> tuple[Arm, Path]:
+def arm(seed, tmp_path):
     one = Arm.generated(seed)
     return one, one.written(tmp_path)
 
@@ -47,7 +39,7 @@ def arm(seed, tmp_path) -> tuple[Arm, Path]:
 @SEEDS
 def test_analyse(arm):
     one, file = arm
-    found = json.loads(run("analyse", file, *one.load_words, "--json"))
+    found = answer("analyse", file, *one.load_words)
     T = one.pose(one.q)
     close(found["pose"], T, 1e-12)
     close(found["load"]["compliance"], one.compliance(one.q))
@@ -61,10 +53,10 @@ def test_analyse(arm):
 def test_analyse_in_millimetres(arm):
     """Given in mm, the same: JSON comes in the units of the file."""
     one, file = arm
-    plain = json.loads(run("analyse", file, *one.load_words, "--json"))
+    plain = answer("analyse", file, *one.load_words)
     load = one.W * np.repeat([1e3, 1.0], 3)
     given = ["--load", numbers(load), "--world", "--load-at", numbers(1e3 * one.at)]
-    found = json.loads(run("analyse", file, *given, "--units", "mm,deg", "--json"))
+    found = answer("analyse", file, *given, "--units mm,deg")
     for key in ("pose", "wrench"):
         close(found[key], plain[key], 1e-12)
     close(found["load"]["compliance"], plain["load"]["compliance"], 1e-10)
@@ -75,7 +67,7 @@ def test_equilibrium(arm):
     """From rest positions that balance weight and load at q, it comes to rest at q, and nearby."""
     one, file = arm
     words = ["--rest", numbers(one.rest()), "--q", numbers(one.rest())]
-    found = json.loads(run("equilibrium", file, *words, *one.load_words, "--json"))
+    found = answer("equilibrium", file, *words, *one.load_words)
     rest = fsolve(lambda q: one.k * (q - one.rest()) - one.outer(q), one.q, xtol=1e-12)
     close(found["q"], rest, 1e-8)
     close(found["pose"], one.pose(rest), 1e-8)
@@ -113,7 +105,7 @@ def test_poses_as_a_controller_shows_them(arm, tmp_path):
     table = tmp_path / "q.csv"
     names = ",".join(f"j{i}" for i in range(one.n))
     table.write_text(f"{names}\n{numbers(one.q)}\n")
-    lines = run("poses", file, table, "--for", "ur").splitlines()
+    lines = run(f"poses {file} {table} --for ur").splitlines()
     row = [float(v) for v in lines[-1].split(",")]
     T_B_M = np.linalg.inv(frame(*one.base)) @ one.pose(one.q)
     close(row[-6:-3], 1e3 * T_B_M[:3, 3], 1e-4)
@@ -145,7 +137,7 @@ def test_identify(arm, tmp_path, columns):
         rows.append([*q, 0, 0, 0, *force, *value])
     table = tmp_path / "data.csv"
     table.write_text("\n".join(",".join(str(v) for v in row) for row in rows) + "\n")
-    found = json.loads(run("identify", file, table, "--offsets", "none", "--json"))
+    found = answer(f"identify {file} {table} --offsets none")
     for parameter, k in zip(found["parameters"], one.k, strict=True):
         assert parameter["identifiable"], parameter
         assert parameter["stiffness"] == pytest.approx(k, rel=1e-5)
@@ -169,7 +161,7 @@ def test_report(arm, tmp_path):
     """The first sentence: how far the load moves M from where weight and springs balance."""
     one, file = arm
     page = tmp_path / "report.html"
-    run("report", file, *one.load_words, "-o", page)
+    run("report", file, *one.load_words, f"-o {page}")
     size = _said_to_move(page)
     start = one.pose(one.q)[:3, 3]
     rest = fsolve(
@@ -205,7 +197,7 @@ def test_a_loop(tmp_path, seed, named, loaded):
     words = [w.strip("'") for w in words]
     if loaded:
         words += ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
-    found = json.loads(run("analyse", file, "--q", f"motor={one.turn!r}", *words, "--json"))
+    found = answer(f"analyse {file} --q motor={one.turn!r}", *words)
     q = dict(zip(found["mechanism"]["joints"], found["q"], strict=True))
     assert q["motor"] == one.turn
     close(found["pose"], one.pose(one.turn), 1e-9)
@@ -215,7 +207,7 @@ def test_a_loop(tmp_path, seed, named, loaded):
         return
     rest = float(one.turn - one.twist(one.turn) @ _on_coupler(one, loaded) / one.k)
     at_rest = ["--rest", f"motor={rest!r}", "--q", f"motor={rest!r}"]
-    lying = json.loads(run("equilibrium", file, *words, *at_rest, "--json"))
+    lying = answer("equilibrium", file, *words, *at_rest)
     close(lying["pose"], one.pose(one.turn), 1e-6)
 
 
@@ -282,7 +274,7 @@ LOOPS = pytest.mark.parametrize(
 
 
 @pytest.fixture
-def loop(seed, slides, is_heavy, tmp_path) -> tuple[FourBar, Path]:
+def loop(seed, slides, is_heavy, tmp_path):
     one = replace(FourBar.generated(seed), slides=slides, is_heavy=is_heavy)
     springs = {"motor": {"stiffness": one.k}}
     return one, one.written(tmp_path, actuated=["motor"], springs=springs, q={"motor": one.turn})
@@ -294,14 +286,14 @@ def test_a_loop_with_weight_or_a_slider(loop):
     """In the file's units and in millimetres and degrees; analyse and equilibrium."""
     one, file = loop
     load = ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
-    found = json.loads(run("analyse", file, *load, "--json"))
+    found = answer("analyse", file, *load)
     close(found["pose"], one.pose(one.turn), 1e-9)
     close(found["load"]["compliance"], one.compliance(True), 1e-6)
     millimetres = ["--load", numbers(one.W), "--world", "--load-at", numbers(1e3 * one.at)]
     degrees = ["--q", f"motor={float(np.degrees(one.turn))!r}", "--units", "mm,deg", "--json"]
     again = json.loads(run("analyse", file, *millimetres, *degrees))
     close(again["load"]["compliance"], one.compliance(True), 1e-6)
-    lying = json.loads(run("equilibrium", file, *load, "--json"))
+    lying = answer("equilibrium", file, *load)
     close(lying["pose"], one.pose(one.at_rest()), 1e-7)
 
 
@@ -326,7 +318,7 @@ def test_a_loop_in_maps_and_reports(loop, tmp_path):
     close(np.asarray(found["deflection"])[0], np.linalg.norm(motion[3:]), 1e-6)
     page = tmp_path / "report.html"
     words = ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
-    run("report", file, *words, "-o", page)
+    run("report", file, *words, f"-o {page}")
     moved = one.pose(one.at_rest())[:3, 3] - one.pose(one.turn)[:3, 3]
     assert _said_to_move(page) == pytest.approx(np.linalg.norm(moved), rel=5e-3)
 

@@ -1,43 +1,20 @@
 """``cartstiff path``: what it accepts, what it writes, what it refuses in one line."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import json
 
 import numpy as np
 import pytest
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import main
 
 needs_plots = pytest.mark.skipif(
     importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed"
 )
 LOAD = ("--load", "0,0,0,50,0,-50")
 QUICK = ("--samples", "12")
-
-
-@pytest.fixture
-def run(capfd):
-    """Standard output of a command, and its exit code."""
-
-    def check(*arguments, code=0):
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main(["path", *map(str, arguments)])
-        out, error = capfd.readouterr()
-        assert exit_.value.code == code, error
-        if code:
-            assert out == ""
-            assert error.count("\n") == 1
-            assert "Traceback" not in error
-            return error
-        assert error == ""
-        return out
-
-    return check
 
 
 @pytest.fixture
@@ -51,8 +28,8 @@ def seam(tmp_path):
     return file
 
 
-def test_report(run, seam):
-    text = run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK)
+def test_report(seam):
+    text = run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK)
     assert "3 points" in text
     assert "displacement of the frame's origin under the given wrench [m]" in text
     assert "rotation about the body's z axis" in text
@@ -60,10 +37,10 @@ def test_report(run, seam):
     assert "K^B unloaded" in text
 
 
-def test_json_and_csv_agree(run, seam, tmp_path):
+def test_json_and_csv_agree(seam, tmp_path):
     file = tmp_path / "postures.csv"
     data = json.loads(
-        run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK, "--json", "--csv", file)
+        run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"--json --csv {file}")
     )
     assert data["schema"] == "cartstiff/1"
     with file.open(encoding="utf-8") as handle:
@@ -80,47 +57,32 @@ def test_json_and_csv_agree(run, seam, tmp_path):
     assert data["summary"]["constant"]["worst"] >= data["summary"]["worst"]
 
 
-def test_columns_by_name(run, seam, tmp_path):
+def test_columns_by_name(seam, tmp_path):
     """The same path with the load in the file, in another order, and by the tool's axis alone."""
-    base = json.loads(run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK, "--json"))
+    base = answer("path hexapod", seam, *LOAD, "--free-axis z", *QUICK)
     rows = [line.split(",") for line in seam.read_text(encoding="utf-8").splitlines()[1:]]
     named = tmp_path / "named.csv"
     lines = ["fx,fy,fz,mx,my,mz,x,y,z,roll,pitch,yaw"]
     lines += [",".join(["50", "0", "-50", "0", "0", "0", *row]) for row in rows]
     named.write_text("\n".join(lines), encoding="utf-8")
-    again = json.loads(run("hexapod", named, "--free-axis", "z", *QUICK, "--json"))
+    again = answer(f"path hexapod {named} --free-axis z", *QUICK)
     assert again["values"] == base["values"]
     axes = tmp_path / "axes.csv"
     lines = ["x,y,z,ax,ay,az", *(",".join([*row[:3], "0", "0", "2"]) for row in rows)]
     axes.write_text("\n".join(lines), encoding="utf-8")
-    again = json.loads(run("hexapod", axes, *LOAD, "--free-axis", "z", *QUICK, "--json"))
+    again = answer("path hexapod", axes, *LOAD, "--free-axis z", *QUICK)
     assert again["values"] == pytest.approx(base["values"], rel=1e-9)
     twelve = tmp_path / "twelve.csv"
     lines = [",".join([*row, "0", "0", "0", "50", "0", "-50"]) for row in rows]
     twelve.write_text("\n".join(lines), encoding="utf-8")
-    again = json.loads(run("hexapod", twelve, "--free-axis", "z", *QUICK, "--json"))
+    again = answer(f"path hexapod {twelve} --free-axis z", *QUICK)
     assert again["values"] == base["values"]
 
 
-def test_stiffness_along_a_direction(run, seam):
-    data = json.loads(
-        run(
-            "hexapod",
-            seam,
-            "--criterion",
-            "along_free",
-            "--direction",
-            "0,0,1",
-            "--axes",
-            "world",
-            "--stiffness",
-            "1e6",
-            "--max-step",
-            "0.3",
-            "--singular",
-            "0.01",
-            "--json",
-        )
+def test_stiffness_along_a_direction(seam):
+    data = answer(
+        f"path hexapod {seam} --criterion along_free --direction 0,0,1 --axes world "
+        "--stiffness 1e6 --max-step 0.3 --singular 0.01",
     )
     assert data["criterion"]["unit"] == "N/m"
     platform = cartstiff.load("hexapod").with_springs(1e6)
@@ -128,26 +90,26 @@ def test_stiffness_along_a_direction(run, seam):
     assert data["values"][1] == pytest.approx(1 / C[5, 5], rel=1e-6)
 
 
-def test_place_of_the_workpiece(run, tmp_path):
+def test_place_of_the_workpiece(tmp_path):
     arm = cartstiff.load("hexapod")
     z = arm.mechanism.at(arm.q).pose[2, 3]
     part = tmp_path / "part.csv"
     part.write_text("0,0,0,0,0,0\n0.01,0,0,0,0,0\n", encoding="utf-8")
     place = ("--place", f"x=-0.02:0.02:2,z={z}:{z + 3}:2")
-    text = run("hexapod", part, *LOAD, *place)
+    text = run("path hexapod", part, *LOAD, *place)
     assert "Best place of the workpiece: x = " in text
     assert "2 of 4 places cannot be used: 2 path-beyond-limits" in text
-    data = json.loads(run("hexapod", part, *LOAD, *place, "--json"))
+    data = answer("path hexapod", part, *LOAD, *place)
     assert data["unusable"] == {"path-beyond-limits": 2}
     assert data["path"]["summary"]["worst"] <= min(v for v in data["worst"] if v is not None)
 
 
 @needs_plots
-def test_pictures(run, seam, tmp_path):
+def test_pictures(seam, tmp_path):
     picture, places = tmp_path / "k.png", tmp_path / "places.svg"
-    run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK, "--plot", picture)
+    run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"--plot {picture}")
     assert picture.read_bytes().startswith(b"\x89PNG")
-    run("hexapod", seam, *LOAD, "--place", "x=-0.01:0.01:2", "--plot-places", places)
+    run("path hexapod", seam, *LOAD, f"--place x=-0.01:0.01:2 --plot-places {places}")
     assert b"<svg" in places.read_bytes()
 
 
@@ -173,8 +135,8 @@ def test_pictures(run, seam, tmp_path):
         ((*LOAD, "--redundant", "leg1"), "unknown joint"),
     ],
 )
-def test_refused_options(run, seam, arguments, expected):
-    assert expected in run("hexapod", seam, *arguments, code=2)
+def test_refused_options(seam, arguments, expected):
+    assert expected in run("path hexapod", seam, *arguments, code=2)
 
 
 @pytest.mark.parametrize(
@@ -193,44 +155,40 @@ def test_refused_options(run, seam, arguments, expected):
         ("x,y,z,ax,ay,az\n0,0,0,0,0,1\n", "--free-axis"),
     ],
 )
-def test_refused_files(run, tmp_path, text, expected):
+def test_refused_files(tmp_path, text, expected):
     file = tmp_path / "path.csv"
     file.write_text(text, encoding="utf-8")
-    error = run("hexapod", file, *LOAD, code=2)
+    error = run("path hexapod", file, *LOAD, code=2)
     assert expected in error
     assert "path.csv" in error
 
 
-def test_load_twice(run, tmp_path):
+def test_load_twice(tmp_path):
     file = tmp_path / "path.csv"
     file.write_text("0,0,0,0,0,0,0,0,0,0,0,1\n", encoding="utf-8")
-    assert "not both" in run("hexapod", file, *LOAD, code=2)
+    assert "not both" in run("path hexapod", file, *LOAD, code=2)
 
 
-def test_path_that_cannot_be_followed(run, tmp_path):
+def test_path_that_cannot_be_followed(tmp_path):
     file = tmp_path / "path.csv"
     file.write_text("0,0,50,0,0,0\n", encoding="utf-8")
-    error = run("hexapod", file, *LOAD, code=3)
+    error = run("path hexapod", file, *LOAD, code=3)
     assert "path-beyond-limits: point 1 of the path is reached only beyond the limits: leg" in error
 
 
-def test_nothing_is_written_when_refused(run, seam, tmp_path):
+def test_nothing_is_written_when_refused(seam, tmp_path):
     file = tmp_path / "postures.csv"
-    run("hexapod", seam, *LOAD, "--csv", file, "--plot", tmp_path / "no" / "p.png", code=2)
+    run("path hexapod", seam, *LOAD, f"--csv {file} --plot", tmp_path / "no" / "p.png", code=2)
     assert not file.exists()
 
 
-def test_eight_cables_have_a_ratio_of_singular_values(run, tmp_path):
+def test_eight_cables_have_a_ratio_of_singular_values(tmp_path):
     """Eight cables have no square Jacobian: how near a singularity is shows in their lines."""
     (tmp_path / "path.csv").write_text("x,y,z,roll,pitch,yaw\n0,0,0.6,0,0,0\n0.05,0,0.6,0,0,0\n")
     out = run(
-        "cable-robot",
+        "path cable-robot",
         tmp_path / "path.csv",
-        "--criterion",
-        "translation_held_min",
-        "--singular",
-        "0.001",
-        "--json",
+        "--criterion translation_held_min --singular 0.001 --json",
     )
     shown = json.loads(out)
     cables = cartstiff.load("cable-robot").mechanism

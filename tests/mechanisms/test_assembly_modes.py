@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.docs.blocks import ROOT
+from tests.support.commands import answer, outcome
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.kinematics import study
@@ -252,16 +252,9 @@ def test_what_has_no_assembly_modes_is_refused(name, keywords, match):
         cartstiff.assemble(cartstiff.load(name), **keywords)
 
 
-def _run(capsys, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(["assemble", *arguments])
-    out, err = capsys.readouterr()
-    return int(exit_.value.code or 0), out, err
-
-
-def test_the_command(capsys, tmp_path):
+def test_the_command(tmp_path):
     table = tmp_path / "modes.csv"
-    code, out, _ = _run(capsys, "stewart-simscape", "--all", "--json", "--csv", str(table))
+    code, out, _ = outcome(f"assemble stewart-simscape --all --json --csv {table}")
     assert code == 0
     data = json.loads(out)
     jsonschema.validate(data, json_schema("assemble"))
@@ -269,20 +262,20 @@ def test_the_command(capsys, tmp_path):
     assert np.isclose(data["modes"][0]["frequencies"][0], 780.60178773)
     rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
     assert [float(row["residual [m]"]) < 1e-15 for row in rows] == [True] * 8
-    code, out, _ = _run(capsys, "hexapod")
+    code, out, _ = outcome("assemble hexapod")
     assert (code, "40 paths: 8 real, 32 complex" in out) == (0, True)
-    code, out, err = _run(capsys, str(MA_ANGELES), "--all", "--strict")
+    code, out, err = outcome(f"assemble {MA_ANGELES} --all --strict")
     assert (code, "similar" in err, "Ma and Angeles" in out) == (3, True, True)
-    code, _, err = _run(capsys, "five-bar", "--lengths", "1,1,1,1,1,1")
+    code, _, err = outcome("assemble five-bar --lengths 1,1,1,1,1,1")
     assert (code, "--lengths" in err) == (2, True)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "five-bar"])
-def test_degrees_stand_under_heads_that_say_degrees(name, capsys, tmp_path):
+def test_degrees_stand_under_heads_that_say_degrees(name, tmp_path):
     heads, rows = {}, {}
     for units in ("m,rad", "m,deg"):
         file = tmp_path / "modes.csv"
-        code, heads[units], _ = _run(capsys, name, "--all", "--units", units, "--csv", str(file))
+        code, heads[units], _ = outcome(f"assemble {name} --all --units {units} --csv {file}")
         assert code == 0
         rows[units] = list(csv.DictReader(file.read_text("utf-8").splitlines()))
     in_radians, in_degrees = rows["m,rad"], rows["m,deg"]
@@ -298,12 +291,10 @@ def test_degrees_stand_under_heads_that_say_degrees(name, capsys, tmp_path):
     assert "roll [rad]" in heads["m,rad"]
 
 
-def test_reasons_in_modes_are_plain_in_json(tmp_path, capsys):
+def test_reasons_in_modes_are_plain_in_json(tmp_path):
     # With rods of hardly any length the state of a mode is deficient, and its numbers are told.
     text = (ROOT / "robots" / "orthoglide.yaml").read_text(encoding="utf-8")
     path = tmp_path / "m.yaml"
     path.write_text(re.sub(r"rod: \S+", "rod: 3.1e-7", text), encoding="utf-8")
-    with pytest.raises(SystemExit):
-        main(["assemble", str(path), "--starts", "1", "--json"])
-    found = json.loads(capsys.readouterr().out)
+    found = answer(f"assemble {path} --starts 1")
     assert found["modes"][0]["notes"][0]["values"]["rank"] == 3

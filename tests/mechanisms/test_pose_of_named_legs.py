@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.support.commands import outcome
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.kinematics.at_pose import COORDINATES, at_pose
 from cartstiff.kinematics.inverse import inverse_kinematics
@@ -39,7 +38,7 @@ def pose_numbers(T: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", FREE)
-def test_the_free_coordinates_are_met_and_the_others_follow(name: str) -> None:
+def test_the_free_coordinates_are_met_and_the_others_follow(name):
     machine = cartstiff.load(name)
     home = pose_numbers(machine.mechanism.at(machine.q).pose)
     wanted = home + 0.02 * np.cos(1.0 + np.arange(6))
@@ -64,7 +63,7 @@ def test_the_free_coordinates_are_met_and_the_others_follow(name: str) -> None:
     assert np.abs(pose_numbers(machine.mechanism.at(again).pose) - reached).max() < EXACT
 
 
-def test_the_working_mode_is_kept() -> None:
+def test_the_working_mode_is_kept():
     machine = cartstiff.load("hexaglide")
     q, _ = at_pose(machine, [0.05, 0.02, -0.4, 0.05, -0.1, 0.1])
     P = machine.mechanism.at(q).pose
@@ -72,7 +71,7 @@ def test_the_working_mode_is_kept() -> None:
         assert leg.mode(q, P) == leg.mode(machine.q, machine.mechanism.at(machine.q).pose)
 
 
-def test_all_working_modes_of_six_cranks() -> None:
+def test_all_working_modes_of_six_cranks():
     """In closed form the 64 that random starts find, and nothing is searched for."""
     machine = cartstiff.load("6-rus")
     T = machine.mechanism.at(machine.q).pose
@@ -98,39 +97,23 @@ def test_all_working_modes_of_six_cranks() -> None:
         ("ur5", [0.3, 0, 0.5, 0, 0, 0], "platforms and bodies carried by legs"),
     ],
 )
-def test_what_is_out_of_reach_is_refused(name: str, pose: Any, words: str) -> None:
+def test_what_is_out_of_reach_is_refused(name, pose, words):
     with pytest.raises(InputError, match=words):
         at_pose(cartstiff.load(name), pose)
 
 
-def _run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(arguments))
-    out, error = capsys.readouterr()
-    return int(exit_.value.code or 0), out, error
-
-
-def test_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = _run(capsys, "analyse", "3-rps", "--pose", "0,0,0.65,0.1,0,0.2", "--json")
+def test_on_the_command_line():
+    code, out, _ = outcome("analyse 3-rps --pose 0,0,0.65,0.1,0,0.2 --json")
     assert code == 0
     answer = json.loads(out)
     assert answer["pose"][2][3] == pytest.approx(0.65, abs=EXACT)
     assert "pose-follows" in [note["code"] for note in answer["notes"]]
-    _, out, _ = _run(
-        capsys,
-        "analyse",
-        "6-pus",
-        "--pose",
-        "10,0,550,5,0,0",
-        "--units",
-        "mm,deg",
-        "--tcp",
-        "0,0,100",
-        "--json",
+    _, out, _ = outcome(
+        "analyse 6-pus --pose 10,0,550,5,0,0 --units mm,deg --tcp 0,0,100 --json",
     )
     # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees. JSON is in m.
     tool = [0.01, -0.1 * np.sin(np.pi / 36), 0.55 + 0.1 * np.cos(np.pi / 36)]
     assert np.array(json.loads(out)["pose"])[:3, 3] == pytest.approx(tool, abs=1e-11)
-    code, _, err = _run(capsys, "analyse", "6-pus", "--pose", "0.6,0,0.5,0,0,0")
+    code, _, err = outcome("analyse 6-pus --pose 0.6,0,0.5,0,0,0")
     assert code == 2
     assert "--pose: the pose cannot be reached" in err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,8 @@ from tests.identify.neighbours import neighbours
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS
 from tests.support import loaded_arm
+from tests.support.commands import answer
 from tests.vibration.test_modes import LENGTH, M_1, K, column
-from tests.vibration.test_modes_command import run
 
 from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
@@ -193,7 +192,7 @@ def test_measured_springs_give_intervals_by_themselves(tmp_path):
     )
     assert band.deviations == pytest.approx(np.sqrt(variance), rel=1e-5)
     assert (band.high - band.low) / 2 == pytest.approx(1.724718 * band.deviations, rel=1e-6)
-    told = json.loads(run(str(file), "--json"))["intervals"]
+    told = answer("modes", file)["intervals"]
     assert told["level"] == 0.9
 
 
