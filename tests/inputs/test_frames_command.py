@@ -6,13 +6,11 @@ import json
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
-from click.testing import CliRunner
 from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.loading.catalogue import bundled_files, example_robots
 from cartstiff.report.frames import describe_frames, frames_of
 from cartstiff.report.json_schema import json_schema
@@ -37,16 +35,16 @@ def test_a_serial_arm(tmp_path: Path) -> None:
         springs={"turn": {"stiffness": 300.0, "rest": 0.4}, "push": {"stiffness": 5e4}},
         payload={"mass": 2.0},
     )
-    answer = frames_of(cartstiff.load(file))
-    turn, push = answer["joints"]
+    found = frames_of(cartstiff.load(file))
+    turn, push = found["joints"]
     assert (turn["name"], turn["parent"], turn["q"]) == ("turn", None, 0.5)
     assert turn["spring"] == {"stiffness": 300.0, "rest": 0.4, "law": False, "rigid": False}
     assert (push["parent"], push["lower"], push["upper"]) == ("turn", -100.0, 100.0)
     assert {"slide", "tool"} <= set(push["frames"])
     assert push["carries_body"]
     assert not turn["carries_body"]
-    assert answer["payload"] == 2.0
-    words = describe_frames(answer)
+    assert found["payload"] == 2.0
+    words = describe_frames(found)
     assert "└─ turn: revolute, [-inf, inf] rad, q 0.5, 300 N m/rad at rest at 0.4" in words
     assert "   └─ push: prismatic, [-100, 100] m, q 0, 50000 N/m, 2 kg" in words
     assert "M on slide" in words
@@ -54,18 +52,18 @@ def test_a_serial_arm(tmp_path: Path) -> None:
 
 
 def test_a_closed_chain_names_its_closures() -> None:
-    answer = frames_of(cartstiff.load("five-bar"))
-    assert answer["closures"] == [{"frames": ["tip", "right_tip"], "type": "point"}]
-    by_name = {j["name"]: j for j in answer["joints"]}
+    found = frames_of(cartstiff.load("five-bar"))
+    assert found["closures"] == [{"frames": ["tip", "right_tip"], "type": "point"}]
+    by_name = {j["name"]: j for j in found["joints"]}
     assert by_name["left_motor"]["actuated"]
     assert by_name["left_elbow"]["spring"] is None
-    assert "point: tip = right_tip" in describe_frames(answer)
+    assert "point: tip = right_tip" in describe_frames(found)
 
 
 def test_a_platform_names_its_legs() -> None:
-    answer = frames_of(cartstiff.load("cubic"))
-    assert [leg["name"] for leg in answer["legs"]] == [f"leg{i}" for i in range(1, 7)]
-    assert "leg6: (" in describe_frames(answer)
+    found = frames_of(cartstiff.load("cubic"))
+    assert [leg["name"] for leg in found["legs"]] == [f"leg{i}" for i in range(1, 7)]
+    assert "leg6: (" in describe_frames(found)
 
 
 @pytest.mark.parametrize("name", sorted(bundled_files()))
@@ -73,38 +71,27 @@ def test_every_kind_has_the_form(name: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     if name in ROBOTS and not example_robots():
         pytest.skip("example-robot-data is not installed")
-    answer = frames_of(cartstiff.load(name))
-    jsonschema.validate(json.loads(json.dumps(answer, allow_nan=False)), json_schema("frames"))
-    assert describe_frames(answer).count("M on ") == 1
+    found = frames_of(cartstiff.load(name))
+    jsonschema.validate(json.loads(json.dumps(found, allow_nan=False)), json_schema("frames"))
+    assert describe_frames(found).count("M on ") == 1
 
 
-def test_a_frame_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["frames", "five-bar", "--frame", "tipp"])
-    assert end.value.code == 2
-    assert "tipp" in capsys.readouterr().err
+def test_a_frame_that_does_not_exist():
+    assert "tipp" in run("frames five-bar --frame tipp", code=2)
 
 
-def test_json_from_the_command() -> None:
-    from cartstiff.cli.frames import frames_command as command
-
-    result = CliRunner().invoke(command, ["delta", "--json"])
-    assert json.loads(result.output)["schema"] == "cartstiff-frames/1"
+def test_json_from_the_command():
+    assert answer("frames delta")["schema"] == "cartstiff-frames/1"
 
 
-def test_postures_in_degrees(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["frames", "five-bar", "--units", "mm,deg"])
-    words, arm = capsys.readouterr().out, cartstiff.load("five-bar")
+def test_postures_in_degrees():
+    words, arm = run("frames five-bar --units mm,deg"), cartstiff.load("five-bar")
     q = float(arm.q[list(arm.names).index("left_motor")])
     assert f"deg, q {math.degrees(q):.6g}" in words
 
 
-def test_tool_and_gravity_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["frames", "five-bar", "--tcp", "0.1,0,0.2", "--gravity", "0,0,-5", "--units", "mm"]
-    with pytest.raises(SystemExit):
-        main(asked)
-    words, pose = capsys.readouterr().out, np.eye(4)
+def test_tool_and_gravity_are_told():
+    words = run("frames five-bar --tcp 0.1,0,0.2 --gravity 0,0,-5 --units mm")
     arm = cartstiff.load("five-bar")
     pose = arm.mechanism.at(arm.q).pose
     x, y, z = 1e3 * pose[:3, 3] + pose[:3, :3] @ [0.1, 0.0, 0.2]

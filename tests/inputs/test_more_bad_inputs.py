@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.inputs.refusals import rows
+from tests.mechanisms.machines import joint, write_urdf
+from tests.support.commands import run
 
 import cartstiff
 from cartstiff.cli.main import main
@@ -162,20 +164,15 @@ def test_what_no_quantity_of_a_map_needs_is_refused(tmp_path, asked, words):
         prepare_map(elastic, grid, ["condition"], tmp_path / "m.zarr", **asked)
 
 
-@pytest.mark.parametrize("option", [["--by", "nope"], ["--kind", "line"]])
-def test_options_of_pictures_need_a_picture(tmp_path, option, capfd):
-    line = ["map", "ur5", "--grid", "elbow_joint=0.5:1:3", "--quantity", "condition"]
-    with pytest.raises(SystemExit) as exit_:
-        main([*line, "-o", str(tmp_path / "m.zarr"), *option])
-    assert exit_.value.code == 2
-    assert "is for --picture" in capfd.readouterr().err
+@pytest.mark.parametrize("option", ["--by nope", "--kind line"])
+def test_options_of_pictures_need_a_picture(tmp_path, option):
+    command = "map ur5 --grid elbow_joint=0.5:1:3 --quantity condition -o"
+    assert "is for --picture" in run(command, tmp_path / "m.zarr", option, code=2)
 
 
-def test_sensitivities_of_what_does_not_exist_are_no_table_of_nan(capfd):
-    """A tricept has three motions and no masses: no K, no frequencies."""
-    with pytest.raises(SystemExit) as exit_:
-        main(["analyse", "tricept", "--sensitivities"])
-    assert exit_.value.code in (None, 0)
-    out = capfd.readouterr().out
+def test_sensitivities_of_what_does_not_exist_are_no_table_of_nan(tmp_path):
+    """An arm of two joints without masses: no K, no frequencies."""
+    file = write_urdf(tmp_path, joint("j1", "base", "b"), joint("j2", "b", "c", (1, 0, 0)))
+    out = run("analyse", file, "--sensitivities")
     assert "Sensitivities: none, as no stiffness matrix" in out
     assert "nan" not in out

@@ -9,6 +9,7 @@ import unicodedata
 from pathlib import Path
 
 import pytest
+from tests.support.commands import words as split
 
 import cartstiff
 from cartstiff.cli.main import main
@@ -80,30 +81,30 @@ def test_escapes(text, shown):
 @pytest.mark.parametrize(
     "words",
     [
-        ["analyse", "arm.yaml"],
-        ["analyse", "arm.yaml", "--full"],
-        ["analyse", "arm.yaml", "--q", "1,2,3"],
+        "analyse arm.yaml",
+        "analyse arm.yaml --full",
+        "analyse arm.yaml --q 1,2,3",
         ["analyse", "arm.yaml", "--frame", f"x{TITLE}"],
         ["analyse", f"x{TITLE}"],
-        ["analyse", "arm.yaml", "--json"],
-        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1"],
-        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1", "--curve"],
-        ["map", "arm.yaml", "--random", "3"],
-        ["modes", "arm.yaml"],
-        ["modes", "arm.yaml", "--csv", "out.csv"],
-        ["frames", "arm.yaml"],
-        ["identify", "arm.yaml", "--plan", "3", "--force", "50", "--sd", "d=0.005mm"],
-        ["assemble", "platform.yaml", "--all"],
-        ["workspace", "platform.yaml", "--directions", "20", "--scan", "4"],
+        "analyse arm.yaml --json",
+        "equilibrium arm.yaml --load 0,0,0,0,0,1",
+        "equilibrium arm.yaml --load 0,0,0,0,0,1 --curve",
+        "map arm.yaml --random 3",
+        "modes arm.yaml",
+        "modes arm.yaml --csv out.csv",
+        "frames arm.yaml",
+        "identify arm.yaml --plan 3 --force 50 --sd d=0.005mm",
+        "assemble platform.yaml --all",
+        "workspace platform.yaml --directions 20 --scan 4",
         ["analyse", "platform.yaml", "--set", f"r{TURN}=1"],
-        ["design", "study.yaml", "--csv", "out.csv"],
-        ["design", "odd.yaml"],
-        ["models"],
+        "design study.yaml --csv out.csv",
+        "design odd.yaml",
+        "models",
     ],
 )
 def test_no_command_reaches_a_terminal(arm, words, capfd):
     with pytest.raises(SystemExit) as exit_:
-        main(words)
+        main(split(words))
     out, line = capfd.readouterr()
     assert exit_.value.code in (0, 2), line
     assert harmless(out + line)
@@ -155,7 +156,7 @@ def test_a_file_whose_name_is_no_text(arm, capfd):
     Path(name).write_text(URDF, encoding="utf-8")
     for words in (["analyse", name], ["export", name, "-o", "page.html"]):
         with pytest.raises(SystemExit) as exit_:
-            main(words)
+            main(split(words))
         out, line = capfd.readouterr()
         assert exit_.value.code == 0, line
         assert harmless(out)
@@ -176,23 +177,12 @@ BROKEN = "a\nNotes\n  [forged] x\ty\x1b"
 @pytest.mark.parametrize(
     "words",
     [
-        ["analyse", "arm.yaml"],
-        ["analyse", "arm.yaml", "--analysis", "full"],
-        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1"],
-        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1", "--curve", "1"],
-        ["equilibrium", "arm.yaml", "--path", "path.csv", "--load", "0,0,0,0,0,1"],
-        [
-            "map",
-            "arm.yaml",
-            "--random",
-            "3",
-            "--best",
-            "1",
-            "--quantity",
-            "condition",
-            "-o",
-            "m.zarr",
-        ],
+        "analyse arm.yaml",
+        "analyse arm.yaml --analysis full",
+        "equilibrium arm.yaml --load 0,0,0,0,0,1",
+        "equilibrium arm.yaml --load 0,0,0,0,0,1 --curve 1",
+        "equilibrium arm.yaml --path path.csv --load 0,0,0,0,0,1",
+        "map arm.yaml --random 3 --best 1 --quantity condition -o m.zarr",
     ],
 )
 def test_a_name_ends_no_line(arm, words, capfd):
@@ -205,7 +195,7 @@ def test_a_name_ends_no_line(arm, words, capfd):
     Path(arm).write_text(json.dumps(keys))
     Path("path.csv").write_text("1,0.2\n1.1,0.3\n")
     with pytest.raises(SystemExit) as exit_:
-        main(words)
+        main(split(words))
     out, line = capfd.readouterr()
     assert exit_.value.code == 0, line
     lines = (out + line).splitlines()

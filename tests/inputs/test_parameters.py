@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import command
 from cartstiff.errors import InputError
 from cartstiff.expressions import Expression
 
@@ -150,21 +148,18 @@ def test_refusals_name_the_place(tripod: Path, case: str) -> None:
     assert where in str(error.value)
 
 
-def test_what_is_set_is_known_and_told(tripod: Path) -> None:
-    run = CliRunner().invoke(command, ["analyse", str(tripod), "--set", "r=0.4", "--json"])
-    answer = json.loads(run.output)
-    note = next(n for n in answer["notes"] if n["code"] == "parameters-set")
+def test_what_is_set_is_known_and_told(tripod):
+    notes = answer("analyse", tripod, "--set r=0.4")["notes"]
+    note = next(n for n in notes if n["code"] == "parameters-set")
     assert note["values"] == {"r": 0.4}
-    plain = CliRunner().invoke(command, ["analyse", str(tripod), "--set", "r=0.4,h=1"]).output
-    assert "r = 0.4, h = 1" in plain
-    for arguments, words in (
-        (["analyse", str(tripod), "--set", "s=1"], "expected one of r, h, k"),
-        (["analyse", "cubic", "--set", "s=1"], "has no parameters"),
-        (["analyse", "robot.urdf", "--set", "s=1"], "belong to mechanism files"),
-        (["map", str(tripod), "--set", "r=1,r=2"], "each once"),
+    assert "r = 0.4, h = 1" in run("analyse", tripod, "--set r=0.4,h=1")
+    for command, words in (
+        (f"analyse {tripod} --set s=1", "expected one of r, h, k"),
+        ("analyse cubic --set s=1", "has no parameters"),
+        ("analyse robot.urdf --set s=1", "belong to mechanism files"),
+        (f"map {tripod} --set r=1,r=2", "each once"),
     ):
-        with pytest.raises(InputError, match=words):
-            CliRunner().invoke(command, arguments, catch_exceptions=False)
+        assert words in run(command, code=2)
     with pytest.raises(InputError, match="parameter 'r'"):
         cartstiff.load(tripod, parameters={"r": math.nan})
 

@@ -352,7 +352,7 @@ def test_example_robot_at_a_random_posture(name: str, accepted: Accepted, refuse
     if not MOVES.search(path.read_text(encoding="utf-8")):
         refused("analyse", name, words=("no movable joints",))
         return
-    n = len(accepted(name)["q"])
+    n = len(cartstiff.load(name).q)
     q = np.random.default_rng(sum(name.encode())).uniform(-1, 1, n)
     data = accepted(name, "--q", ",".join(map(repr, q.tolist())))
     assert data["q"] == q.tolist()
@@ -371,10 +371,8 @@ def test_robot_without_description(refused: Refused) -> None:
 
 
 def test_reading_is_an_input_error_in_python_too() -> None:
-    from cartstiff import load
-
     with pytest.raises(InputError, match="zero axis"):
-        load(place(changed(AXIS, '<axis xyz="0 0 0"/>')))
+        cartstiff.load(place(changed(AXIS, '<axis xyz="0 0 0"/>')))
 
 
 # -- the frame that is taken where none is named --------------------------------------------------

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
+from tests.support.commands import answer
 from tests.support.oracles import exp_reference
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.statics.command import after_command, commanded
 
@@ -109,16 +107,14 @@ def test_what_cannot_be_told_is_refused(told: dict[str, float], words: str) -> N
         commanded(cartstiff.load("6-pus"), told)
 
 
-def test_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_on_the_command_line():
     machine = cartstiff.load("6-pus")
     load = ",".join(map(str, LOAD * [1e3, 1e3, 1e3, 1, 1, 1]))
-    words = ["6-pus", "--load", load, "--json", "--units", "mm"]
+    words = f"6-pus --load {load} --units mm --actuate leg1/slide=4,leg4/slide=-3"
     state = after_command(machine, TOLD, wrench=LOAD)
     for command in ("analyse", "equilibrium"):
-        with pytest.raises(SystemExit):
-            main([command, *words, "--actuate", "leg1/slide=4,leg4/slide=-3"])
-        answer = json.loads(capsys.readouterr().out)
-        assert "commanded" in [note["code"] for note in answer["notes"]]
+        found = answer(command, words)
+        assert "commanded" in [note["code"] for note in found["notes"]]
         if command == "analyse":
-            pose = np.array(answer["pose"])
+            pose = np.array(found["pose"])
             assert np.abs(pose[:3, 3] - state.pose[:3, 3]).max() < 1e-9

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
+from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.reach.workspace import lines_at, wrench_margins
 from cartstiff.report.json_schema import json_schema
@@ -161,7 +161,7 @@ def machines():
 def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
     """Just inside `analyse` finds no limit; just outside it names the one that cuts."""
     elastic = machines[name]
-    found = cartstiff.workspace(elastic, directions=8, scan=10, fits=False)
+    found = cartstiff.workspace(elastic, directions=8, scan=6, fits=False)
     assert found.axes == (tuple(axes) if axes else ("z", "roll", "pitch"))
     columns = [["x", "y", "z", "roll", "pitch", "yaw"].index(a) for a in found.axes]
     home = np.append(found.pose[:3, 3], np.zeros(3))
@@ -190,7 +190,7 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
     assert len(seen) > 1
     assert found.volume > 0
     if name == "delta":
-        noted = cartstiff.workspace(elastic, directions=8, scan=4).notes[-1]
+        noted = cartstiff.workspace(elastic, directions=2, scan=2).notes[-1]
         assert noted.code == "no-fits"
     json_text = json.dumps(found.as_dict(), allow_nan=False)
     jsonschema.validate(json.loads(json_text), json_schema("workspace"))
@@ -206,8 +206,9 @@ def test_turns_of_joints_are_limits_everywhere():
     beyond = {name for name, x in turned.items() if abs(x) > 0.2}
     (note,) = (n for n in cartstiff.analyse(elastic, q).notes if n.code == "beyond-limits")
     assert set(note.values) == beyond
-    found = cartstiff.workspace(elastic, directions=8, scan=8, fits=False)
-    free = cartstiff.workspace(cartstiff.parallel(PUS, [0, 0, 0.55, 0, 0, 0]), directions=8, scan=8)
+    sampled = {"directions": 8, "scan": 6, "fits": False}
+    found = cartstiff.workspace(elastic, **sampled)
+    free = cartstiff.workspace(cartstiff.parallel(PUS, [0, 0, 0.55, 0, 0, 0]), **sampled)
     assert any("/u1, " in name for name in found.positions.shares())
     assert found.volume < free.volume
     for wrong, match in (({"slide": [0, 1]}, "unknown joint"), ({"u1": [1, 0]}, "wrong way")):
@@ -398,30 +399,22 @@ def test_what_has_no_workspace_is_refused(machine):
         cartstiff.workspace(machine, scan=1)
 
 
-def test_the_command(capsys, tmp_path):
+def test_the_command(tmp_path):
     table, picture = tmp_path / "b.csv", tmp_path / "w.png"
-    arguments = ["workspace", "hexapod", "--directions", "8", "--scan", "8", "--csv", str(table)]
-    with pytest.raises(SystemExit) as exit_:
-        main([*arguments, "--plot", str(picture), "--json"])
-    assert not exit_.value.code
-    data = json.loads(capsys.readouterr().out)
+    command = f"workspace hexapod --directions 8 --scan 8 --csv {table}"
+    data = answer(command, "--plot", picture)
     jsonschema.validate(data, json_schema("workspace"))
     rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
     assert [row["limit"] for row in rows] == data["limits"]
     assert picture.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(SystemExit):
-        main(arguments)
-    assert "Volume with this orientation" in capsys.readouterr().out
+    assert "Volume with this orientation" in run(command)
 
 
-def test_a_start_that_is_singular_to_the_last_digit_is_refused_in_one_line(tmp_path, capfd):
+def test_a_start_that_is_singular_to_the_last_digit_is_refused_in_one_line(tmp_path):
     """A 3-RPS in its base's plane: the determinant's rounding is no warning of NumPy's."""
     (tmp_path / "m.yaml").write_text(
         "{kind: parallel, legs: {chain: RPS, base: {radius: 0.40178906190178587}, platform: "
         "{radius: 0.2468105091811488}, stiffness: 1.2e+8}, pose: {xyz: [0, 0, 1.0e-300]}}",
         "utf-8",
     )
-    with pytest.raises(SystemExit) as end:
-        main(["workspace", str(tmp_path / "m.yaml"), "--json"])
-    assert end.value.code == 2
-    assert capfd.readouterr().err.count("\n") == 1
+    run("workspace", tmp_path / "m.yaml", "--json", code=2)
