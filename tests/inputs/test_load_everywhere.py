@@ -72,7 +72,7 @@ def test_a_workspace_under_a_load_is_that_of_linprog(kind):
         load_at=at,
         load_kind=kind,
         directions=24,
-        scan=16,
+        scan=8,
         radius=1.5,
         fits=False,
     )

@@ -174,24 +174,3 @@ def test_what_cannot_be_meant(arm, given, words):
     with pytest.raises(InputError, match=words) as caught:
         cartstiff.load(arm, **given)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--tcp", "1,2"], "--tcp: wrong count; expected X,Y,Z[,R,P,Y], got 2"),
-        (["--tcp", "1,2,x"], "--tcp: not a finite number"),
-        (["--payload", "1,2"], "--payload: wrong count; expected MASS[,X,Y,Z]"),
-        (["--payload", "heavy"], "--payload: not a finite number"),
-        (["--gravity", "9.81"], "--gravity: wrong count"),
-        (["--gravity", "0,0,-9810"], "gravity is in m/s^2"),
-        (["--xacro-arg", "a=b"], "--xacro-arg: cannot be used; expected NAME:=VALUE"),
-        (["--xacro-arg", ":=b"], "--xacro-arg: cannot be used"),
-        (["--xacro-arg", "a:=b"], "is no xacro file"),
-        (["--xacro-arg", "a:=b", "--xacro-arg", "a:=c"], "--xacro-arg: given twice"),
-        (["--package-path", "/none"], "--package-path: no such folder"),
-    ],
-)
-@pytest.mark.parametrize("name", ["analyse", "equilibrium", "frames"])
-def test_options_that_cannot_be_meant(arm, name, words, said):
-    assert said in run(name, arm, words, code=2)

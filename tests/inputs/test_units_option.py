@@ -82,12 +82,13 @@ def test_path_and_what_reads_it(tmp_path):
     assert "[mm]" in text
     moved = tmp_path / "commands.csv"
     run("equilibrium ur5", *load, "--path", tmp_path / "b.csv", f"--csv {moved}", code=2)
-    run("equilibrium ur5 --path", tmp_path / "b.csv", f"--csv {moved} --units deg")
+    path, unneeded = f"equilibrium ur5 --path {tmp_path / 'b.csv'}", "not needed here"
+    run(path, f"--csv {moved} --units deg", said=unneeded)
     head = moved.read_text(encoding="utf-8").split("\n")[0]
     assert head.startswith("command_shoulder_pan_joint [deg]")
     assert "before_rx [deg]" in head
     names, first = (line.split(",") for line in moved.read_text().split("\n")[:2])
-    told = answer("equilibrium ur5 --path", tmp_path / "b.csv")
+    told = answer(path, said=unneeded)
     turned = float(first[names.index("before_rx [deg]")])
     assert np.isclose(np.radians(turned), told["error_before"][0][0], rtol=1e-9)
     curve = tmp_path / "curve.csv"

@@ -29,13 +29,17 @@ def outcome(command: str, *more: object) -> tuple[int, str, str]:
     return int(exit_.value.code or 0), out.getvalue(), error.getvalue()
 
 
-def run(command: str, *more: object, code: int = 0) -> str:
-    """What a command prints that works, or the one line of one that is refused with that code."""
+def run(command: str, *more: object, code: int = 0, said: str = "") -> str:
+    """What a command prints that works, or the one line of one that is refused with that code.
+
+    Beside an answer nothing is said on standard error, but a line that holds the words `said`.
+    """
     found, out, error = outcome(command, *more)
     assert found == code, error
     if code == 0:
-        # Beside a table for other programs `poses` says where M is.
-        assert error == "" or command.split()[0] == "poses"
+        if command.split()[0] != "poses":  # which says where M is
+            assert error.count("\n") == bool(said), error
+        assert said in error
         return out
     assert out == ""
     assert error.startswith("cartstiff: ")
@@ -44,9 +48,9 @@ def run(command: str, *more: object, code: int = 0) -> str:
     return error
 
 
-def answer(command: str, *more: object) -> Any:
+def answer(command: str, *more: object, said: str = "") -> Any:
     """The JSON that a command prints, which holds no NaN."""
-    return json.loads(run(command, *more, "--json"), parse_constant=_no_number)
+    return json.loads(run(command, *more, "--json", said=said), parse_constant=_no_number)
 
 
 def _no_number(name: str) -> None:
