@@ -262,7 +262,7 @@ def test_a_platform_s_legs_and_workspace(seed, tmp_path):
     for side, within in ((little, True), (-little, False)):
         limits = [[-wide, wide] for _ in range(6)]
         limits[leg][1] = float(tension[leg] + side)
-        rays = "--directions 2 --scan 2 --radius 0.05"  # the note is of the centre alone
+        rays = "--directions 8 --scan 2 --radius 0.05"  # the note is of the centre alone
         answer = json.loads(run("workspace", file(limits), *words, rays))
         outside = "centre-outside" in [note["code"] for note in answer["notes"]]
         assert outside is not within
