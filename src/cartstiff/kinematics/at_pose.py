@@ -328,24 +328,24 @@ class _Search:
 
     def by_steps(self, wanted: Array, free: list[int]) -> Array | None:
         """Newton's method from the default posture; None where it does not get there."""
-        posture, best = self.start, np.inf
-        for _ in range(_STEPS):
+        sizes = self.sizes[free]
+
+        def equations(posture: ChainPosture) -> tuple[Array, Array]:
             gap, C = self._closing(posture)
-            off = _difference(wanted, self.coordinates(posture))
-            left = off[free] / self.sizes[free]
-            size = max(np.abs(gap).max(initial=0.0), np.abs(left).max(initial=0.0))
-            if size <= numerics.REACHED and size >= 0.5 * best:
-                return posture.q
-            best = min(best, size)
-            # The body goes a bounded way at once, so that the closures are met on it.
-            shorter = min(1.0, _LONGEST / max(float(np.abs(left).max(initial=0.0)), numerics.TINY))
-            rates = self.rates(posture)[free] / self.sizes[free][:, None]
-            A = np.concatenate([C, rates]) * self.columns
-            b = np.concatenate([-gap, shorter * left])
-            step = np.linalg.lstsq(A, b, rcond=numerics.LEAST_EFFORT)[0]
-            largest = float(np.abs(step).max(initial=0.0))
-            if not np.isfinite(largest):
-                return None
-            scale = min(1.0, 0.5 / max(largest, numerics.TINY))
-            posture = self.at(posture.q + self.columns * step * scale)
-        return posture.q if best <= numerics.REACHED else None
+            left = _difference(self.coordinates(posture), wanted)[free] / sizes
+            rates = self.rates(posture)[free] / sizes[:, None]
+            return np.concatenate([gap, left]), np.concatenate([C, rates]) * self.columns
+
+        def moved(posture: ChainPosture, step: Array) -> ChainPosture:
+            return self.at(posture.q + self.columns * step)
+
+        posture, size, _ = numerics.least_change(
+            self.start,
+            equations,
+            moved,
+            most=_STEPS,
+            longest=2.0 * _LONGEST,
+            enough=numerics.REACHED,
+            rank=numerics.LEAST_EFFORT,
+        )
+        return posture.q if size <= numerics.REACHED else None

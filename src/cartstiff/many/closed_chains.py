@@ -84,7 +84,7 @@ from cartstiff.many.chains import (
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.many.twists import Tie, TreeConstants, TreeKinematics
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
+from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.beams import Beam
@@ -536,7 +536,7 @@ def _close(
         futile = np.where(size < 0.9 * best, 0, futile + 1)
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
         vain = goes_on & (
-            (step <= numerics.SMALLEST_STEP) | (futile >= FUTILE) & (step < LONGEST_STEP)
+            (step <= numerics.SMALLEST_STEP) | (futile >= numerics.FUTILE) & (step < LONGEST_STEP)
         )
         is_vain[which[vain]] = True
         goes_on &= ~vain

@@ -340,7 +340,7 @@ class PostureCode:
     def _closed(closing: OnePosture, q: Array) -> Array | None:
         """The steps of `closing.close` for one posture; None where the engine would go on."""
         from cartstiff.many.closed_chains import STEPS, is_shut
-        from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
+        from cartstiff.mechanisms.closures import LONGEST_STEP
 
         left, size, best, futile = closing.at["left"], inf, inf, 0
         for _ in range(STEPS):
@@ -350,7 +350,11 @@ class PostureCode:
                 return q
             futile = 0 if size < 0.9 * best else futile + 1
             best = min(best, size)
-            if doubt != PLAIN or not step < inf or (futile >= FUTILE and step < LONGEST_STEP):
+            if (
+                doubt != PLAIN
+                or not step < inf
+                or (futile >= numerics.FUTILE and step < LONGEST_STEP)
+            ):
                 return None
             q = record[: len(q)]
         return None

@@ -24,7 +24,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.closures import (
-    FUTILE,
     LONGEST_STEP,
     ClosureState,
     LoopClosures,
@@ -42,7 +41,7 @@ from cartstiff.numerics import (
     LEAST_EFFORT,
     NEARBY,
     ROUNDING,
-    SMALLEST_STEP,
+    least_change,
 )
 from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
 
@@ -449,29 +448,22 @@ class Chain(Mechanism):
     def _close(
         self, posture: ChainPosture, movable: Array, tolerance: float
     ) -> tuple[ChainPosture | None, int, float]:
-        size = np.inf
-        best: tuple[float, ChainPosture] = (np.inf, posture)
-        iteration = futile = 0
-        for iteration in range(1, 101):
-            residual, closure = posture.residual, posture.closure
-            if residual is None or closure is None:
-                return posture, iteration, 0.0
-            before, size = size, float(np.abs(residual).max())
-            futile = 0 if size < 0.9 * best[0] else futile + 1
-            best = min(best, (size, posture), key=lambda pair: pair[0])
-            unit = max(1.0, posture.length)
-            # Accepted at rounding level, or within tolerance once steps no longer help.
-            if size <= ATTAINABLE_PRECISION * unit or (
-                size <= tolerance * unit and size > 0.1 * before
-            ):
-                break
-            columns = posture.coordinate_lengths * movable
-            A = closure.jacobian * columns
-            step = np.linalg.lstsq(A, -residual, rcond=LEAST_EFFORT)[0]
-            largest = float(np.abs(step).max())
-            # Whole steps that do not help lead to where the gap is least, not to where it shuts.
-            if not largest > SMALLEST_STEP or (futile >= FUTILE and largest < LONGEST_STEP):
-                break
-            posture = self.at(posture.q + columns * step * min(1.0, LONGEST_STEP / largest))
-        size, posture = best
-        return (posture if size <= tolerance * max(1.0, posture.length) else None), iteration, size
+        def equations(at: ChainPosture) -> tuple[Array, Array]:
+            residual, closure, unit = at.residual, at.closure, max(1.0, at.length)
+            assert residual is not None  # who has no closures does not close
+            assert closure is not None
+            return residual / unit, closure.jacobian * (at.coordinate_lengths * movable) / unit
+
+        def moved(at: ChainPosture, step: Array) -> ChainPosture:
+            return self.at(at.q + at.coordinate_lengths * movable * step)
+
+        closed, size, iterations = least_change(
+            posture,
+            equations,
+            moved,
+            most=100,
+            longest=LONGEST_STEP,
+            enough=tolerance,
+            rank=LEAST_EFFORT,
+        )
+        return (closed if size <= tolerance else None), iterations, size

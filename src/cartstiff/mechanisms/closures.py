@@ -23,8 +23,6 @@ from cartstiff.potentials.contract import SecondOrderMap
 
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
-#: Newton steps in a row that bring the gap of the closures no nearer to zero.
-FUTILE = 8
 
 #: Steps beyond which nobody is led from one posture to another.
 MOST_STEPS = 100

@@ -601,20 +601,14 @@ class Platform(Mechanism):
             raise InputError("forward kinematics needs six legs", got=str(m))
         T = self.at(start).pose
         scale = np.array([1.0] * 3 + [self.length] * 3)
-        error = np.inf
-        previous = np.inf
-        for _ in range(60):
+        longest = float(wanted.max())
+
+        def equations(T: Array) -> tuple[Array, Array]:
             geometry = line_geometry(T, self.anchors, self.points)
-            residual = wanted - geometry.lengths
-            error = float(np.abs(residual).max())
-            # Stop at rounding level: once below 1e-9 the next step no longer helps.
-            if error <= numerics.TWO_UNITS * float(wanted.max()) or (
-                error < numerics.EQUILIBRIUM_TOLERANCE * float(wanted.max()) and error >= previous
-            ):
-                return self.coordinates_of(T)
-            previous = error
-            scaled = geometry.lines * scale
-            values = np.linalg.svd(scaled, compute_uv=False)
+            return (geometry.lengths - wanted) / longest, geometry.lines * scale / longest
+
+        def moved(T: Array, step: Array) -> Array:
+            values = numerics.singular_values(equations(T)[1])
             if not numerics.is_regular(values):
                 raise UndefinedError(
                     "the legs' lines are dependent (type-2 singularity): the pose does not follow "
@@ -622,11 +616,10 @@ class Platform(Mechanism):
                     code="type-2-singularity",
                     values={"singular_values": values.tolist()},
                 )
-            step = np.linalg.solve(scaled, residual)
-            T = T @ se3.exp(
-                scale * step * min(1.0, 0.3 / max(float(np.abs(step).max()), numerics.TINY))
-            )
-        if error < numerics.CONVERGED * float(wanted.max()):
+            return T @ se3.exp(scale * step)
+
+        T, error, _ = numerics.least_change(T, equations, moved, most=60, longest=0.3)
+        if error < numerics.CONVERGED:
             return self.coordinates_of(T)
         raise ConvergenceError(
             "no pose with these leg lengths found from the start", iterations=60, residual=error

@@ -106,6 +106,8 @@ REACHED: Final = 1e-10
 ATTAINABLE_PRECISION: Final = 1e-15
 #: A step, or a coordinate, below this does not change numbers of size 1.
 SMALLEST_STEP: Final = 1e-16
+#: Whole steps in a row that bring a search no nearer to zero.
+FUTILE: Final = 8
 #: Directions in which closures move by less than this share are left where they are.
 LEAST_EFFORT: Final = 1e-9
 #: Steps of central differences in rad and characteristic lengths: the error goes with the square,

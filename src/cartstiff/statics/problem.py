@@ -36,7 +36,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
-from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
+from cartstiff.numerics import EPSILON, IDLE, eigenvalues, invert
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Potential, SecondOrderMap
 from cartstiff.potentials.flexure_struts import FlexureStruts
@@ -663,33 +663,29 @@ class System:
         """
         if not self._is_tied and not contacts:
             return q
-        mechanism, weights, start = self.elastic.mechanism, self._step_weights, q
-        best = size = np.inf
-        for _ in range(_PULLS):
+        mechanism = self.elastic.mechanism
+        start = mechanism.at(q)
+
+        def equations(posture: MechanismPosture) -> tuple[Array, Array]:
             count()
-            posture = mechanism.at(q)
-            if (constraints := self.constraints(posture, contacts)) is None:
-                return q
+            constraints = self.constraints(posture, contacts)
+            assert constraints is not None  # as something is tied
             residual, to_constraints, units = constraints
-            missed = residual / units
-            size = float(np.abs(missed).max(initial=0.0))
-            if size <= numerics.ATTAINABLE_PRECISION or (
-                size <= numerics.ROUNDING and size >= 0.5 * best
-            ):
-                return q
-            best = min(best, size)
-            columns = posture.coordinate_lengths
-            A = to_constraints.jacobian * columns / units[:, None]
-            step = -weights * np.linalg.lstsq(A * weights, missed, rcond=RANK)[0]
-            largest = float(np.abs(step).max(initial=0.0))
-            if not np.isfinite(largest) or largest < numerics.SMALLEST_STEP:
-                break
-            q = mechanism.displaced(q, columns * step * min(1.0, _PULL / largest))
+            rates = to_constraints.jacobian * posture.coordinate_lengths / units[:, None]
+            return residual / units, rates
+
+        def moved(posture: MechanismPosture, step: Array) -> MechanismPosture:
+            step = posture.coordinate_lengths * step
+            return mechanism.at(mechanism.displaced(posture.q, step))
+
+        posture, size, _ = numerics.least_change(
+            start, equations, moved, most=_PULLS, longest=_PULL, weights=self._step_weights
+        )
         if size <= numerics.REACHED:
-            return q
+            return posture.q
         kinds = ("closures", posture.closure), ("held displacement", self.held)
         what = [name for name, one in kinds if one is not None] + ["limits"] * bool(contacts)
-        beyond = limit_notes(mechanism, mechanism.at(start)) if contacts else []
+        beyond = limit_notes(mechanism, start) if contacts else []
         raise ConvergenceError(
             f"the {' and '.join(what)} cannot be met from this posture"
             + "".join(f"; {note.message}" for note in beyond),
