@@ -127,7 +127,12 @@ def adjoint(T_a_b: ArrayLike) -> Array:
 
 def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
     """``adjoint(inverse(T_a_b))``: twists in components of frame a to frame b."""
-    return adjoint(inverse(T_a_b))
+    T = real_array(T_a_b)
+    rt = T[..., :3, :3].swapaxes(-1, -2)
+    m = np.zeros((*T.shape[:-2], 6, 6))
+    m[..., :3, :3] = m[..., 3:, 3:] = rt
+    m[..., 3:, :3] = rt @ skew(-T[..., :3, 3])  # nothing is rounded twice
+    return m
 
 
 #: ``STRUCTURE_CONSTANTS[i, j, k]``: [L_i, L_j] = sum_k C[i, j, k] L_k, [ZK]_ eq. 6 and 7.
