@@ -309,27 +309,28 @@ def notes_of(result: Identification) -> list[Note]:
     return [*_assumed(result), *_found(result), *_doubts(result), *_limits(result)]
 
 
-def _assumed(result: Identification) -> list[Note]:
+def _assumed(result: Identification) -> Iterator[Note]:
     elastic, measured = result.elastic, result.measured
-    notes = [n for n in elastic.notes if n.code not in ("stiffness-assumed", "default-posture")]
-    notes += _angles(result)
+    own = ("stiffness-assumed", "default-posture")
+    yield from (n for n in elastic.notes if n.code not in own)
+    yield from _angles(result)
     masses = bool(measured.mass.any() or measured.mass0.any())
     if masses and elastic.gravity is None:
         words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
-        notes.append(Note("gravity-assumed", words, {"gravity": list(EARTH)}))
-    notes += _cables(result)
+        yield Note("gravity-assumed", words, {"gravity": list(EARTH)})
+    yield from _cables(result)
     if not result.loaded:
         words = (
             "displacements are taken as linear in the load, joints as where they are told: "
             "--loaded fits the equilibrium itself"
         )
-        notes.append(Note("linear-model", words))
+        yield Note("linear-model", words)
     if needs_equilibrium(elastic):
         words = (
             "nonlinear springs stand in a loop or beside lines: what each carries depends on how "
             "far all give, so the equilibrium under load is fitted, as by --loaded"
         )
-        notes.append(Note("equilibrium-needed", words))
+        yield Note("equilibrium-needed", words)
     absolute = result.model.observations.is_absolute.any()
     if absolute and (not measured.session or result.offsets == "none"):
         words = (
@@ -337,24 +338,23 @@ def _assumed(result: Identification) -> list[Note]:
             "measuring frame go into the springs (column session gives each session an offset of "
             "its own)"
         )
-        notes.append(Note("frame-taken-as-known", words))
+        yield Note("frame-taken-as-known", words)
     if (
         absolute
         and measured.session
         and result.offsets == "translation"
         and any(name in measured.values for name in POSITION)
     ):
-        notes.append(Note("axes-taken-as-known", "the measuring frames' axes are taken as F's"))
+        yield Note("axes-taken-as-known", "the measuring frames' axes are taken as F's")
     estimated = [w for w, entry in result.noise().items() if entry["sigma_is_estimated"]]
     if estimated:
         kinds = " and of ".join(f"{kind}s" for kind in estimated)
         words = f"no standard deviation was given: that of {kinds} is estimated"
         sizes = {w: result.noise()[w]["sigma"] for w in estimated}
-        notes.append(Note("deviation-estimated", words, {"sigma": sizes}))
-    return notes
+        yield Note("deviation-estimated", words, {"sigma": sizes})
 
 
-def _cables(result: Identification) -> list[Note]:
+def _cables(result: Identification) -> Iterator[Note]:
     """Cables, which the fit takes as bars, and the rows in which the load alone slackens them."""
     elastic = result.elastic
     names: list[str] = []
@@ -364,7 +364,7 @@ def _cables(result: Identification) -> list[Note]:
     taut_only = [p.unilateral for p in lines for _ in p.stiffness]
     names += [f"line{i + 1}" for i, only in enumerate(taut_only) if only]
     if not names:
-        return []
+        return
     model = result.model
     linear = model.linear if isinstance(model, LoadedModel) else model
     pushed: dict[str, list[int]] = {}
@@ -382,27 +382,26 @@ def _cables(result: Identification) -> list[Note]:
             f"{name} in row(s) {', '.join(map(str, rows))}" for name, rows in pushed.items()
         )
         words += f". Only preload keeps them so against the load: {shown}"
-    return [Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})]
+    yield Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})
 
 
-def _found(result: Identification) -> list[Note]:
-    notes = []
+def _found(result: Identification) -> Iterator[Note]:
     lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
     if lost:
         words = f"not identifiable from these rows: {', '.join(lost)}"
-        notes.append(Note("not-identifiable", words, {"springs": lost}))
+        yield Note("not-identifiable", words, {"springs": lost})
     least = {e.name: e.stiffness_interval[0] for e in result.estimates if e.verdict == "at-least"}
     if least:
         shown = ", ".join(f"{name} at least {k:.5g}" for name, k in least.items())
         words = f"no upper end, the rows may come from a rigid spring: {shown}"
-        notes.append(Note("at-least", words, {"springs": least}))
+        yield Note("at-least", words, {"springs": least})
     wrong = [e.name for e in result.estimates if e.verdict == "negative"]
     if wrong:
         words = (
             f"the compliance of {', '.join(wrong)} comes out negative beyond its interval: the "
             "model or the signs of load and displacement are wrong"
         )
-        notes.append(Note("negative-compliance", words, {"springs": wrong}))
+        yield Note("negative-compliance", words, {"springs": wrong})
     active = result.chosen.solved.active
     if active.any():
         names = [result.unknowns.names[p] for p in np.flatnonzero(active)]
@@ -410,28 +409,25 @@ def _found(result: Identification) -> list[Note]:
             f"least squares would make {', '.join(names)} negative: zero is taken, and the others "
             "follow; intervals are those without the bound"
         )
-        notes.append(Note("bound-active", words, {"springs": names}))
+        yield Note("bound-active", words, {"springs": names})
     if result.suspects:
         reasons = result.robust.reasons(result.model.observations, result.measured)
         shown = "; ".join(
             f"row {result.measured.rows[n]} ({reasons[int(n)]})" for n in result.robust.suspects
         )
         used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
-        notes.append(Note("suspects", f"suspect, and {used}: {shown}", {"rows": result.suspects}))
-    notes += _unseen(result)
+        yield Note("suspects", f"suspect, and {used}: {shown}", {"rows": result.suspects})
+    yield from _unseen(result)
     if result.rejected:
         shown = "; ".join(f"row {r.row} ({r.reason})" for r in result.rejected)
-        notes.append(
-            Note(
-                "rejected",
-                f"left out by --reject: {shown}",
-                {"rows": [r.row for r in result.rejected]},
-            )
+        yield Note(
+            "rejected",
+            f"left out by --reject: {shown}",
+            {"rows": [r.row for r in result.rejected]},
         )
-    return notes
 
 
-def _unseen(result: Identification) -> list[Note]:
+def _unseen(result: Identification) -> Iterator[Note]:
     """Rows in which a gross error would not be seen, as hardly another one measures the same."""
     robust, seen = result.robust, result.model.observations
     rows: dict[int, float] = {}
@@ -445,21 +441,20 @@ def _unseen(result: Identification) -> list[Note]:
         rows[int(result.measured.rows[n])] = size
         words.append(f"row {result.measured.rows[n]} ({seen.column[worst]}: {size:.0f})")
     if not rows:
-        return []
+        return
     more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
     text = (
         "the fit follows these rows, which hardly another one checks, so that errors of fewer "
         f"standard deviations than told may stay unseen: {', '.join(words[:_SHOWN])}{more}"
     )
-    return [Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})]
+    yield Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})
 
 
-def _limits(result: Identification) -> list[Note]:
+def _limits(result: Identification) -> Iterator[Note]:
     """How far the linear model reaches, and whether matrices found are stiffnesses."""
-    notes = []
     values = written_values(result)
     if not needs_equilibrium(result.elastic):
-        notes += _against_equilibrium(result, values)
+        yield from _against_equilibrium(result, values)
     Gamma = result.unknowns.compliance(values)
     entries = result.unknowns.parameters
     if any(not u.pattern.is_diagonal for u in entries):
@@ -469,17 +464,16 @@ def _limits(result: Identification) -> list[Note]:
                 "the compliance found for a link has a negative eigenvalue: the noise is larger "
                 "than its smallest entries; --unknown LINK:diagonal asks for less"
             )
-            notes.append(Note("not-definite", words, {"lowest": float(lowest)}))
-    return notes
+            yield Note("not-definite", words, {"lowest": float(lowest)})
 
 
-def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
+def _against_equilibrium(result: Identification, values: Array) -> Iterator[Note]:
     """The equilibrium under load beside the small displacement, in the rows that move most."""
     seen, unknowns = result.model.observations, result.unknowns
     try:
         y, _ = result.model.at(values)
     except CartstiffError:
-        return []
+        return
     size = np.abs(y) / result.chosen.solved.deviation
     worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_LOOKED_AT]
     keep = np.zeros(len(result.measured), bool)
@@ -490,13 +484,13 @@ def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
         bent, _ = LoadedModel(unknowns, some).at(values)
         straight, _ = small.at(values)
     except CartstiffError:
-        return []
+        return
     mine = np.isin(seen.row, np.flatnonzero(keep))
     deviation = result.chosen.solved.deviation[mine]
     apart = np.abs(bent - straight) / deviation
     i = int(np.argmax(apart))
     if not (apart[i] > 1.0 or result.loaded):
-        return []
+        return
     row = int(some.rows[small.observations.row[i]])
     advice = (
         "the fit without --loaded would do"
@@ -508,10 +502,10 @@ def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
         f"{apart[i]:.3g} standard deviations: {advice}"
     )
     values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
-    return [Note("linear-differs", words, values_)]
+    yield Note("linear-differs", words, values_)
 
 
-def _angles(result: Identification) -> list[Note]:
+def _angles(result: Identification) -> Iterator[Note]:
     """Names a campaign of an arm whose joints hardly leave zero: radians that were read as degrees.
 
     What is larger than a turn, degrees read as radians, is refused where it is read.
@@ -521,28 +515,28 @@ def _angles(result: Identification) -> list[Note]:
     largest = float(np.abs(q[:, rotary]).max(initial=0.0))
     moving = int(np.count_nonzero(np.ptp(q[:, rotary], axis=0)))
     if mechanism.kind != "serial" or moving < _SWUNG or largest > np.radians(np.pi):
-        return []
+        return
     words = (
         f"no joint is farther than {np.degrees(largest):.3g} degrees from zero in any row: "
         'if these columns are radians, say so in their heads, "NAME [rad]"'
     )
-    return [Note("small-angles", words, {"largest": largest})]
+    yield Note("small-angles", words, {"largest": largest})
 
 
-def _doubts(result: Identification) -> list[Note]:
-    notes, checks = [], result.checks
+def _doubts(result: Identification) -> Iterator[Note]:
+    checks = result.checks
     if result.inflation > 1.0:
         words = (
             f"the scatter is {result.inflation:.3g} times what the deviations given explain "
             f"(probability {checks.probability:.2g}): all intervals are wider by that"
         )
-        notes.append(Note("scatter-larger", words, {"factor": result.inflation}))
+        yield Note("scatter-larger", words, {"factor": result.inflation})
     if checks.lack_of_fit is not None and checks.lack_of_fit < 0.01:
         words = (
             "repeats agree with each other better than with the model (probability "
             f"{checks.lack_of_fit:.2g}): something that it does not know bends the rows"
         )
-        notes.append(Note("lack-of-fit", words, {"probability": checks.lack_of_fit}))
+        yield Note("lack-of-fit", words, {"probability": checks.lack_of_fit})
     meaning = {
         "backlash": "a play or friction of {size} in {name}",
         "stiffening": "a compliance of {name} that changes with its torque ({size})",
@@ -559,21 +553,20 @@ def _doubts(result: Identification) -> list[Note]:
                 unit += f"/({units.effort(is_length)})^2"
         what = meaning[p.kind].format(size=f"{p.size:.3g} {unit}", name=p.name)
         words = f"the residuals look like {what} (probability {p.probability:.2g} without)"
-        notes.append(Note("residual-pattern", words, vars(p)))
+        yield Note("residual-pattern", words, vars(p))
     if result.degrees < _FEW:
         words = (
             f"the noise is estimated from {result.degrees:.3g} degrees of freedom: "
             "intervals are wide for that alone, more rows or known deviations help most"
         )
-        notes.append(Note("few-rows", words, {"degrees": result.degrees}))
+        yield Note("few-rows", words, {"degrees": result.degrees})
     differing = []
     for e, theta in zip(result.estimates, result.robust.fit.theta, strict=True):
         if e.interval is not None and not e.interval[0] <= theta <= e.interval[1]:
             differing.append(e.name)
     if differing and result.fit == "plain":
         words = f"the robust fit lies outside the intervals of {', '.join(differing)}"
-        notes.append(Note("robust-differs", words, {"springs": differing}))
-    return notes
+        yield Note("robust-differs", words, {"springs": differing})
 
 
 FITS = ("plain", "robust")

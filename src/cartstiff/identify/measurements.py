@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ MEASURED: Final[Mapping[str, str]] = {
     **dict.fromkeys((*DISPLACEMENT, "d", *POSITION), "length"),
     **dict.fromkeys((*ROTATION, *TURN), "angle"),
 }
+
+
+# Of each row as usual.
+_USUAL: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +62,30 @@ class Measurements:
 
     q: Array
     wrench: Array
-    mass: Array
-    mass0: Array
-    axes: str
-    values: Mapping[str, Array]
-    deviations: Mapping[str, Array]
-    direction: Array
-    session: tuple[str, ...]
-    time: Array
+    mass: Array = _USUAL
+    mass0: Array = _USUAL
+    axes: str = "world"
+    values: Mapping[str, Array] = field(default_factory=dict)
+    deviations: Mapping[str, Array] = field(default_factory=dict)
+    direction: Array = _USUAL
+    session: tuple[str, ...] = ()
+    time: Array = _USUAL
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     load_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rows: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    rows: NDArray[np.intp] = _USUAL
     unused: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.rows.size:
-            object.__setattr__(self, "rows", np.arange(1, len(self.q) + 1))
+        N = len(self.q)
+        for name, usual in {
+            "mass": np.zeros(N),
+            "mass0": np.zeros(N),
+            "direction": np.full((N, 3), np.nan),
+            "time": np.full(N, np.nan),
+            "rows": np.arange(1, N + 1),
+        }.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, usual)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -85,19 +97,12 @@ class Measurements:
 
     def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Measurements:
         """Some of the rows."""
-        return replace(
-            self,
-            q=self.q[keep],
-            wrench=self.wrench[keep],
-            mass=self.mass[keep],
-            mass0=self.mass0[keep],
-            values={n: v[keep] for n, v in self.values.items()},
-            deviations={n: v[keep] for n, v in self.deviations.items()},
-            direction=self.direction[keep],
-            time=self.time[keep],
-            rows=self.rows[keep],
-            session=tuple(np.array(self.session)[keep].tolist()) if self.session else (),
-        )
+        arrays = ("q", "wrench", "mass", "mass0", "direction", "time", "rows")
+        chosen: dict[str, Any] = {name: getattr(self, name)[keep] for name in arrays}
+        for name in ("values", "deviations"):
+            chosen[name] = {n: column[keep] for n, column in getattr(self, name).items()}
+        session = tuple(np.array(self.session)[keep].tolist()) if self.session else ()
+        return replace(self, **chosen, session=session)
 
     @cached_property
     def postures(self) -> NDArray[np.intp]:

@@ -29,7 +29,7 @@ from cartstiff import numerics
 from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array, checked_seed, plain_dict
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
-from cartstiff.identify.measurements import MEASURED, POSITION, TURN, Measurements
+from cartstiff.identify.measurements import DISPLACEMENT, MEASURED, POSITION, TURN, Measurements
 from cartstiff.identify.models import model_of
 from cartstiff.identify.unknowns import Unknowns, unknowns_of
 from cartstiff.mechanisms.chain import Chain
@@ -194,15 +194,11 @@ def candidates(
         np.array(kept),
         wrench,
         np.full(N, mass),
-        np.zeros(N),
-        "world",
-        {name: np.zeros(N) for name in deviations},
-        {name: np.full(N, s) for name, s in deviations.items()},
-        direction if "d" in deviations else np.full((N, 3), np.nan),
-        (),
-        np.full(N, np.nan),
-        point,
-        point if load_at is None else load_at,
+        values={name: np.zeros(N) for name in deviations},
+        deviations={name: np.full(N, s) for name, s in deviations.items()},
+        direction=direction if "d" in deviations else np.full((N, 3), np.nan),
+        point=point,
+        load_at=point if load_at is None else load_at,
     )
 
 
@@ -241,7 +237,7 @@ def beside(
     chain = elastic.mechanism
     quick = isinstance(chain, Chain) and not chain.closures
     each = max((_BESIDE if quick else _SLOW) // len(rows), 3)
-    owner, q, wrench, direction = [], [], [], []
+    owner, taken = [], []
     for i, centre in enumerate(rows.q):
         W, gauge = rows.wrench[i], rows.direction[i]
         loads = [(centre, W, gauge)]
@@ -255,19 +251,9 @@ def beside(
             turned = gauge + 2.0 * pi * share * rng.normal(size=3)
             loads += [(at, force, turned / np.linalg.norm(turned)) for force in forces]
         owner += [i] * len(loads)
-        for where, force, along in loads:
-            q.append(where)
-            wrench.append(force)
-            direction.append(along)
-    at = np.array(owner, np.intp)
-    near = rows.chosen(at)
-    return replace(
-        near,
-        q=np.array(q),
-        wrench=np.array(wrench),
-        direction=np.array(direction),
-        rows=np.arange(1, len(at) + 1),
-    ), at
+        taken += loads
+    q, wrench, direction = map(np.array, zip(*taken, strict=True))
+    return replace(rows.taken(owner), q=q, wrench=wrench, direction=direction), np.array(owner)
 
 
 def _is_within(
@@ -604,14 +590,8 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
     one = Measurements(
         q[None],
         wrench[None],
-        np.zeros(1),
-        np.zeros(1),
-        "world",
-        {n: np.zeros(1) for n in ("dx", "dy", "dz")},
-        {n: np.ones(1) for n in ("dx", "dy", "dz")},
-        np.full((1, 3), np.nan),
-        (),
-        np.full(1, np.nan),
+        values={n: np.zeros(1) for n in DISPLACEMENT},
+        deviations={n: np.ones(1) for n in DISPLACEMENT},
     )
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
 
