@@ -50,11 +50,11 @@ from the nearest changes of sign on rays: the shortest x that a linear determina
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,7 +81,116 @@ from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
 
 
-class LegMargins:
+class PoseMargins:
+    """Margins of the limits of a body's poses: those of `Limits`, and others after them.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    length : float
+        Characteristic length.
+
+    Attributes
+    ----------
+    limits : Limits
+        Its limits.
+    sign : float
+        Of the determinant at the centre, beyond whose change poses do not count; 0: all count.
+    free : sequence of int
+        Coordinates of the pose that the body takes; the others follow.
+    is_slow : bool
+        Whether a pose costs more than a few products.
+    is_quick : bool
+        Whether no iterations are needed.
+    """
+
+    is_slow = is_quick = True
+    free: Sequence[int] = range(6)
+
+    def __init__(self, elastic: ElasticMechanism, length: float) -> None:
+        self.elastic, self.length, self.sign = elastic, length, 0.0
+        self.limits = limits = Limits(elastic.mechanism)
+        # Lengths and angles of a platform's legs are not below zero.
+        needless = (limits.lower == 0.0) & (limits.legs is not None)
+        self._lower = np.flatnonzero(np.isfinite(limits.lower) & ~needless)
+        self._upper = np.flatnonzero(np.isfinite(limits.upper))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What is limited, and at which side."""
+        sides = (self._lower, "least"), (self._upper, "most")
+        own = (f"{self.limits.names[i]}, {side}" for which, side in sides for i in which)
+        return (*own, *self.others_names())
+
+    def others_names(self) -> list[str]:
+        """What is limited besides."""
+        raise NotImplementedError
+
+    def solved(self, poses: Array) -> Array:
+        """Coordinates (N, n) at poses (N, 4, 4) of M, NaN where the body does not get there."""
+        return at_poses(self.elastic, _coordinates(poses))[0]
+
+    def others(self, q: Array, poses: Array, limited: Array) -> Array:
+        """Further margins (N, k), beside those of the limits (N, l)."""
+        raise NotImplementedError
+
+    def rates(self, q: Array, poses: Array) -> Array | None:
+        """Matrices (N, p, p) that are singular where the body is; None if they are not square."""
+        raise NotImplementedError
+
+    def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
+        """Name of the distribution of tensions, and those at a pose; empty where none matter."""
+        return {}
+
+    def reach(self, pose: Array) -> float:
+        """How far from a pose the body can be."""
+        raise NotImplementedError
+
+    def _limited(self, q: Array, poses: Array) -> Array:
+        values = self.limits.values(q, poses)
+        lower, upper = self._lower, self._upper
+        return np.hstack(
+            [
+                values[:, lower] - self.limits.lower[lower],
+                self.limits.upper[upper] - values[:, upper],
+            ]
+        )
+
+    def at(self, poses: Array) -> Array:
+        """Margins (N, k) at poses (N, 4, 4) of M; infinity where a limit says nothing."""
+        q = self.solved(poses)
+        limited = self._limited(q, poses)
+        limited[~np.isfinite(q).all(axis=1)] = np.inf
+        return np.hstack([limited, self.others(q, poses, limited)])
+
+    def inside(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (N,) are within all limits."""
+        q = self.solved(poses)
+        limited = self._limited(q, poses)
+        inside: NDArray[np.bool_] = (limited >= 0.0).all(axis=1) & np.isfinite(q).all(axis=1)
+        if (rows := np.flatnonzero(inside)).size:
+            others = self.others(q[rows], poses[rows], limited[rows])
+            inside[rows] = (others >= 0.0).all(axis=1)
+        return inside
+
+    def determinants(self, poses: Array) -> Array:
+        """Of `rates` (N,), NaN where there are none."""
+        return self._read(numerics.determinants, poses, np.nan)
+
+    def ratios(self, poses: Array) -> Array:
+        """Smallest over largest singular value of `rates` (N,), infinite where there are none."""
+        return self._read(numerics.ratios, poses, np.inf)
+
+    def _read(self, read: Callable[[Array], Array], poses: Array, otherwise: float) -> Array:
+        q = self.solved(poses)
+        values, known = np.full(len(q), otherwise), np.isfinite(q).all(axis=1)
+        if known.any() and (rates := self.rates(q[known], poses[known])) is not None:
+            values[known] = read(rates)
+        return values
+
+
+class LegMargins(PoseMargins):
     """Margins of the limits of a body on legs.
 
     Parameters
@@ -92,15 +201,6 @@ class LegMargins:
         Of M: the centre, whose side of singular poses counts.
     through : bool
         Whether poses beyond singular ones count, too.
-
-    Attributes
-    ----------
-    names : tuple of str
-        What is limited, and at which side; what a leg reaches.
-    free : list of int
-        Coordinates of the pose that the body takes; the others follow.
-    length : float
-        Characteristic length.
     """
 
     def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
@@ -110,127 +210,56 @@ class LegMargins:
                 "workspaces are found for platforms, and for bodies on legs or cables",
                 got=chain.kind,
             )
-        self.elastic, self.chain, self.legs = elastic, chain, legs
-        self.limits = Limits(chain)
-        finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
-        self._lower, self._upper = (np.flatnonzero(which) for which in finite)
-        names = [f"{self.limits.names[i]}, least" for i in self._lower]
-        names += [f"{self.limits.names[i]}, most" for i in self._upper]
-        self.length = float(chain.at(elastic.q).length)
-        q, self.free = at_poses(elastic, self.coordinates(pose[None]))
-        names += [f"reach of leg{i + 1}" for i in range(len(chain.legs))] + ["reach"]
-        self.sign = 0.0
-        rates = None if through else self.rates(q)
-        if rates is not None:
+        super().__init__(elastic, float(chain.at(elastic.q).length))
+        self.chain, self.legs, self.is_quick = chain, legs, bool(chain.legs)
+        q, self.free = at_poses(elastic, _coordinates(pose[None]))
+        if not through and (rates := self.rates(q, pose[None])) is not None:
             self.sign = float(np.sign(numerics.determinants(rates)[0]))
-        if self.sign:
-            names.append("singularity")
-        self.names = tuple(names)
 
-    is_slow = True
+    def others_names(self) -> list[str]:
+        """What a leg reaches, and singular poses."""
+        names = [f"reach of leg{i + 1}" for i in range(len(self.chain.legs))]
+        return [*names, "reach", *["singularity"] * bool(self.sign)]
 
-    def coordinates(self, poses: Array) -> Array:
-        """x, y, z, roll, pitch, yaw (N, 6) of poses (N, 4, 4)."""
-        return np.hstack([poses[:, :3, 3], se3.roll_pitch_yaw(poses)])
+    def others(self, q: Array, poses: Array, limited: Array) -> Array:  # noqa: ARG002
+        """How short each leg is where the body does not get there, else 1; the determinant."""
+        known, legs = np.isfinite(q).all(axis=1), self.chain.legs
+        short = np.full((len(q), len(legs) + 1), np.inf)
+        for i, leg in enumerate(legs):
+            by = np.array([leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end])
+            short[~known, i] = np.where(by > 0.0, -by, np.inf)
+        short[~known, -1] = np.where((short[~known, :-1] < 0.0).any(axis=1), np.inf, -1.0)
+        if not self.sign:
+            return short
+        determinants = np.full(len(q), np.inf)
+        if known.any() and (rates := self.rates(q[known], poses)) is not None:
+            determinants[known] = self.sign * numerics.determinants(rates)
+        return np.column_stack([short, np.where(np.isnan(determinants), np.inf, determinants)])
 
-    def axes(self) -> list[int]:
-        """Three coordinates of the pose that are followed: the position, if the body takes it."""
-        if len(self.free) < 3:
-            taken = ", ".join(COORDINATES[i] for i in self.free)
-            raise InputError("a workspace needs a body with three freedoms", got=taken or "none")
-        return self.free[:3]
-
-    def at(self, poses: Array) -> Array:
-        """Margins (N, k) at poses (N, 4, 4) of M."""
-        q, _ = at_poses(self.elastic, self.coordinates(poses))
-        known = np.isfinite(q).all(axis=1)
-        margins = np.full((len(q), len(self.names)), np.inf)
-        values = self.limits.values(q, poses)
-        n = len(self._lower) + len(self._upper)
-        margins[:, :n] = np.hstack(
-            [
-                values[:, self._lower] - self.limits.lower[self._lower],
-                self.limits.upper[self._upper] - values[:, self._upper],
-            ]
-        )
-        for i, leg in enumerate(self.chain.legs):
-            short = [leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end]
-            margins[~known, n + i] = np.where(np.array(short) > 0.0, -np.array(short), np.inf)
-        blamed = (margins[~known, n : n + len(self.chain.legs)] < 0.0).any(axis=1)
-        margins[~known, n + len(self.chain.legs)] = np.where(blamed, np.inf, -1.0)
-        if self.sign and known.any() and (rates := self.rates(q[known])) is not None:
-            margins[known, -1] = self.sign * numerics.determinants(rates)
-        return np.where(np.isnan(margins), np.inf, margins)
-
-    def inside(self, poses: Array) -> NDArray[np.bool_]:
-        """Which poses (N,) are within all limits."""
-        q, _ = at_poses(self.elastic, self.coordinates(poses))
-        values = self.limits.values(q, poses)
-        with np.errstate(invalid="ignore"):
-            inside = np.isfinite(q).all(axis=1)
-            inside &= (values >= self.limits.lower).all(axis=1)
-            inside &= (values <= self.limits.upper).all(axis=1)
-        rows = np.flatnonzero(inside)
-        if self.sign and rows.size and (rates := self.rates(q[rows])) is not None:
-            inside[rows] = self.sign * numerics.determinants(rates) >= 0.0
-        return np.asarray(inside)
-
-    def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
-        """Nothing: legs made of joints have no limits of forces."""
-        return {}
-
-    def reach(self, radius: float | None) -> float:
-        """How far the body can be: as all links of a leg in a row, its slides at their ends."""
-        if radius is not None:
-            return checked_length(radius, "radius")
+    def reach(self, pose: Array) -> float:  # noqa: ARG002
+        """As far as all links of a leg in a row, its slides at their ends."""
         chain, lengths = self.chain, []
         bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
         for leg in self.legs:
             links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
             slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
             lengths.append(sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum())
-        if not np.isfinite(min(lengths)):
-            raise InputError(
-                "the slides have no limits, so that the workspace has no bound",
-                expected="legs.limits, or a radius",
-            )
-        return 2.0 * float(min(lengths))
+        return 2.0 * _bounded(lengths, "the slides have no limits")
 
-    def determinants(self, poses: Array) -> Array:
-        """Of `rates` (N,); NaN where the legs do not reach."""
-        q, _ = at_poses(self.elastic, self.coordinates(poses))
-        determinants, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
-        if known.any() and (rates := self.rates(q[known])) is not None:
-            determinants[known] = numerics.determinants(rates)
-        return determinants
-
-    def ratios(self, poses: Array) -> Array | None:
-        """Smallest over largest singular value of `rates` (N,); None where these do not exist."""
-        q, _ = at_poses(self.elastic, self.coordinates(poses))
-        ratios = np.full(len(q), np.inf)
-        known = np.isfinite(q).all(axis=1)
-        rates = self.rates(q[known])
-        if rates is None:
-            return None
-        ratios[known] = numerics.ratios(rates)
-        return ratios
-
-    def rates(self, q: Array) -> Array | None:
+    def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
         """The equations (N, p, p) above, lengths over `length`; None if they are not square."""
         parts = [self._passive(leg, q) for leg in self.legs]
-        m = len(parts)
         total = sum(part.shape[2] for part in parts)
-        if total != 6 * (m - 1) or any(leg.hangs or leg.free != "none" for leg in self.legs):
+        rows = 6 * (len(parts) - 1)
+        if total != rows or any(leg.hangs or leg.free != "none" for leg in self.legs):
             return None
         matrix, at = np.zeros((len(q), total, total)), 0
         for i, part in enumerate(parts):
             own = slice(at, at + part.shape[2])
             at = own.stop
-            if i == 0:
-                for k in range(m - 1):
-                    matrix[:, 6 * k : 6 * k + 6, own] = part
-            else:
-                matrix[:, 6 * i - 6 : 6 * i, own] = -part
+            for k in range(0, rows, 6):
+                if i == 0 or k == 6 * i - 6:
+                    matrix[:, k : k + 6, own] = -part if i else part
         return matrix
 
     def _passive(self, leg: Leg, q: Array) -> Array:
@@ -241,6 +270,21 @@ class LegMargins:
         sizes = leg.solver.sizes[kept]
         scale = np.repeat([1.0, 1.0 / self.length], 3)[:, None]
         return np.asarray(se3.adjoint(leg.after) @ J * scale * sizes)
+
+
+def _coordinates(poses: Array) -> Array:
+    """x, y, z, roll, pitch, yaw (N, 6) of poses (N, 4, 4)."""
+    return np.hstack([poses[:, :3, 3], se3.roll_pitch_yaw(poses)])
+
+
+def _bounded(lengths: Iterable[float], without: str) -> float:
+    """The least length, which must be finite."""
+    least = float(min(lengths))
+    if not np.isfinite(least):
+        raise InputError(
+            f"{without}, so that the workspace has no bound", expected="legs.limits, or a radius"
+        )
+    return least
 
 
 #: How a load acts, (moment, force) (6,) about its point, and the axes along which these are the
@@ -296,7 +340,7 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
     return np.where(spanned, margins, -np.inf)
 
 
-class Margins:
+class Margins(PoseMargins):
     """Margins of a platform's limits.
 
     Parameters
@@ -332,37 +376,30 @@ class Margins:
                 "workspaces are found for platforms and bodies on cables",
                 got=elastic.mechanism.kind,
             )
+        super().__init__(elastic, platform.length)
         self.platform, self.springs, self.sign = platform, springs, sign
-        self.limits, self.length = Limits(platform), platform.length
-        self.load, self.elastic = load, elastic
+        self.load, self.tensions = load, tensions
         m = len(platform.points)
         self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
-        self.is_spread = springs.unilateral or m > 6
         if self.forces is None and springs.unilateral:
             self.forces = np.tile([0.0, np.inf], (m, 1))
+        self.is_spread = self.forces is not None and (springs.unilateral or m > 6)
         if self.forces is not None:
             ideal_joints_only(springs, "limits of forces")
-        if self.forces is not None and self.is_spread:
+            if m < 6:
+                raise InputError(
+                    "the forces in fewer than six legs do not follow from a load", got=m
+                )
+        if self.is_spread:
             # Which tensions, of many that balance, is decided by their limits, not by rest lengths.
             rest = np.full(m, np.nan)
             free = replace(springs, rest_length=rest, unilateral=False, balanced_at=None)
             self.elastic = replace(elastic, springs=free)
-        if m < 6 and self.forces is not None:
-            raise InputError("the forces in fewer than six legs do not follow from a load", got=m)
-        finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
-        self._lower, self._upper = (np.flatnonzero(which) for which in finite)
-        zero = self.limits.lower[self._lower] == 0.0
-        self._lower = self._lower[~zero]  # lengths and angles are not below zero
-        names = [f"{self.limits.names[i]}, least" for i in self._lower]
-        names += [f"{self.limits.names[i]}, most" for i in self._upper]
-        self.tensions = tensions
         if tensions not in TENSIONS:
             raise InputError(
                 "unknown distribution of tensions", expected=" or ".join(TENSIONS), got=tensions
             )
-        if tensions != "any" and (
-            self.forces is None or not self.is_spread or not np.isfinite(self.forces).all()
-        ):
+        if tensions != "any" and not (self.is_spread and np.isfinite(self.forces).all()):
             raise InputError(
                 "the middle of the limits exists for cables, or more than six legs, with least and "
                 "largest tensions",
@@ -370,24 +407,30 @@ class Margins:
                 expected="legs.force",
                 got=tensions,
             )
-        if self.forces is not None and self.is_spread and tensions == "any":
+        self.is_slow = self.is_spread or isinstance(springs, FlexureStruts)
+
+    def others_names(self) -> list[str]:
+        """Tensions or forces, singular poses, struts that stand."""
+        names = []
+        if self.is_spread and self.tensions == "any":
             names.append("tensions")
         elif self.forces is not None:
-            names += [f"force of leg{i + 1}, least" for i in range(m)]
-            names += [f"force of leg{i + 1}, most" for i in range(m)]
-        if sign and m == 6:
-            names.append("singularity")
-        if isinstance(springs, FlexureStruts):
-            names.append("flexures")
-        self.names = tuple(names)
+            legs = range(1, len(self.platform.points) + 1)
+            names += [f"force of leg{i}, {side}" for side in ("least", "most") for i in legs]
+        names += ["singularity"] * self._has_sides
+        return names + ["flexures"] * isinstance(self.springs, FlexureStruts)
 
-    def at(self, poses: Array) -> Array:
-        """Margins (N, k) at poses (N, 4, 4) of M."""
-        values = self.limits.values(np.empty((len(poses), 6)), poses)
-        parts = [
-            values[:, self._lower] - self.limits.lower[self._lower],
-            self.limits.upper[self._upper] - values[:, self._upper],
-        ]
+    @property
+    def _has_sides(self) -> bool:
+        return bool(self.sign) and len(self.platform.points) == 6
+
+    def solved(self, poses: Array) -> Array:
+        """Nothing: poses are what a platform's limits follow from."""
+        return np.zeros((len(poses), 6))
+
+    def others(self, q: Array, poses: Array, limited: Array) -> Array:  # noqa: ARG002
+        """Margins of tensions or forces, the determinant, whether struts stand."""
+        parts = [limited]
         _, lines = lines_at(self.platform, poses)
         if self.forces is not None:
             t = self._tensions(poses)
@@ -401,11 +444,11 @@ class Margins:
                     t = self.middle_tensions(lines, _sums(lines, t))
                 t = np.where(np.isfinite(t), t, np.inf)
                 parts += [t - least, most - t]
-        if self.sign and lines.shape[1] == 6:
+        if self._has_sides:
             parts.append(self.sign * numerics.determinants(lines)[:, None])
         if isinstance(self.springs, FlexureStruts):
-            parts.append(self._standing(poses, np.concatenate(parts, axis=1), self.springs))
-        return np.concatenate(parts, axis=1)
+            parts.append(self._standing(poses, np.hstack(parts), self.springs))
+        return np.hstack(parts)[:, limited.shape[1] :]
 
     @staticmethod
     def _standing(poses: Array, others: Array, struts: FlexureStruts) -> Array:
@@ -444,24 +487,18 @@ class Margins:
             answer["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
         return answer
 
-    def determinants(self, poses: Array) -> Array:
-        """Of six legs' lines (N,), moments over the body's length."""
-        return numerics.determinants(lines_at(self.platform, poses)[1])
+    def reach(self, pose: Array) -> float:
+        """Where the legs' longest lengths end."""
+        platform = self.platform
+        longest = np.inf if platform.limits is None else platform.limits[:, 1]
+        ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
+        lengths = np.linalg.norm(ends, axis=1) + longest
+        return _bounded(lengths, "the lengths of the legs have no upper limit")
 
-    def ratios(self, poses: Array) -> Array | None:
-        """Smallest over largest singular value of six legs' lines (N,)."""
+    def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
+        """Six legs' lines (N, 6, 6), moments over the body's length."""
         lines = lines_at(self.platform, poses)[1]
-        return numerics.ratios(lines) if lines.shape[1] == 6 else None
-
-    @property
-    def is_slow(self) -> bool:
-        """Whether a pose costs more than a few products."""
-        spread = self.forces is not None and self.is_spread
-        return spread or isinstance(self.springs, FlexureStruts)
-
-    def inside(self, poses: Array) -> NDArray[np.bool_]:
-        """Which poses (N,) are within all limits."""
-        return np.asarray((self.at(poses) >= 0.0).all(axis=1))
+        return lines if lines.shape[1] == 6 else None
 
     def _tensions(self, poses: Array) -> Array:
         """Tensions (N, m) that balance weights and load, as of `cartstiff.analyse`; or NaN."""
@@ -479,42 +516,81 @@ def _sums(lines: Array, tensions: Array) -> Array:
 _AT_ONCE, _MOST = 512, 4
 
 
-def narrowed(
-    stays: Callable[[NDArray[np.intp], Array], NDArray[np.bool_]],
-    near: Array,
-    far: Array,
-    halvings: int,
-) -> tuple[Array, Array, int]:
-    """Brackets (N,) as narrow as after `halvings` bisections, around where `stays` first fails.
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Straight lines, and where along them the sign of a state changes.
 
-    Parameters
+    Attributes
     ----------
-    stays : callable
-        Given the numbers (K,) of brackets and places (K,) in them: which are as at `near`.
-    near, far : ndarray (N,)
-        Ends of the brackets.
-    halvings : int
-        The brackets shrink by 2^halvings. Each call of `stays` makes up for one to four of them.
-
-    Returns
-    -------
-    near, far : ndarray (N,)
-        Neighbouring places: as at `near` and not.
-    tried : int
-        Places that `stays` was asked about.
+    state : callable
+        Numbers (K,) at points (K, d).
+    starts, ways : ndarray (N, d)
+        Points and directions of the lines.
+    places : ndarray (N, n)
+        Where along each line it is scanned.
     """
-    tried = 0
-    while halvings > 0 and len(near):
-        at_once = min(_MOST, halvings, max(1, int(np.log2(_AT_ONCE / len(near) + 1.0))))
-        shares = np.linspace(0.0, 1.0, 2**at_once + 1)
-        places = near[:, None] + shares * (far - near)[:, None]
-        places[:, -1] = far
-        rows = np.repeat(np.arange(len(near)), len(shares) - 2)
-        inner = stays(rows, places[:, 1:-1].ravel()).reshape(len(near), -1)
-        k = np.where(inner.all(axis=1), inner.shape[1], np.argmin(inner, axis=1))
-        near, far = np.take_along_axis(places, np.stack([k, k + 1], 1), 1).T
-        halvings, tried = halvings - at_once, tried + len(rows)
-    return near, far, tried
+
+    state: Callable[[Array], Array]
+    starts: Array
+    ways: Array
+    places: Array
+
+    def signs(self, progress: Progress | None = None) -> Array:
+        """Signs (N, n) of the state at the places; `progress` is told of lines."""
+        count, n = self.places.shape
+        signs, block = np.empty((count, n)), max(1, _ROWS // n)
+        for i in range(0, count, block):
+            rows = np.arange(i, min(i + block, count))
+            found = self._sign(np.repeat(rows, n), self.places[rows].ravel())
+            signs[rows] = found.reshape(-1, n)
+            if progress is not None:
+                progress(min(i + block, count), count)
+        return signs
+
+    def _sign(self, rows: NDArray[np.intp], places: Array) -> Array:
+        return np.sign(self.state(self.starts[rows] + places[:, None] * self.ways[rows]))
+
+    def changes(self, signs: Array, halvings: int) -> Changes:
+        """Where signs (N, n) of the places change, each bracket as if bisected so often."""
+        line, step = np.nonzero(signs[:, 1:] * signs[:, :-1] < 0.0)
+        before, left, tried = signs[line, step], halvings, 0
+        near = start = self.places[line, step]
+        far = self.places[line, step + 1]
+        while left > 0 and len(near):
+            at_once = min(_MOST, left, max(1, int(np.log2(_AT_ONCE / len(near) + 1.0))))
+            shares = np.linspace(0.0, 1.0, 2**at_once + 1)
+            places = near[:, None] + shares * (far - near)[:, None]
+            places[:, -1] = far
+            rows = np.repeat(np.arange(len(near)), len(shares) - 2)
+            inner = self._sign(line[rows], places[:, 1:-1].ravel()) == before[rows]
+            inner = inner.reshape(len(near), -1)
+            k = np.where(inner.all(axis=1), inner.shape[1], np.argmin(inner, axis=1))
+            near, far = np.take_along_axis(places, np.stack([k, k + 1], 1), 1).T
+            left, tried = left - at_once, tried + len(rows)
+        return Changes(line, start, near, far, before < 0.0, tried)
+
+
+class Changes(NamedTuple):
+    """Changes of a state along lines.
+
+    Attributes
+    ----------
+    line : ndarray of int (k,)
+        Number of the line.
+    start, near, far : ndarray (k,)
+        The place of the scan before, and neighbouring places before and after the change.
+    enters : ndarray of bool (k,)
+        Whether the state is negative before.
+    tried : int
+        Points at which the state was asked for.
+    """
+
+    line: NDArray[np.intp]
+    start: Array
+    near: Array
+    far: Array
+    enters: NDArray[np.bool_]
+    tried: int
 
 
 # Bisections of each boundary: of a scan's step 1e-6 is left.
@@ -527,18 +603,6 @@ _DIRECTIONS, _CHECKED, _SCAN, _PLACES = 50, 800, 10, 40
 Progress = Callable[[int, int], None]
 #: Poses (N, 4, 4) of offsets (N, 3) from the centre.
 Moved = Callable[[Array], Array]
-
-
-class Inside(Protocol):
-    """What tells which poses are within all limits, and how far they are from each."""
-
-    names: tuple[str, ...]
-
-    def at(self, poses: Array) -> Array:
-        """Margins (N, k) at poses (N, 4, 4)."""
-
-    def inside(self, poses: Array) -> NDArray[np.bool_]:
-        """Which poses (N,) are within all limits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -608,7 +672,7 @@ def sphere_rule(count: int) -> tuple[Array, Array]:
 
 
 def rays_to_boundaries(
-    margins: Inside,
+    margins: PoseMargins,
     pose_at: Moved,
     reach: float,
     count: int,
@@ -618,40 +682,25 @@ def rays_to_boundaries(
     """Boundaries along rays; `pose_at` makes poses (N, 4, 4) of offsets (N, 3) from the centre."""
     directions, weights = sphere_rule(count)
     d = len(directions)
-    steps = np.linspace(0.0, reach, scan + 1)
-    inside = np.empty((d, scan + 1), bool)
-    block = max(1, _ROWS // (scan + 1))
-    for i in range(0, d, block):
-        part = directions[i : i + block]
-        offsets = (part[:, None] * steps[:, None]).reshape(-1, 3)
-        inside[i : i + block] = margins.inside(pose_at(offsets)).reshape(len(part), -1)
-        if progress is not None:
-            progress(min(i + block, d), d)
-    inside[:, -1] = False
-    ray, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
-    near, far = steps[step].copy(), steps[step + 1].copy()
-    enters = inside[ray, step + 1]
-
-    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
-        within = margins.inside(pose_at(places[:, None] * directions[ray[rows]]))
-        return np.asarray(within != enters[rows])
-
-    near, far, tried = narrowed(stays, near, far, _HALVINGS)
+    steps = np.tile(np.linspace(0.0, reach, scan + 1), (d, 1))
+    lines = Lines(_side(margins, pose_at), np.zeros((d, 3)), directions, steps)
+    signs = lines.signs(progress)
+    signs[:, -1] = -1.0
+    ray, _, near, far, enters, tried = lines.changes(signs, _HALVINGS)
     outside = np.where(enters, near, far)
     cuts = margins.at(pose_at(outside[:, None] * directions[ray])).argmin(axis=1)
     names = np.array(margins.names)[cuts]
     edge = np.where(enters, far, near)  # the last pose that is within
     first = np.zeros(d)
-    known: set[int] = set()
-    for k, r in enumerate(ray.tolist()):
-        if r not in known and inside[r, 0]:
-            first[r] = edge[k]
-        known.add(r)
-    edges = [
-        (int(r), float(x), bool(e), str(n))
-        for r, x, e, n in zip(ray, edge, enters, names, strict=True)
-    ]
-    return Rays(directions, weights, first, edges, reach, d * (scan + 1) + tried)
+    rays, where = np.unique(ray, return_index=True)
+    first[rays] = np.where(enters[where], 0.0, edge[where])
+    edges = list(zip(*(x.tolist() for x in (ray, edge, enters, names)), strict=True))
+    return Rays(directions, weights, first, edges, reach, signs.size + tried)
+
+
+def _side(margins: PoseMargins, pose_at: Moved) -> Callable[[Array], Array]:
+    """1 at offsets (N, 3) within all limits, -1 at others."""
+    return lambda offsets: np.where(margins.inside(pose_at(offsets)), 1.0, -1.0)
 
 
 class Columns(NamedTuple):
@@ -661,8 +710,6 @@ class Columns(NamedTuple):
     ----------
     volume : float
         Of all of them.
-    places : ndarray (k, 2)
-        x and y of their middles, in F.
     ends : ndarray (k, 2)
         Lower and upper end of each part inside, in F.
     area : float
@@ -675,7 +722,6 @@ class Columns(NamedTuple):
     """
 
     volume: float
-    places: Array
     ends: Array
     area: float
     poses: int
@@ -693,7 +739,7 @@ class Columns(NamedTuple):
 
 
 def columns_inside(
-    margins: Inside,
+    margins: PoseMargins,
     pose_at: Moved,
     centre: Array,
     boundary: Array,
@@ -706,58 +752,46 @@ def columns_inside(
     Positions further than `reach` from the centre do not count.
     """
 
-    def within(places: Array) -> Array:
+    def side(places: Array) -> Array:
         offsets = places - centre
         near = np.linalg.norm(offsets, axis=1) <= reach
-        reached = np.zeros(len(places), bool)
-        reached[near] = margins.inside(pose_at(offsets[near]))
-        return reached
+        sides = np.full(len(places), -1.0)
+        sides[near] = _side(margins, pose_at)(offsets[near])
+        return sides
 
     if not len(boundary):
-        return Columns(0.0, np.empty((0, 2)), np.empty((0, 2)), 0.0, 0)
+        return Columns(0.0, np.empty((0, 2)), 0.0, 0)
     low, high = boundary.min(axis=0), boundary.max(axis=0)
     wide = np.maximum(high - low, numerics.NEARBY * reach)
     low, high = low - 0.03 * wide, high + 0.03 * wide
-    poses = 0
+    poses, n = 0, count * count
     for _ in range(_WIDENINGS):
-        axes = [low[i] + (np.arange(count) + 0.5) * (high[i] - low[i]) / count for i in (0, 1)]
-        xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        z = np.linspace(low[2], high[2], scan + 1)
-        inside = np.empty((len(xy), scan + 1), bool)
-        block = max(1, _ROWS // (scan + 1))
-        for i in range(0, len(xy), block):
-            part = xy[i : i + block]
-            places = np.hstack([np.repeat(part, scan + 1, 0), np.tile(z, len(part))[:, None]])
-            inside[i : i + block] = within(places).reshape(len(part), -1)
-        poses += inside.size
-        square = inside.any(axis=1).reshape(count, count)
-        ends_z = inside[:, 0].any() | inside[:, -1].any()
-        if not (square[[0, -1]].any() or square[:, [0, -1]].any() or ends_z):
+        middles = low + (np.arange(count) + 0.5)[:, None] * (high - low) / count
+        xy = np.stack(np.meshgrid(*middles.T[:2], indexing="ij"), axis=-1).reshape(-1, 2)
+        z = np.tile(np.linspace(low[2], high[2], scan + 1), (n, 1))
+        up = np.tile([0.0, 0.0, 1.0], (n, 1))
+        lines = Lines(side, np.column_stack([xy, np.zeros(n)]), up, z)
+        signs = lines.signs()
+        poses += signs.size
+        inside = (signs > 0.0).reshape(count, count, -1)
+        if not any(np.take(inside, [0, -1], axis).any() for axis in range(3)):
             break
         middle, wide = 0.5 * (low + high), 1.3 * (high - low)
         low, high = middle - 0.5 * wide, middle + 0.5 * wide
-    inside[:, [0, -1]] = False
-    row, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
-    enters = inside[row, step + 1]
-    a, b = z[step].copy(), z[step + 1].copy()
-
-    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
-        return np.asarray(within(np.column_stack([xy[row[rows]], places])) != enters[rows])
-
-    a, b, tried = narrowed(stays, a, b, _HALVINGS)
-    edge = 0.5 * (a + b)
-    area = float(np.prod((high - low)[:2]) / count**2)
+    signs[:, [0, -1]] = -1.0
+    row, _, near, far, enters, tried = lines.changes(signs, _HALVINGS)
+    edge = 0.5 * (near + far)
+    area = float(np.prod((high - low)[:2]) / n)
     ends = np.column_stack([edge[enters], edge[~enters]])
-    heights = np.bincount(row[enters], ends[:, 1] - ends[:, 0], count * count)
+    heights = np.bincount(row[enters], ends[:, 1] - ends[:, 0], n)
     grid = heights.reshape(count, count)
-    coarse = [grid[i::2, j::2].mean() * grid.size * area for i in (0, 1) for j in (0, 1)]
+    coarse = [grid[i::2, j::2].mean() * n * area for i in (0, 1) for j in (0, 1)]
     error = 1.5 * float(np.std(coarse, ddof=1))
-    volume = area * float(heights.sum())
-    return Columns(volume, xy[row[enters]], ends, area, poses + tried, error)
+    return Columns(area * float(heights.sum()), ends, area, poses + tried, error)
 
 
 def inscribed(
-    margins: Inside, pose_at: Moved, centre: Array, positions: Rays
+    margins: PoseMargins, pose_at: Moved, centre: Array, positions: Rays
 ) -> tuple[tuple[Array, float], tuple[Array, float]]:
     """Largest sphere and cube inside, from the best of some starts by a direct search."""
     from scipy.optimize import minimize
@@ -770,20 +804,19 @@ def inscribed(
 
     def room(place: Array, directions: Array, size: Array) -> float | None:
         """Least of the sizes (d,) times the distances to the boundary; None outside."""
-        offsets = place + (directions[:, None] * steps[:, None]).reshape(-1, 3)
-        inside = margins.inside(pose_at(offsets)).reshape(len(directions), -1)
-        if not inside[0, 0]:
+        d = len(directions)
+        starts, places = np.tile(place, (d, 1)), np.tile(steps, (d, 1))
+        lines = Lines(_side(margins, pose_at), starts, directions, places)
+        signs = lines.signs()
+        if signs[0, 0] < 0.0:
             return None
-        k = np.where(inside.all(axis=1), scan, np.argmin(inside, axis=1))
+        signs[:, -1] = -1.0
+        k = np.argmin(signs, axis=1)
+        signs[np.arange(scan + 1) > k[:, None]] = -1.0  # the first boundary counts
         # Directions that end farther away than another one's bracket are not looked at again.
-        near = np.flatnonzero(steps[k - 1] * size <= (steps[k] * size).min())
-        ways = directions[near]
-
-        def stays(rows: NDArray[np.intp], distances: Array) -> NDArray[np.bool_]:
-            return margins.inside(pose_at(place + distances[:, None] * ways[rows]))
-
-        ends, _, _ = narrowed(stays, steps[k - 1][near], steps[k][near], _HALVINGS // 2)
-        return float((ends * size[near]).min())
+        signs[steps[k - 1] * size > (steps[k] * size).min()] = 0.0
+        ends = lines.changes(signs, _HALVINGS // 2)
+        return float((ends.near * size[ends.line]).min())
 
     def largest(size: Callable[[Array], Array]) -> tuple[Array, float]:
         sizes = size(few)
@@ -806,13 +839,6 @@ def inscribed(
     sphere = largest(lambda directions: np.ones(len(directions)))
     cube = largest(lambda directions: np.abs(directions).max(axis=1))
     return sphere, (cube[0], 2.0 * cube[1])
-
-
-def shifted(pose: Array, offsets: Array) -> Array:
-    """A pose (4, 4) moved by offsets (N, 3) in F."""
-    poses = np.tile(pose, (len(offsets), 1, 1))
-    poses[:, :3, 3] += offsets
-    return poses
 
 
 #: Determinants (N,) at poses (N, 4, 4), NaN where there is none.
@@ -854,7 +880,7 @@ class Singular:
 
 
 def singular_around(
-    margins: Margins | LegMargins, pose: Array, moved: Moved, rays: Rays, scan: int
+    margins: PoseMargins, pose: Array, moved: Moved, rays: Rays, scan: int
 ) -> Singular | None:
     """Singular poses around a pose, the surface on rays; None where no determinant tells.
 
@@ -865,7 +891,7 @@ def singular_around(
     signed = margins.determinants
     length = margins.length
     surface = crossings(signed, moved, rays.directions, rays.reach, scan)
-    if isinstance(margins, LegMargins) and len(margins.free) < 6:
+    if len(margins.free) < 6:
         return Singular(surface, length=length)
     few = 10 if margins.is_slow else 200
     x = nearest_singular(signed, pose, length, np.pi * length, range(6), few)
@@ -873,20 +899,18 @@ def singular_around(
     return Singular(
         surface,
         None if x is None else float(np.linalg.norm(x)),
-        None if x is None else around(pose, x[None], length)[0],
+        None if x is None else around(pose, x[None, :3] / length, x[None, 3:])[0],
         None if shift is None else float(np.linalg.norm(shift)),
         length,
     )
 
 
-def least_ratio(
-    margins: Margins | LegMargins, moved: Moved, rays: Rays
-) -> tuple[float, Array] | None:
+def least_ratio(margins: PoseMargins, moved: Moved, rays: Rays) -> tuple[float, Array] | None:
     """The least ratio of singular values on the part of each ray that hangs on the centre."""
     shares = np.linspace(0.0, 1.0, 9)
     offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
     ratio = margins.ratios(moved(offsets))
-    if ratio is None:
+    if np.isinf(ratio).all():
         return None
     k = int(ratio.argmin())
     return float(ratio[k]), offsets[k]
@@ -897,20 +921,16 @@ def crossings(
 ) -> Array:
     """Offsets (k, d) along rays, up to `reach` (of each), where a determinant changes its sign."""
     steps = np.linspace(np.zeros(len(directions)), reach, scan + 1, axis=-1)
-    offsets = (directions[:, None] * steps[:, :, None]).reshape(-1, directions.shape[1])
-    sign = np.sign(signed(moved(offsets))).reshape(len(directions), -1)
-    ray, step = np.nonzero(sign[:, 1:] * sign[:, :-1] < 0.0)
 
-    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
-        values = signed(moved(places[:, None] * directions[ray[rows]]))
-        return np.asarray(np.sign(values) == sign[ray[rows], step[rows]])
+    def state(offsets: Array) -> Array:
+        return signed(moved(offsets))
 
-    near, far, _ = narrowed(stays, steps[ray, step], steps[ray, step + 1], _BISECTIONS)
+    lines = Lines(state, np.zeros_like(directions), directions, steps)
+    ray, start, near, far, *_ = lines.changes(lines.signs(), _BISECTIONS)
     points: Array = near[:, None] * directions[ray]
     # Where a determinant jumps it has no root: legs fold over, or change their branch.
     if len(points):
-        low, high = (np.abs(signed(moved(x[:, None] * directions[ray]))) for x in (near, far))
-        there = np.abs(signed(moved(steps[ray, step][:, None] * directions[ray])))
+        low, high, there = (np.abs(state(x[:, None] * directions[ray])) for x in (near, far, start))
         points = points[np.maximum(low, high) <= numerics.LOST_ERROR * there]
     return points
 
@@ -934,7 +954,7 @@ def nearest_singular(
     def at(x: Array) -> Array:
         full = np.zeros((len(x), 6))
         full[:, list(axes)] = x
-        return around(pose, full, length)
+        return around(pose, full[:, :3] / length, full[:, 3:])
 
     directions = rng.normal(size=(rays * n, n))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -966,12 +986,11 @@ def nearest_singular(
     return nearest
 
 
-def around(pose: Array, x: Array, length: float) -> Array:
-    """Poses (N, 4, 4) at x (N, 6) of the module's metric."""
-    turns = np.hstack([x[:, :3] / length, np.zeros((len(x), 3))])
-    poses = np.tile(pose, (len(x), 1, 1))
-    poses[:, :3, :3] = pose[:3, :3] @ se3.exp(turns)[:, :3, :3]
-    poses[:, :3, 3] += x[:, 3:]
+def around(pose: Array, turns: Array, shifts: Array) -> Array:
+    """Poses (N, 4, 4) turned from one by vectors (N or 1, 3) of M, shifted by those of F."""
+    poses = np.tile(pose, (max(len(turns), len(shifts)), 1, 1))
+    poses[:, :3, :3] = pose[:3, :3] @ se3.exp(np.hstack([turns, 0.0 * turns]))[:, :3, :3]
+    poses[:, :3, 3] += shifts
     return poses
 
 
@@ -992,10 +1011,11 @@ def carried(
     return kind, (parts @ R.T if axes == "body" else parts).reshape(6), "world"
 
 
-def singular_note(platform: Platform, pose: Array, margins: Margins) -> Note | None:
+def singular_note(margins: Margins, pose: Array) -> Note | None:
     """The note on an architecture, or an orientation, that is singular everywhere."""
-    note = architecture_of(platform).note()
-    if note is not None or margins.is_spread:
+    platform, m = margins.platform, len(margins.platform.points)
+    note = None if m < 6 else architecture_of(platform).note()
+    if note is not None or m != 6 or margins.springs.unilateral:
         return note
     rank = orientation_rank(platform, pose[:3, :3])
     if rank == 6:
@@ -1005,21 +1025,6 @@ def singular_note(platform: Platform, pose: Array, margins: Margins) -> Note | N
         "architecture is regular (as Fichter's platform turned by a right angle)"
     )
     return Note("orientation-singularity", message, {"rank": rank})
-
-
-def reach_of_lines(platform: Platform, pose: Array, radius: float | None) -> float:
-    """How far from the centre any position can be: where the legs' longest lengths end."""
-    if radius is not None:
-        return checked_length(radius, "radius")
-    longest = np.inf if platform.limits is None else platform.limits[:, 1]
-    ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
-    farthest = float(np.min(np.linalg.norm(ends, axis=1) + longest))
-    if not np.isfinite(farthest):
-        raise InputError(
-            "the lengths of the legs have no upper limit, so that the workspace has no bound",
-            expected="legs.limits, or a radius",
-        )
-    return farthest
 
 
 #: Name and version of the form of `Workspace.as_dict`.
@@ -1242,6 +1247,15 @@ def workspace(
     if scan < 2 or (directions is not None and directions < 8):
         raise InputError("too few poses", expected="scan from 2, directions from 8")
     notes = list(elastic.notes)
+    pose, about_load = posture.pose, None
+    if wrench is not None:
+        about_load = {
+            "wrench": np.asarray(wrench, float),
+            "kind": kind.kind,
+            "at": kind.at,
+            "axes": load_axes,
+        }
+    margins: PoseMargins
     if isinstance(elastic.mechanism, Chain):
         if wrench is not None or tensions != "any":
             raise InputError(
@@ -1249,38 +1263,31 @@ def workspace(
                 where="wrench or tensions",
                 expected="neither",
             )
-        pose = posture.pose
-        on_legs = LegMargins(elastic, pose, through)
-        margins: Margins | LegMargins = on_legs
-        count, most = directions or 200, on_legs.reach(radius)
+        margins = LegMargins(elastic, pose, through)
     else:
-        W = None if wrench is None else checked_input(wrench, (6,), "wrench")
-        load = None if W is None else partial(carried, kind, W, load_axes)
-        answer = _margins(elastic, posture.q, load, through, tensions)
-        if isinstance(answer, Workspace):
-            return answer
-        margins, pose = answer
-        count = directions or (200 if margins.is_slow else 1000)
-        most = reach_of_lines(margins.platform, pose, radius)
+        margins = Margins(elastic, tensions=tensions)
+        if wrench is not None:
+            if margins.forces is None:
+                raise InputError(
+                    "nothing limits forces, so that a load cuts nothing",
+                    where="wrench",
+                    expected="legs.force or cables",
+                )
+            margins.load = carried(kind, checked_input(wrench, (6,), "wrench"), load_axes, pose)
+        if (singular := singular_note(margins, pose)) is not None:
+            return Workspace(elastic, pose, notes=(*notes, singular))
+        if not margins.names:
+            raise InputError(
+                "no limits: every pose is within them",
+                expected="limits, base_joints, diameter or force in legs",
+            )
+        if len(margins.platform.points) == 6 and not through and not margins.springs.unilateral:
+            margins.sign = float(np.sign(margins.determinants(pose[None])[0]))
+    count = directions or (200 if margins.is_slow else 1000)
+    most = margins.reach(pose) if radius is None else checked_length(radius, "radius")
     axes, scales, moved = _followed(margins, pose, most)
-    about_load = (
-        None
-        if wrench is None
-        else {
-            "wrench": np.asarray(wrench, float).tolist(),
-            "kind": kind.kind,
-            "at": list(kind.at),
-            "axes": load_axes,
-        }
-    )
-    here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load, notes=tuple(notes))
-
-    def turned(vectors: Array) -> Array:
-        poses = np.tile(pose, (len(vectors), 1, 1))
-        turns = se3.exp(np.hstack([vectors, np.zeros_like(vectors)]))[:, :3, :3]
-        poses[:, :3, :3] = pose[:3, :3] @ turns
-        return poses
-
+    here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load)
+    turned = partial(around, pose, shifts=np.zeros((1, 3)))
     at_centre, reach = margins.at(pose[None])[0], most
     first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
     if first.edges and radius is None:  # the ends of the legs are far beyond most workspaces
@@ -1294,16 +1301,15 @@ def workspace(
         margins, moved, here.centre, boundary, max(8, round(np.sqrt(count))), scan, most
     )
     turns = None
-    if not isinstance(margins, LegMargins) or len(margins.free) == 6:
+    if len(margins.free) == 6:
         turns = rays_to_boundaries(margins, turned, np.pi, count, scan)
     if at_centre.min() < 0.0:
         worst = margins.names[int(at_centre.argmin())]
         message = f"the pose that the rays start from is itself beyond a limit: {worst}"
         notes.append(Note("centre-outside", message, {"limit": worst}))
     sphere = cube = None
-    quick = isinstance(margins, Margins) or margins.chain.legs
     if fits and at_centre.min() >= 0.0 and axes == ("x", "y", "z"):
-        if quick:
+        if margins.is_quick:
             sphere, cube = inscribed(margins, moved, here.centre, positions)
         else:
             message = (
@@ -1336,51 +1342,22 @@ def _places(rays: Rays) -> Array:
     return np.array([x * rays.directions[r] for r, x, *_ in rays.edges]).reshape(-1, 3)
 
 
-def _margins(
-    elastic: ElasticMechanism,
-    values: Array,
-    loaded: Callable[[Array], CarriedLoad] | None,
-    through: bool,
-    tensions: Distribution,
-) -> tuple[Margins, Array] | Workspace:
-    """Margins of a platform and its pose; or all that there is, where it is singular everywhere."""
-    bare, platform = Margins(elastic, tensions=tensions), elastic.mechanism
-    if not isinstance(platform, Platform):
-        raise TypeError("a platform")
-    if loaded is not None and bare.forces is None:
-        raise InputError(
-            "nothing limits forces, so that a load cuts nothing",
-            where="wrench",
-            expected="legs.force or cables",
-        )
-    pose, sign = platform.pose_of(np.asarray(values, float)), 0.0
-    load = None if loaded is None else loaded(pose)
-    if len(platform.points) >= 6:
-        singular = singular_note(platform, pose, bare)
-        if singular is not None:
-            return Workspace(elastic, pose, notes=(*elastic.notes, singular))
-    if not bare.names:
-        raise InputError(
-            "no limits: every pose is within them",
-            expected="limits, base_joints, diameter or force in legs",
-        )
-    if len(platform.points) == 6 and not through and not bare.springs.unilateral:
-        sign = float(np.sign(bare.determinants(pose[None])[0]))
-    return Margins(elastic, load, sign, tensions), pose
-
-
 def _followed(
-    margins: Margins | LegMargins, pose: Array, most: float
+    margins: PoseMargins, pose: Array, most: float
 ) -> tuple[tuple[str, ...], Array, Moved]:
     """Coordinates that rays and columns follow, what offsets are times, and poses of offsets.
 
-    Angles go as far as a quarter of a turn where lengths go as far as `most`.
+    Three coordinates of the pose that the body takes: the position, if it is among them. Angles go
+    as far as a quarter of a turn where lengths go as far as `most`.
     """
-    if isinstance(margins, Margins):
-        return ("x", "y", "z"), np.ones(3), partial(shifted, pose)
-    axes = margins.axes()
+    axes = list(margins.free[:3])
+    if len(axes) < 3:
+        taken = ", ".join(COORDINATES[i] for i in axes)
+        raise InputError("a workspace needs a body with three freedoms", got=taken or "none")
     scales = np.where(np.array(axes) < 3, 1.0, 0.5 * np.pi / most)
-    home = margins.coordinates(pose[None])[0]
+    if axes == [0, 1, 2]:
+        return ("x", "y", "z"), scales, partial(around, pose, np.zeros((1, 3)))
+    home = _coordinates(pose[None])[0]
 
     def moved(offsets: Array) -> Array:
         at = np.tile(home, (len(offsets), 1))

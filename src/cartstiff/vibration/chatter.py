@@ -33,10 +33,9 @@ from cartstiff.arrays import (
     fixed,
 )
 from cartstiff.errors import CartstiffError, InputError
-from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.vibration.modes import Modes, modes
-from cartstiff.vibration.response import Damping, transfer
+from cartstiff.vibration.response import Damping, motion_at, transfer
 
 #: Decimals of pi as people type it.
 _DIGITS = 4
@@ -225,14 +224,8 @@ def _receptance(
     else:
         hertz = checked_array(frequencies, ("n",), "frequencies")
     how = damping if isinstance(damping, Damping) else Damping(damping)
-    J = _at_tip(modes, milling)
+    J = milling.directions @ motion_at(modes, milling.at)[3:]
     return hertz, transfer(modes, hertz, how, J, J.T)
-
-
-def _at_tip(modes: Modes, milling: Milling) -> Array:
-    """Motion (2, f) of the tip along feed and normal, per motion of the basis."""
-    J = se3.adjoint_of_inverse(se3.pose(translation=milling.at))
-    return np.asarray(milling.directions @ (J @ modes.posture.motion.jacobian @ modes.basis)[3:])
 
 
 def _eigenvalues(matrices: Array) -> Array:

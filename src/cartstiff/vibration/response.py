@@ -4,9 +4,9 @@ A wrench ``w exp(i omega t)`` on the body moves it by ``H(omega) w exp(i omega t
 
     H = J (K - omega^2 M + i omega C)^-1 J^T
 
-found from the full matrices at each frequency, or as a sum over modes, which is exact as well:
-over the undamped modes where damping is proportional, else over the complex ones. At frequency zero
-it is the compliance under the load. Motions without mass add their static part at every frequency.
+a sum over the undamped modes where damping is proportional, else found from the full matrices at
+each frequency. At frequency zero it is the compliance under the load. Motions without mass add
+their static part at every frequency.
 
 A base that shakes by u (translation) is felt through the momentum A per rate:
 ``(K - omega^2 M + i omega C) x = omega^2 A^T u``, and the body moves by ``u + J x`` in the room.
@@ -142,33 +142,6 @@ def damping_matrix(modes: Modes, damping: Damping) -> Array:
     return np.asarray(C)
 
 
-def state_space(modes: Modes, C: Array) -> tuple[Array, Array, Array]:
-    """Poles (2 f,), right vectors of the motions (f, 2 f) and left ones of the forces (2 f, f).
-
-    Raises
-    ------
-    UndefinedError
-        Where a motion has no mass.
-    """
-    spectrum = modes.spectrum
-    f = len(modes.mass)
-    if spectrum.vectors.shape[1] != f:
-        raise UndefinedError(
-            "a motion without mass is damped in another order", code="massless-motion"
-        )
-    length, force = convert_length(Units(), modes.elastic.units)
-    T = spectrum.vectors.real if not spectrum.is_complex else np.eye(f)
-    M = T.T @ modes.mass @ T * (force / length)
-    inverse = np.linalg.inv(M)
-    K, D = inverse @ T.T @ modes.stiffness @ T, inverse @ T.T @ C @ T
-    # Time in units in which stiffness and inertia are alike.
-    scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
-    A = np.block([[np.zeros((f, f)), np.eye(f)], [-K / scale**2, -D / scale]])
-    values, X = np.linalg.eig(A)
-    Y = np.linalg.inv(X)
-    return values * scale, T @ X[:f], Y[:, f:] @ inverse @ T.T / scale
-
-
 def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
     """Damped frequencies [Hz] and ratios of the modes, by increasing size of the pole.
 
@@ -177,13 +150,22 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
     UndefinedError
         Where a motion has no mass: its damped motion is of another order.
     """
-    values = state_space(modes, damping_matrix(modes, damping))[0]
+    spectrum, f = modes.spectrum, len(modes.mass)
+    if spectrum.vectors.shape[1] != f:
+        raise UndefinedError(
+            "a motion without mass is damped in another order", code="massless-motion"
+        )
+    length, force = convert_length(Units(), modes.elastic.units)
+    T = spectrum.vectors.real if not spectrum.is_complex else np.eye(f)
+    inverse = np.linalg.inv(T.T @ modes.mass @ T * (force / length))
+    K, C = (inverse @ T.T @ A @ T for A in (modes.stiffness, damping_matrix(modes, damping)))
+    # Time in units in which stiffness and inertia are alike.
+    scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
+    A = np.block([[np.zeros((f, f)), np.eye(f)], [-K / scale**2, -C / scale]])
+    values = np.linalg.eigvals(A) * scale
     upper = values[values.imag > 0.0]
     upper = upper[np.argsort(np.abs(upper))]
     return upper.imag / (2 * np.pi), -upper.real / np.abs(upper)
-
-
-Method = Literal["modes", "matrices"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +250,6 @@ def frequency_response(
     *,
     kind: Literal["receptance", "mobility", "accelerance"] = "receptance",
     at: ArrayLike = (0.0, 0.0, 0.0),
-    method: Method = "modes",
 ) -> FrequencyResponse:
     """Motion of a point of the body per wrench at it, over frequency.
 
@@ -284,21 +265,17 @@ def frequency_response(
         Displacement, velocity or acceleration per force.
     at : array_like (3,)
         The point, in M.
-    method : {"modes", "matrices"}
-        A sum over modes, or the full matrices at each frequency; they agree.
 
     Raises
     ------
     InputError, UnknownNameError
-        For frequencies, a kind or a method that cannot be used.
+        For frequencies or a kind that cannot be used.
     """
     if kind not in RESPONSES:
         raise UnknownNameError("kind of response", kind, RESPONSES)
     hertz, damping = _checked(frequencies, damping)
-    point = checked_vector(at, 3, "point")
-    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
-    J = J @ modes.basis
-    H = transfer(modes, hertz, damping, J, J.T, method)
+    J = motion_at(modes, checked_vector(at, 3, "point"))
+    H = transfer(modes, hertz, damping, J, J.T)
     factor = (2j * np.pi * hertz) ** RESPONSES[kind]
     return FrequencyResponse(
         kind,
@@ -316,13 +293,12 @@ def transmissibility(
     damping: Damping | float = 0.0,
     *,
     at: ArrayLike = (0.0, 0.0, 0.0),
-    method: Method = "modes",
 ) -> FrequencyResponse:
     """Motion of a point of the body in the room per motion of the base, axes of F.
 
     Parameters
     ----------
-    modes, frequencies, damping, at, method
+    modes, frequencies, damping, at
         As in `frequency_response`. The base moves as a whole, without turning.
 
     Raises
@@ -337,13 +313,18 @@ def transmissibility(
         raise UndefinedError("the mechanism does not give its momentum", code="no-mass")
     length, force = convert_length(Units(), modes.elastic.units)
     A = momentum[0][3:] @ modes.basis * (force / length)
-    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
-    out = modes.posture.pose[:3, :3] @ J[3:] @ modes.basis
-    moved = transfer(modes, hertz, damping, out, A.T, method)
+    out = modes.posture.pose[:3, :3] @ motion_at(modes, point)[3:]
+    moved = transfer(modes, hertz, damping, out, A.T)
     T = np.eye(3) + (2 * np.pi * hertz)[:, None, None] ** 2 * moved
     return FrequencyResponse(
         "transmissibility", hertz, fixed(T), modes.elastic.units, damping, _notes(modes, damping)
     )
+
+
+def motion_at(modes: Modes, point: ArrayLike) -> Array:
+    """Twist (6, f) at a point (3,) of the body, axes of M, per motion of the basis."""
+    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
+    return np.asarray(J @ modes.basis)
 
 
 def _checked(frequencies: ArrayLike, damping: Damping | float) -> tuple[Array, Damping]:
@@ -367,14 +348,7 @@ def _notes(modes: Modes, damping: Damping) -> tuple[Note, ...]:
     return ()
 
 
-def transfer(
-    modes: Modes,
-    hertz: Array,
-    damping: Damping,
-    out: Array,
-    into: Array,
-    method: Method = "modes",
-) -> Array:
+def transfer(modes: Modes, hertz: Array, damping: Damping, out: Array, into: Array) -> Array:
     """``out (K - omega^2 M + i omega C)^-1 into`` (N, rows, columns) at N frequencies [Hz].
 
     Parameters
@@ -387,29 +361,18 @@ def transfer(
         What damps.
     out, into : ndarray (rows, f), (f, columns)
         What is read of the motions of the basis, and how what acts goes into them.
-    method : {"modes", "matrices"}
-        As in `frequency_response`.
     """
-    if method not in ("modes", "matrices"):
-        raise UnknownNameError("method", method, ("modes", "matrices"))
     omega = 2 * np.pi * hertz
     own = dampers(modes) if damping.dampers else None
-    shape = (hertz.size, out.shape[0], into.shape[1])
+    by_modes = own is None and not modes.spectrum.is_complex
     with np.errstate(divide="ignore", invalid="ignore"):
-        if method == "modes" and own is None and not modes.spectrum.is_complex:
-            total = _by_real_modes(modes, omega, damping, out, into)
-        elif method == "modes" and not (
-            modes.spectrum.following.shape[1] or modes.spectrum.loose.shape[1]
-        ):
-            total = _by_complex_modes(modes, omega, damping, out, into)
-        else:
-            return _by_matrices(modes, omega, damping, out, into)
-    total = total.reshape(shape)
+        total = (_by_modes if by_modes else _by_matrices)(modes, omega, damping, out, into)
+    total = total.reshape(hertz.size, out.shape[0], into.shape[1])
     total[~np.isfinite(total).all(axis=(1, 2))] = np.nan
     return total
 
 
-def _by_real_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
+def _by_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
     length, force = convert_length(Units(), modes.elastic.units)
     spectrum, ratios = modes.spectrum, damping.of_modes(modes)
     squares = modes.squares
@@ -427,27 +390,13 @@ def _by_real_modes(modes: Modes, omega: Array, damping: Damping, out: Array, int
     return np.asarray(total)
 
 
-def _by_complex_modes(
-    modes: Modes, omega: Array, damping: Damping, out: Array, into: Array
-) -> Array:
-    values, X, Y = state_space(modes, damping_matrix(modes, damping))
-    right, left = out @ X, Y @ into
-    residues = (right.T[:, :, None] * left[:, None, :]).reshape(values.size, -1)
-    return np.asarray((1.0 / (1j * omega[:, None] - values)) @ residues)
-
-
 def _by_matrices(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
     length, force = convert_length(Units(), modes.elastic.units)
     M, C = modes.mass * (force / length), damping_matrix(modes, damping)
     w = omega[:, None, None]
-    dynamic = modes.stiffness - w**2 * M + 1j * w * C
     # Angles and lengths alike: the sizes of the motions.
     size = np.sqrt(np.maximum(np.abs(np.diag(modes.stiffness)), numerics.TINY))
-    total = np.full((omega.size, out.shape[0], into.shape[1]), np.nan, complex)
-    for i, D in enumerate(dynamic / np.outer(size, size)):
-        try:
-            total[i] = (out / size) @ np.linalg.solve(D, into / size[:, None])
-        except np.linalg.LinAlgError:  # exactly at a pole
-            continue
-    total[~np.isfinite(total).all(axis=(1, 2))] = np.nan
-    return total
+    dynamic = (modes.stiffness - w**2 * M + 1j * w * C) / np.outer(size, size)
+    poles = np.linalg.det(dynamic) == 0.0
+    dynamic[poles] = np.nan
+    return np.asarray((out / size) @ np.linalg.solve(dynamic, into / size[:, None]))
