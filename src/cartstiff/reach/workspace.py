@@ -988,7 +988,8 @@ def nearest_singular(
 
 def around(pose: Array, turns: Array, shifts: Array) -> Array:
     """Poses (N, 4, 4) turned from one by vectors (N or 1, 3) of M, shifted by those of F."""
-    poses = np.tile(pose, (max(len(turns), len(shifts)), 1, 1))
+    count = np.broadcast_shapes(turns.shape, shifts.shape)[0]
+    poses = np.tile(pose, (count, 1, 1))
     poses[:, :3, :3] = pose[:3, :3] @ se3.exp(np.hstack([turns, 0.0 * turns]))[:, :3, :3]
     poses[:, :3, 3] += shifts
     return poses

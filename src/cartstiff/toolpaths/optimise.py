@@ -26,9 +26,9 @@ taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import count, product
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -97,24 +97,12 @@ def best_way(
     check_name("objective", objective, get_args(Objective))
     usable = [np.flatnonzero(np.isfinite(c)) for c in costs]
     if objective == "worst":
-        total, reached, _ = _among_few(costs, steps, usable, worst=True)
+        total, reached, _ = _cheapest(costs, steps, usable, worst=True)
         if total is None:
             return None, reached
-        bound = float(total.min())
-        better = [rows[c[rows] < bound] for c, rows in zip(costs, usable, strict=True)]
-        if all(map(len, better)):
-            total, *_ = _forward(costs, steps, _linked(steps, better), worst=True)
-            bound = bound if total is None else float(total.min())
-        usable = [rows[c[rows] <= bound * _EQUAL] for c, rows in zip(costs, usable, strict=True)]
-    total, reached, origins = _among_few(costs, steps, usable, worst=False)
-    if total is not None:
-        # A way through a candidate costs at least it and the cheapest of all other layers.
-        least = [float(c[rows].min()) for c, rows in zip(costs, usable, strict=True)]
-        spare = float(total.min()) * _EQUAL - sum(least)
-        usable = [
-            rows[c[rows] <= own + spare] for c, rows, own in zip(costs, usable, least, strict=True)
-        ]
-        total, reached, origins = _forward(costs, steps, _linked(steps, usable), worst=False)
+        bound = float(total.min()) * _EQUAL
+        usable = [rows[c[rows] <= bound] for c, rows in zip(costs, usable, strict=True)]
+    total, reached, origins = _cheapest(costs, steps, usable, worst=False)
     if total is None:
         return None, reached
     k = int(np.argmin(total))
@@ -128,35 +116,35 @@ def best_way(
 _Ways = tuple[Array | None, list[Array], list[Array]]
 
 
-def _among_few(
+def _cheapest(
     costs: Sequence[Array],
     steps: Callable[[int, Array, Array], Array],
     usable: Sequence[Array],
     worst: bool,
 ) -> _Ways:
-    """`_forward` among the cheapest of each layer: ever more, until there is a way, or all."""
+    """`_forward` through what can be on a way no dearer than one through the cheapest few.
+
+    Ever more of each layer are tried until there is a way, or all are.
+    """
     count, most = _FEW, max(map(len, usable))
     while count < most:
         few = [
             np.sort(rows[np.argsort(c[rows], kind="stable")[:count]])
             for c, rows in zip(costs, usable, strict=True)
         ]
-        way = _forward(costs, steps, few, worst)
-        if way[0] is not None:
-            return way
+        total, *_ = _forward(costs, steps, few, worst)
+        if total is not None:
+            # A way through a candidate costs at least it and the cheapest of all other layers.
+            least = [float(c[rows].min()) for c, rows in zip(costs, usable, strict=True)]
+            bound = float(total.min()) * _EQUAL
+            bounds = [bound - (0.0 if worst else sum(least) - own) for own in least]
+            usable = [
+                rows[c[rows] <= most_of]
+                for c, rows, most_of in zip(costs, usable, bounds, strict=True)
+            ]
+            break
         count *= 4
     return _forward(costs, steps, usable, worst)
-
-
-def _linked(steps: Callable[[int, Array, Array], Array], usable: Sequence[Array]) -> list[Array]:
-    """What the smallest layer can be reached from, or reaches: a way goes through nothing else."""
-    linked = list(usable)
-    smallest = int(np.argmin([len(rows) for rows in usable]))
-    for i in range(smallest - 1, -1, -1):
-        linked[i] = linked[i][np.isfinite(steps(i, linked[i], linked[i + 1])).any(axis=1)]
-    for i in range(smallest + 1, len(linked)):
-        linked[i] = linked[i][np.isfinite(steps(i - 1, linked[i - 1], linked[i])).any(axis=0)]
-    return linked
 
 
 def _forward(
@@ -218,30 +206,23 @@ class Steps:
         changed: Array = self.sides[i][a][:, None] != self.sides[i + 1][b]
         return changed
 
-    def _shares(self, i: int, a: Array, b: Array) -> Iterator[Array]:
-        """Step over bound, coordinate by coordinate: each (len(a), len(b))."""
+    def shares(self, i: int, a: Array, b: Array) -> tuple[Array, Array]:
+        """Mean square, and largest, of step over bound of all coordinates: (len(a), len(b))."""
+        square, worst = np.zeros((2, len(a), len(b)))
         for j, bound in enumerate(self.bounds):
             step = self.q[i + 1][b, j] - self.q[i][a, j][:, None]
             if self.periodic[j]:
                 step = step - 2 * np.pi * np.round(step / (2 * np.pi))
-            yield step / bound
-
-    def share(self, i: int, a: Array, b: Array) -> Array:
-        """Largest step over its bound, of all coordinates: (len(a), len(b))."""
-        worst = np.zeros((len(a), len(b)))
-        for share in self._shares(i, a, b):
-            np.maximum(worst, np.abs(share), out=worst)
-        return worst
+            share = np.abs(step / bound)
+            square += share * share
+            np.maximum(worst, share, out=worst)
+        return square / len(self.bounds), worst
 
     def __call__(self, i: int, a: Array, b: Array) -> Array:
         """Cost of steps from candidates a of layer i to candidates b of the next."""
-        square, worst = np.zeros((2, len(a), len(b)))
-        for share in self._shares(i, a, b):
-            share = share * share
-            square += share
-            np.maximum(worst, share, out=worst)
+        square, worst = self.shares(i, a, b)
         allowed = (worst <= 1.0) & ~self.crosses(i, a, b)
-        return np.where(allowed, self.price / len(self.bounds) * square, np.inf)
+        return np.where(allowed, self.price * square, np.inf)
 
 
 #: What finds postures at poses: for joints, or for platforms.
@@ -384,19 +365,6 @@ def _most_idle(solver: JointPoses) -> int:
     return int(np.argmax(np.round(least, 6)))
 
 
-class Counter:
-    """Counts the steps of a search for who wants to see them."""
-
-    def __init__(self, progress: Callable[[int, int], None] | None, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
-
-    def __call__(self) -> None:
-        """One step more."""
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total)
-
-
 def path_solver(
     elastic: ElasticMechanism,
     ranges: Mapping[str, tuple[float, float]] | None,
@@ -470,7 +438,7 @@ def layers(
         # At first everything is looked for next door; later what a neighbour seems to lack.
         frontier = cells.spread(layer, cells.lonely(layer) if layers else None)
         while len(frontier.q):
-            new = cells.new(layer, cells.solved(frontier))
+            new = cells.apart(layer, cells.solved(frontier), SAME, np.inf)
             layer = _joined(layer, new)
             frontier = cells.spread(new)
         layers.append(cells.traced(layer, Layer(before.q[~inside], before.cell[~inside])))
@@ -545,7 +513,7 @@ class _Cells:
             targets = self.targets[(-1 - begin.cell) * b]
             q, good = solver.solve(targets, begin.q, grid.task, self.tolerance)
             q, good = solver.within(q), good & self._inside(q)
-            apart = self._apart(known, Layer(q[good], begin.cell[good]), spacing)
+            apart = self.apart(known, Layer(q[good], begin.cell[good]), 0.5 * spacing, 2.0)
             known, frontier = _joined(known, apart), _joined(frontier, apart)
             if not len(frontier.q):
                 break
@@ -561,8 +529,8 @@ class _Cells:
         low, high = self.solver.region()
         return np.asarray(((q >= low) & (q <= high) | self.solver.periodic).all(axis=1))
 
-    def _apart(self, known: Layer, more: Layer, spacing: float) -> Layer:
-        """What is not near anything known, nor near what comes before it."""
+    def apart(self, known: Layer, more: Layer, radius: float, norm: float) -> Layer:
+        """What is not near anything known, nor near what comes before it; in a p-norm."""
         both = _joined(known, more)
         keep: list[int] = []
         first = len(known.q)
@@ -573,7 +541,7 @@ class _Cells:
         for cell in np.unique(more.cell):
             rows = np.flatnonzero(both.cell == cell)
             tree = cKDTree(places[rows], boxsize=turns)
-            near = tree.query_pairs(0.5 * spacing, output_type="ndarray")
+            near = tree.query_pairs(radius, norm, output_type="ndarray")
             taken = rows < first
             before: dict[int, list[int]] = {}
             for i, j in near.tolist():
@@ -583,18 +551,6 @@ class _Cells:
             keep += rows[taken & (rows >= first)].tolist()
         rows = np.array(keep, int)
         return Layer(both.q[rows], both.cell[rows])
-
-    def new(self, known: Layer, layer: Layer) -> Layer:
-        """What was found and is not known."""
-        fresh = np.ones(len(layer.q), bool)
-        for cell in np.unique(layer.cell):
-            own = np.flatnonzero(layer.cell == cell)
-            old = known.q[known.cell == cell]
-            step = (layer.q[own, None, :] - old[None, :, :]) / self.solver.sizes
-            turns = np.where(self.solver.periodic, np.round(step / (2 * np.pi)), 0.0)
-            near = np.abs(step - 2 * np.pi * turns).max(axis=2) < SAME
-            fresh[own] = ~near.any(axis=1)
-        return Layer(layer.q[fresh], layer.cell[fresh])
 
     def lonely(self, layer: Layer) -> list[Array]:
         """For each direction, the solutions in cells that have more than their neighbour there."""
@@ -1100,7 +1056,7 @@ def broken(
     # The last layer that a way leads to; the next is reached by none of its candidates.
     i = len(reached) - 2
     a, b = reached[i], np.flatnonzero(np.isfinite(costs[i + 1]))
-    share = np.where(steps.crosses(i, a, b), np.inf, steps.share(i, a, b))
+    share = np.where(steps.crosses(i, a, b), np.inf, steps.shares(i, a, b)[1])
     factor = float(share.min())
     if wound:
         reason = f"{', '.join(wound)} would have to turn on beyond the limits"
@@ -1261,7 +1217,12 @@ def optimise_path(
         milling,
     )
     levels = _LEVELS if refine and grid.dimension else 0
-    advance = Counter(progress, 2 * len(path) + levels)
+    done, total = count(1), 2 * len(path) + levels
+
+    def advance() -> None:
+        if progress is not None:
+            progress(next(done), total)
+
     search = _Search(
         solver,
         path,

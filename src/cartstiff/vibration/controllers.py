@@ -58,13 +58,13 @@ def double_diagonalisation(
     """
     M, K = (_symmetric(m, what) for m, what in ((mass, "mass"), (stiffness, "stiffness")))
     zeta = _ratios(ratios, len(M))
+    from scipy.linalg import eigh
+
     try:
-        L = np.linalg.cholesky(M)
+        squares, V = eigh(K, M)
     except np.linalg.LinAlgError:
         got = f"smallest eigenvalue {np.linalg.eigvalsh(M)[0]:.3g}"
         raise InputError("mass is not positive definite", got=got) from None
-    half = np.linalg.solve(L, K)
-    squares, y = np.linalg.eigh(_half(np.linalg.solve(L, half.T)))
     least = -numerics.IDLE * float(np.abs(squares).max(initial=0.0))
     if (squares < least).any():
         raise InputError(
@@ -81,9 +81,9 @@ def double_diagonalisation(
             expected="the same damping ratio for both",
             got=zeta[first : first + 2].tolist(),
         )
-    Q = L @ y
+    Q = M @ V
     D = (Q * (2 * zeta * np.sqrt(squares))) @ Q.T
-    return _half(D), np.linalg.solve(L.T, y), squares
+    return _half(D), V, squares
 
 
 def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.7) -> Array:
