@@ -265,7 +265,7 @@ def test_the_front_is_what_nobody_betters(rows: list[tuple[int, int, str]]) -> N
         for a, b, s in rows
     )
     better = {"x": "largest", "y": "smallest"}
-    found = Designs(asked, "", designs, better, {"x": "", "y": ""})
+    found = Designs(asked, cartstiff.load("hexapod"), designs, better, {"x": "", "y": ""})
     good = [i for i, row in enumerate(rows) if row[2] == "feasible"]
     expected = {
         i

@@ -26,7 +26,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cartstiff.arrays import checked_number, csv_rows, plain
+from cartstiff.arrays import checked_number, csv_rows, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
 from cartstiff.errors import (
@@ -37,7 +37,6 @@ from cartstiff.errors import (
     check_name,
     one_line,
 )
-from cartstiff.expressions import Expression
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES
@@ -53,7 +52,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
-    GravityLoads,
     gravity_loads,
     with_default_gravity,
 )
@@ -153,11 +151,6 @@ class StudyEvaluator:
         self.home = self._made({})
         self._files = self.home.files
         check_names(study, self.home.parameters)
-        self._formulas = {
-            name: Expression(measure.value[1:], name)
-            for name, measure in study.measures.items()
-            if measure.value is not None
-        }
         self._asked: dict[str, list[str]] = {}
         for measure in study.measures.values():
             if measure.quantity is not None:
@@ -321,7 +314,7 @@ class StudyEvaluator:
         measured = {}
         for name, measure in self.study.measures.items():
             if measure.quantity is None:
-                value = self._formulas[name].value(elastic.parameters)
+                value = measure.arithmetic(name).value(elastic.parameters)
             else:
                 values, state = maps[self.study.case_of(measure)]
                 value = self._of_poses(measure, values[measure.quantity], state)
@@ -404,8 +397,8 @@ class Designs(ShownInLines):
     ----------
     study : Study
         What was asked.
-    mechanism : str
-        Its name.
+    home : ElasticMechanism
+        The mechanism with its file's own parameters.
     designs : tuple of Design
         In the order in which they were chosen.
     better : mapping of str to str
@@ -414,28 +407,19 @@ class Designs(ShownInLines):
         Of objectives and constraints.
     damaged : int
         Lines of the output that could not be read again.
-    weighed : GravityLoads
-        What weighs in the mechanism with its file's own parameters.
-    frames : mapping
-        Where M sits in its link and the robot's base in F, with those parameters.
-    length_unit : str
-        Of these.
     """
 
     study: Study
-    mechanism: str
+    home: ElasticMechanism
     designs: tuple[Design, ...]
     better: Mapping[str, str]
     units: Mapping[str, str]
     damaged: int = 0
-    weighed: GravityLoads = field(default_factory=lambda: GravityLoads(None, {}, (), 0.0, 0.0, "N"))
-    frames: Mapping[str, Any] = field(default_factory=dict)
-    length_unit: str = ""
 
     def _lines(self) -> list[str]:
         counts = ", ".join(f"{n} {state}" for state, n in self.counts().items())
         return [
-            f"{len(self.designs)} designs of {self.mechanism}: {counts}",
+            f"{len(self.designs)} designs of {self.home.name}: {counts}",
             f"  Pareto front of {', '.join(self.better)}: {len(self.front)}",
         ]
 
@@ -534,15 +518,15 @@ class Designs(ShownInLines):
         def named(name: str, measure: Measure) -> dict[str, Any]:
             return {"name": name, "of": measure.words, "case": measure.case}
 
-        return {
+        data = {
             "schema": DESIGN_SCHEMA,
-            "mechanism": self.mechanism,
-            **self.frames,
+            "mechanism": self.home.name,
+            **self.home.mechanism.frames_as_dict(),
             "method": study.method.kind,
             "variables": list(study.variables),
-            "set": dict(study.set),
+            "set": study.set,
             "poses": study.poses.count,
-            **self.weighed.as_dict(),
+            **gravity_loads(self.home).as_dict(),
             "objectives": [
                 {**named(name, m), "goal": self.better[name], "unit": self.units[name]}
                 for name, m in study.objectives.items()
@@ -560,10 +544,11 @@ class Designs(ShownInLines):
             "best": {name: self.designs.index(self.best(name)) for name in self.better}
             if self.feasible
             else None,
-            "front": list(self.front),
-            "designs": [design.as_dict() for design in self.designs],
-            "notes": plain(self.notes),
+            "front": self.front,
+            "designs": self.designs,
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
     @property
     def notes(self) -> list[Note]:
@@ -663,14 +648,11 @@ def design(
     designs = tuple(record[point] for point in points)
     return Designs(
         asked,
-        evaluation.home.name,
+        evaluation.home,
         designs,
         better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
         record.damaged,
-        gravity_loads(evaluation.home),
-        evaluation.home.mechanism.frames_as_dict(),
-        evaluation.home.units.length,
     )
 
 

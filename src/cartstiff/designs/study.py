@@ -179,9 +179,13 @@ class Measure(StudyModel):
     below: Number | None = keyed("for share: at most", None)
     case: Text | None = keyed("name of a case, where there are several", None)
 
+    def arithmetic(self, where: str) -> Expression:
+        """What `value` says; `where` is told where it cannot be computed."""
+        return Expression((self.value or "=")[1:], where)
+
     @field_validator("value")
     @classmethod
-    def _arithmetic(cls, text: str | None) -> str | None:
+    def _begins(cls, text: str | None) -> str | None:
         if text is not None and not text.startswith("="):
             raise ValueError("arithmetic begins with '='")
         return text
@@ -383,7 +387,7 @@ def read_study(
     for name, measure in study.measures.items():
         if measure.value is not None:
             kind = "objectives" if name in study.objectives else "constraints"
-            Expression(measure.value[1:], place_of(path, lines, (kind, name, "value")))
+            measure.arithmetic(place_of(path, lines, (kind, name, "value")))
     if study.size > MOST_POSES:
         raise InputError(
             "too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}", got=study.size
@@ -414,5 +418,5 @@ def check_names(study: Study, parameters: Mapping[str, float]) -> None:
         check_name("parameter", name, parameters, "study")
     for key, measure in study.measures.items():
         if measure.value is not None:
-            for name in sorted(Expression(measure.value[1:], key).names - set(parameters)):
+            for name in sorted(measure.arithmetic(key).names - set(parameters)):
                 raise UnknownNameError("parameter", name, parameters, where=key)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_seed, checked_vector, plain
+from cartstiff.arrays import checked_flag, checked_seed, checked_vector, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -214,17 +214,18 @@ class AssemblyMode(ShownInLines):
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "q": self.q.tolist(),
-            "pose": self.pose.tolist(),
+        data = {
+            "q": self.q,
+            "pose": self.pose,
             "residual": self.residual,
             "multiplicity": self.multiplicity,
             "smallest_eigenvalue": self.eigenvalue,
             "stable": self.stable,
             "determinant": self.determinant,
-            "frequencies": plain(self.frequencies),
-            "notes": plain(self._own_notes),
+            "frequencies": self.frequencies,
+            "notes": self._own_notes,
         }
+        return plain_dict(data)
 
     @cached_property
     def _own_notes(self) -> list[Note]:
@@ -309,15 +310,16 @@ class AssemblyModes(ShownInLines):
                 "found": search.found,
                 "complete": False,
             }
-        return {
+        data = {
             "schema": ASSEMBLE_SCHEMA,
             **elastic.about(),
-            "given": dict(self.given),
+            "given": self.given,
             **gravity_loads(elastic).as_dict(),
             "search": method,
             "modes": [mode.as_dict() for mode in self.modes],
-            "notes": plain(self.notes),
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
 
 @checked

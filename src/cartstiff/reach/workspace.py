@@ -121,18 +121,16 @@ class PoseMargins:
         """What is limited, and at which side."""
         sides = (self._lower, "least"), (self._upper, "most")
         own = (f"{self.limits.names[i]}, {side}" for which, side in sides for i in which)
-        return (*own, *self.others_names())
-
-    def others_names(self) -> list[str]:
-        """What is limited besides."""
-        raise NotImplementedError
+        home = self.elastic.mechanism.at(self.elastic.q).pose[None]
+        q = self.solved(home)
+        return (*own, *self.others(q, home, self._limited(q, home)))
 
     def solved(self, poses: Array) -> Array:
         """Coordinates (N, n) at poses (N, 4, 4) of M, NaN where the body does not get there."""
         return at_poses(self.elastic, _coordinates(poses))[0]
 
-    def others(self, q: Array, poses: Array, limited: Array) -> Array:
-        """Further margins (N, k), beside those of the limits (N, l)."""
+    def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:
+        """Further margins (N,) by name, beside those of the limits (N, l)."""
         raise NotImplementedError
 
     def rates(self, q: Array, poses: Array) -> Array | None:
@@ -162,7 +160,7 @@ class PoseMargins:
         q = self.solved(poses)
         limited = self._limited(q, poses)
         limited[~np.isfinite(q).all(axis=1)] = np.inf
-        return np.hstack([limited, self.others(q, poses, limited)])
+        return np.column_stack([limited, *self.others(q, poses, limited).values()])
 
     def inside(self, poses: Array) -> NDArray[np.bool_]:
         """Which poses (N,) are within all limits."""
@@ -171,7 +169,7 @@ class PoseMargins:
         inside: NDArray[np.bool_] = (limited >= 0.0).all(axis=1) & np.isfinite(q).all(axis=1)
         if (rows := np.flatnonzero(inside)).size:
             others = self.others(q[rows], poses[rows], limited[rows])
-            inside[rows] = (others >= 0.0).all(axis=1)
+            inside[rows] = np.all([margin >= 0.0 for margin in others.values()], axis=0)
         return inside
 
     def determinants(self, poses: Array) -> Array:
@@ -216,25 +214,22 @@ class LegMargins(PoseMargins):
         if not through and (rates := self.rates(q, pose[None])) is not None:
             self.sign = float(np.sign(numerics.determinants(rates)[0]))
 
-    def others_names(self) -> list[str]:
-        """What a leg reaches, and singular poses."""
-        names = [f"reach of leg{i + 1}" for i in range(len(self.chain.legs))]
-        return [*names, "reach", *["singularity"] * bool(self.sign)]
-
-    def others(self, q: Array, poses: Array, limited: Array) -> Array:  # noqa: ARG002
+    def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:  # noqa: ARG002
         """How short each leg is where the body does not get there, else 1; the determinant."""
-        known, legs = np.isfinite(q).all(axis=1), self.chain.legs
-        short = np.full((len(q), len(legs) + 1), np.inf)
-        for i, leg in enumerate(legs):
+        known, margins = np.isfinite(q).all(axis=1), dict[str, Array]()
+        reached = np.where(known, np.inf, -1.0)
+        for i, leg in enumerate(self.chain.legs):
             by = np.array([leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end])
-            short[~known, i] = np.where(by > 0.0, -by, np.inf)
-        short[~known, -1] = np.where((short[~known, :-1] < 0.0).any(axis=1), np.inf, -1.0)
-        if not self.sign:
-            return short
-        determinants = np.full(len(q), np.inf)
-        if known.any() and (rates := self.rates(q[known], poses)) is not None:
-            determinants[known] = self.sign * numerics.determinants(rates)
-        return np.column_stack([short, np.where(np.isnan(determinants), np.inf, determinants)])
+            short = margins[f"reach of leg{i + 1}"] = np.full(len(q), np.inf)
+            short[~known] = np.where(by > 0.0, -by, np.inf)
+            reached[short < 0.0] = np.inf
+        margins["reach"] = reached
+        if self.sign:
+            margins["singularity"] = np.full(len(q), np.inf)
+            if known.any() and (rates := self.rates(q[known], poses)) is not None:
+                determinants = self.sign * numerics.determinants(rates)
+                margins["singularity"][known] = np.nan_to_num(determinants, nan=np.inf)
+        return margins
 
     def reach(self, pose: Array) -> float:  # noqa: ARG002
         """As far as all links of a leg in a row, its slides at their ends."""
@@ -409,60 +404,47 @@ class Margins(PoseMargins):
             )
         self.is_slow = self.is_spread or isinstance(springs, FlexureStruts)
 
-    def others_names(self) -> list[str]:
-        """Tensions or forces, singular poses, struts that stand."""
-        names = []
-        if self.is_spread and self.tensions == "any":
-            names.append("tensions")
-        elif self.forces is not None:
-            legs = range(1, len(self.platform.points) + 1)
-            names += [f"force of leg{i}, {side}" for side in ("least", "most") for i in legs]
-        names += ["singularity"] * self._has_sides
-        return names + ["flexures"] * isinstance(self.springs, FlexureStruts)
-
-    @property
-    def _has_sides(self) -> bool:
-        return bool(self.sign) and len(self.platform.points) == 6
-
     def solved(self, poses: Array) -> Array:
         """Nothing: poses are what a platform's limits follow from."""
         return np.zeros((len(poses), 6))
 
-    def others(self, q: Array, poses: Array, limited: Array) -> Array:  # noqa: ARG002
+    def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:  # noqa: ARG002
         """Margins of tensions or forces, the determinant, whether struts stand."""
-        parts = [limited]
         _, lines = lines_at(self.platform, poses)
+        margins = dict[str, Array]()
         if self.forces is not None:
             t = self._tensions(poses)
             least, most = self.forces.T
             if self.is_spread and self.tensions == "any":
-                margins = wrench_margins(lines, _sums(lines, t), least, most)
+                room = wrench_margins(lines, _sums(lines, t), least, most)
                 # On the edge itself nothing more can be carried, as by cables without tension.
-                parts.append(np.where(margins > 0.0, margins, np.fmin(margins, -1.0))[:, None])
+                margins["tensions"] = np.where(room > 0.0, room, np.fmin(room, -1.0))
             else:
                 if self.is_spread:
                     t = self.middle_tensions(lines, _sums(lines, t))
                 t = np.where(np.isfinite(t), t, np.inf)
-                parts += [t - least, most - t]
-        if self._has_sides:
-            parts.append(self.sign * numerics.determinants(lines)[:, None])
+                for side, left in (("least", t - least), ("most", most - t)):
+                    margins |= {f"force of leg{i + 1}, {side}": x for i, x in enumerate(left.T)}
+        if self.sign and lines.shape[1] == 6:
+            margins["singularity"] = self.sign * numerics.determinants(lines)
         if isinstance(self.springs, FlexureStruts):
-            parts.append(self._standing(poses, np.hstack(parts), self.springs))
-        return np.hstack(parts)[:, limited.shape[1] :]
+            every = np.column_stack([limited, *margins.values()])
+            margins["flexures"] = self._standing(poses, every, self.springs)
+        return margins
 
     @staticmethod
     def _standing(poses: Array, others: Array, struts: FlexureStruts) -> Array:
-        """1 where all struts are stable, -1 where one has buckled or finds no balance (N, 1).
+        """1 where all struts are stable, -1 where one has buckled or finds no balance (N,).
 
         Asked only where all `others` are kept; infinity elsewhere.
         """
-        standing = np.full((len(poses), 1), np.inf)
+        standing = np.full(len(poses), np.inf)
         for rows in np.array_split(
             np.flatnonzero((others >= 0.0).all(axis=1)), len(poses) // 500 + 1
         ):
             at = struts.many(poses[rows], np.zeros((len(poses[rows]), 6)))
             stable = (at.is_found & at.is_stable).all(axis=1)
-            standing[rows, 0] = np.where(stable, 1.0, -1.0)
+            standing[rows] = np.where(stable, 1.0, -1.0)
         return standing
 
     def middle_tensions(self, lines: Array, asked: Array) -> Array:

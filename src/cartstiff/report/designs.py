@@ -12,6 +12,7 @@ from cartstiff.designs.run import Designs
 from cartstiff.errors import InputError, joined
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 
 #: Reasons that are listed.
@@ -32,7 +33,7 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
     """
     study, counts = designs.study, designs.counts()
     lines = [
-        f"{designs.mechanism}, {body_frame(designs.frames, designs.length_unit)}: "
+        f"{designs.home.name}, {body_frame(designs.home.mechanism)}: "
         f"{len(designs)} designs by {study.method.kind}, "
         f"{study.poses.count} pose(s) each",
         ", ".join(f"{n} {state}" for state, n in counts.items()),
@@ -41,7 +42,7 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
             for name, case in study.cases.items()
             if case.wrench is not None
         ),
-        designs.weighed.text,
+        gravity_loads(designs.home).text,
         "",
         "Objectives and constraints",
         *table(("name", "what", "unit", "wanted", "from", "to"), _asked(designs)),
@@ -162,7 +163,7 @@ def draw_designs(designs: Designs) -> Any:
                 own.set_major_formatter("{x:g}")  # texts are not read as formulas
                 own.set_minor_formatter("")
     figure.axes[0].legend(fontsize="small")
-    figure.suptitle(f"{len(designs)} designs of {designs.mechanism}", fontsize="medium")
+    figure.suptitle(f"{len(designs)} designs of {designs.home.name}", fontsize="medium")
     return figure
 
 

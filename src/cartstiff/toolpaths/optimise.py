@@ -239,12 +239,12 @@ class Choices:
     ----------
     free : {"none", "x", "y", "z", "rotation"}
         Rotation left free.
-    angles : ndarray (a,), or None
-        Turns about the tool's axis from the path's own pose (rad).
+    angles : ndarray (a,)
+        Turns about the tool's axis from the path's own pose (rad); one where they are no choice.
     joint : int or None
         The joint whose position is chosen.
-    positions : ndarray (b,), or None
-        Its positions.
+    positions : ndarray (b,)
+        Its positions; one where they are no choice.
     dimension : int
         Dimension of the self-motions, all choices together.
     size : float
@@ -252,67 +252,62 @@ class Choices:
     """
 
     free: Free
-    angles: Array | None
+    angles: Array
     joint: int | None
-    positions: Array | None
+    positions: Array
     dimension: int
     size: float = 1.0
 
     @property
     def shape(self) -> tuple[int, int]:
         """Number of angles and of positions, 1 where there is no choice."""
-        return _size(self.angles), _size(self.positions)
+        return len(self.angles), len(self.positions)
 
     @property
     def count(self) -> int:
         """Number of cells."""
-        return self.shape[0] * self.shape[1]
+        return len(self.angles) * len(self.positions)
+
+    @property
+    def turns(self) -> bool:
+        """Whether angles are a choice."""
+        return len(self.angles) > 1
 
     @property
     def is_grid(self) -> bool:
         """Whether the cells are values of every free choice, and a constant choice means one."""
-        count = (self.angles is not None) + (self.positions is not None)
-        return count == self.dimension > 0
+        return self.turns + (self.joint is not None) == self.dimension > 0
 
     def at(self, cell: int) -> dict[str, float]:
         """The choices of a cell: "angle" and "position", as far as they exist."""
-        a, b = divmod(cell, _size(self.positions))
-        values = {}
-        if self.angles is not None:
-            values["angle"] = float(self.angles[a])
-        if self.positions is not None:
-            values["position"] = float(self.positions[b])
-        return values
+        a, b = divmod(cell, len(self.positions))
+        values = {"angle": float(self.angles[a])} if self.turns else {}
+        return values if self.joint is None else {**values, "position": float(self.positions[b])}
 
     @property
     def task(self) -> Free:
         """Rotation that is free in a cell."""
-        return "none" if self.angles is not None else self.free
+        return "none" if self.turns else self.free
 
     def targets(self, pose: Array) -> Array:
         """Wanted poses (cells, 4, 4) at a point."""
-        if self.angles is None:
-            return np.broadcast_to(pose, (self.count, 4, 4))
-        turned = _turned_about(pose, self.free, self.angles)
-        return np.repeat(turned, _size(self.positions), axis=0)
+        turned = _turned_about(pose, self.free, self.angles) if self.turns else pose[None]
+        return np.repeat(turned, len(self.positions), axis=0)
 
     @property
     def position_spacing(self) -> float:
         """Distance of neighbouring positions, in natural sizes."""
-        v = self.positions
-        return 0.2 if v is None else float(v[1] - v[0]) / self.size
+        if self.joint is None:
+            return 0.2
+        return float(self.positions[1] - self.positions[0]) / self.size
 
     @property
     def spacing(self) -> float:
         """Distance of neighbouring cells, the larger of both; in rad and natural sizes."""
-        steps = [] if self.angles is None else [float(self.angles[1] - self.angles[0])]
-        if self.positions is not None:
+        steps = [float(self.angles[1] - self.angles[0])] if self.turns else []
+        if self.joint is not None or not steps:
             steps.append(self.position_spacing)
-        return max(steps, default=0.2)
-
-
-def _size(values: Array | None) -> int:
-    return 1 if values is None else len(values)
+        return max(steps)
 
 
 def _turned_about(poses: Array, axis: str, angle: Array) -> Array:
@@ -340,7 +335,7 @@ def choices_of(
         raise UnknownNameError("joint", redundant, names)
     if redundant is not None and left < 1:
         raise InputError(f"no joint is left over here: {redundant!r} cannot be chosen")
-    angles = positions = joint = None
+    angles, positions, joint = np.zeros(1), np.zeros(1), None
     if free in ("x", "y", "z") and dimension > left:
         angles = -np.pi + 2 * np.pi * np.arange(samples) / samples
     if left > 0 and free != "rotation" and isinstance(solver, JointPoses):
@@ -467,13 +462,13 @@ class _Cells:
         the cells on both sides of where it came to rest.
         """
         solver, grid = self.solver, self.grid
-        every = 1 if grid.positions is None else min(_EVERY, len(grid.positions))
+        every = min(_EVERY, len(grid.positions))
         cells = np.repeat(np.arange(0, grid.count, every), count + 1)
         q = solver.random_starts(len(cells), rng)
         if not len(q):  # a platform: one posture at every pose
             return Layer(np.tile(solver.start, (grid.count, 1)), np.arange(grid.count))
         q[:: count + 1] = np.clip(solver.start, solver.lower, solver.upper)
-        if grid.joint is None or grid.positions is None:
+        if grid.joint is None:
             return Layer(q, cells)
         q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance)
         q, cells = solver.within(q[good]), cells[good]
@@ -486,7 +481,7 @@ class _Cells:
         """Different solutions that starts lead to, each in its cell."""
         solver, grid = self.solver, self.grid
         q, cells, held = np.clip(begin.q, solver.lower, solver.upper), begin.cell, None
-        if grid.joint is not None and grid.positions is not None:
+        if grid.joint is not None:
             held = np.arange(q.shape[1]) == grid.joint
             q[:, grid.joint] = grid.positions[cells % len(grid.positions)]
         q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance, held)
@@ -502,7 +497,7 @@ class _Cells:
         Near where the sampled joint turns back on a self-motion, its positions are far apart.
         """
         solver, grid = self.solver, self.grid
-        if grid.positions is None or solver.redundancy("none") != 1:
+        if grid.joint is None or solver.redundancy("none") != 1:
             return layer
         b = len(grid.positions)
         spacing = grid.position_spacing

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.arrays import checked_array, plain
+from cartstiff.arrays import checked_array, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     InputError,
@@ -75,16 +75,17 @@ class Placement:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON; the grid's last axis runs fastest."""
-        return {
+        data = {
             "schema": SCHEMA,
-            "axes": plain(self.axes),
-            "worst": plain(self.worst.ravel()),
+            "axes": self.axes,
+            "worst": self.worst.ravel(),
             "codes": [None if not c else str(c) for c in self.codes.ravel()],
             "points": [int(p) or None for p in self.points.ravel()],
             "unusable": self.counts(),
             "place": self.place,
             "path": self.path.as_dict(),
         }
+        return plain_dict(data)
 
     def as_dataset(self) -> Any:
         """The grid as an xarray Dataset, with units as attributes.

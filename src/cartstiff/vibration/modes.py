@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
-from cartstiff.arrays import Array, Result, checked_input, fixed, plain
+from cartstiff.arrays import Array, Result, checked_input, fixed, plain, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.mechanisms.chain import Chain
@@ -387,35 +387,36 @@ class Modes(Result, ShownInLines):
         """The object of ``cartstiff modes --json``; complex numbers as [real, imaginary]."""
         elastic = self.elastic
         total = None if self._momentum is None else self._momentum[1]
-        return {
+        data = {
             "schema": MODES_SCHEMA,
             "mechanism": {
                 "name": elastic.name,
                 "kind": elastic.mechanism.kind,
-                "joints": list(elastic.names),
+                "joints": elastic.names,
             },
             **elastic.mechanism.frames_as_dict(),
             "order": "angular-linear",
             "units": elastic.units.as_dict(),
-            "q": plain(self.q),
-            "frequencies": plain(self.frequencies),
-            "eigenvalues": plain(self.squares),
-            "modes": plain(self.shapes.T),
-            "twists": plain(self.twists.T),
+            "q": self.q,
+            "frequencies": self.frequencies,
+            "eigenvalues": self.squares,
+            "modes": self.shapes.T,
+            "twists": self.twists.T,
             "nodal_axes": [_screw_dict(s) for s in self.nodal_axes],
             "repeated": [[i + 1 for i in g] for g in self.groups if len(g) > 1],
-            "participation": plain(self.participation),
-            "effective_masses": plain(self.effective_masses),
+            "participation": self.participation,
+            "effective_masses": self.effective_masses,
             "moving_mass": total,
-            "mass_matrix": self.full_mass.tolist(),
-            "stiffness_matrix": self.stiffness.tolist(),
-            "basis": self.basis.tolist(),
+            "mass_matrix": self.full_mass,
+            "stiffness_matrix": self.stiffness,
+            "basis": self.basis,
             "load": {k: v for k, v in self.load.items() if k != "words"},
             "weighed": [
                 {"name": name, "mass": mass} for name, mass in masses_that_move(elastic).items()
             ],
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
 
 def _screw_dict(screw: Screw) -> dict[str, Any]:
@@ -423,8 +424,8 @@ def _screw_dict(screw: Screw) -> dict[str, Any]:
     turns = bool(np.isfinite(screw.pitch))
     moves = bool(np.isfinite(screw.direction).all())
     return {
-        "direction": screw.direction.tolist() if moves else None,
-        "point": screw.point.tolist() if turns else None,
+        "direction": screw.direction if moves else None,
+        "point": screw.point if turns else None,
         "pitch": screw.pitch if turns else None,
     }
 

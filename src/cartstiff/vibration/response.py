@@ -30,7 +30,7 @@ from cartstiff.arrays import (
     checked_vector,
     csv_text,
     fixed,
-    plain,
+    plain_dict,
     real_array,
 )
 from cartstiff.choices import RESPONSES
@@ -229,18 +229,19 @@ class FrequencyResponse:
 
     def as_dict(self, direction: ArrayLike | None = None) -> dict[str, Any]:
         """Plain data: frequencies and curves as [real, imaginary]."""
-        return {
+        data = {
             "kind": self.kind,
             "unit": self.unit,
-            "frequencies": self.frequencies.tolist(),
-            "curves": plain(self.curves(direction)),
+            "frequencies": self.frequencies,
+            "curves": self.curves(direction),
             "damping": {
-                "ratios": plain(np.asarray(self.damping.ratios, float)),
+                "ratios": np.asarray(self.damping.ratios, float),
                 "rayleigh": [self.damping.mass, self.damping.stiffness],
                 "dampers": self.damping.dampers,
             },
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
 
 def frequency_response(

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check_level, quantile
-from cartstiff.arrays import Array, Result, checked_array, plain
+from cartstiff.arrays import Array, Result, checked_array, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
 from cartstiff.geometry.differences import derivative_with_error
@@ -347,25 +347,26 @@ class Sensitivities(Result):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data: derivatives per unit of each parameter, and Hz for one per cent."""
-        return {
+        data = {
             "left_out": self.left_out,
             "parameters": [
                 {
                     "name": name,
-                    "value": float(self.values[i]),
-                    "error": float(self.errors[i]),
+                    "value": self.values[i],
+                    "error": self.errors[i],
                     "stiffness": {letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()},
-                    "pose": plain(self.pose[i]),
-                    "frequencies": plain(self.frequencies[i]),
-                    "for_one_per_cent": plain(self.relative[i]),
+                    "pose": self.pose[i],
+                    "frequencies": self.frequencies[i],
+                    "for_one_per_cent": self.relative[i],
                 }
                 for i, name in enumerate(self.names)
             ],
         }
+        return plain_dict(data)
 
 
-def _matrix(values: Array) -> list[list[float]] | None:
-    return values.tolist() if np.isfinite(values).all() else None
+def _matrix(values: Array) -> Array | None:
+    return values if np.isfinite(values).all() else None
 
 
 @checked
@@ -495,20 +496,21 @@ class Accuracy:
         for quantity, sd in self.deviations.items():
             diagonal = [(i, i) if sd.ndim == 2 else (i,) for i in range(len(sd))]
             answer[quantity] = {
-                "nominal": plain(self.nominal[quantity]),
-                "deviation": plain(sd),
+                "nominal": self.nominal[quantity],
+                "deviation": sd,
                 "main": [
                     [{"name": n, "share": x} for n, x in self.main(quantity, i)] for i in diagonal
                 ],
             }
-        pairs = zip(self.names, self.spreads.tolist(), strict=True)
-        return {
+        pairs = zip(self.names, self.spreads, strict=True)
+        data = {
             "level": self.level,
             "factor": self.factor,
             "left_out": self.left_out,
             **answer,
             "parameters": [{"name": name, "deviation": x} for name, x in pairs],
         }
+        return plain_dict(data)
 
 
 @checked
