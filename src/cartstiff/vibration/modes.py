@@ -11,7 +11,7 @@ moves the stiffness: modes belong to one load, which every result names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -54,35 +54,33 @@ def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
     return masses
 
 
-def notes_on_masses(elastic: ElasticMechanism) -> list[Note]:
+def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
     """What is missing or cannot be meant among the masses, with names and numbers."""
     mechanism = elastic.mechanism
-    notes: list[Note] = []
     if isinstance(mechanism, Platform):
         if mechanism.struts is None:
             words = "the legs have no mass (legs.mass): real frequencies are lower"
-            notes.append(Note("massless-struts", words, {"legs": len(mechanism.points)}))
+            yield Note("massless-struts", words, {"legs": len(mechanism.points)})
         if mechanism.mass > 0.0 and not np.diag(mechanism.body_inertia)[:3].any():
             words = f"{mechanism.frame} is a point mass of {mechanism.mass:g} kg without inertia"
-            notes.append(Note("inertia-missing", words, {"links": [mechanism.frame]}))
-        return notes
+            yield Note("inertia-missing", words, {"links": [mechanism.frame]})
     if not isinstance(mechanism, Chain):
-        return notes
+        return
     model = mechanism.tree.model
     links = mechanism.tree.links()
     bodies = {links[j]: model.inertias[j] for j in sorted(links)}
     bare = [name for name, body in bodies.items() if not body.mass > 0.0]
     if bare:
         words = f"these links move and have no mass: {', '.join(bare)}"
-        notes.append(Note("massless-links", words, {"links": bare}))
+        yield Note("massless-links", words, {"links": bare})
     points = [name for name, body in bodies.items() if body.mass > 0.0 and not np.any(body.inertia)]
     if points:
         words = f"these links are point masses, without moments of inertia: {', '.join(points)}"
-        notes.append(Note("inertia-missing", words, {"links": points}))
+        yield Note("inertia-missing", words, {"links": points})
     for potential in elastic.potentials:
         if isinstance(potential, Beam):
-            notes.append(_on_beam(potential))
-    return notes + _absurd(mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0])
+            yield _on_beam(potential)
+    yield from _absurd(mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0])
 
 
 def _on_beam(beam: Beam) -> Note:
@@ -101,28 +99,27 @@ def _on_beam(beam: Beam) -> Note:
     return Note("beam-massless", words, values)
 
 
-def _absurd(chain: Chain, bodies: dict[str, object], metres: float) -> list[Note]:
+def _absurd(chain: Chain, bodies: dict[str, Any], metres: float) -> Iterator[Note]:
     """Masses and inertias that no such machine has; its unit of length is so many metres."""
     model = chain.tree.model
     steps = [float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]]
     size = metres * (sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3])))
     total = sum(float(body.mass) for body in list(model.inertias)[1:])
     if not (size > 0.0 and total > 0.0):
-        return []
-    notes = []
+        return
     if not _LIGHTEST < total / size**3 < _HEAVIEST:
         words = (
             f"{total:.4g} kg on links of {size:.4g} m in all are hardly meant: robots carry 1 to "
             "200 kg per cubic metre of that length (grams, or millimetres, in the file?)"
         )
-        heavy = max(bodies, key=lambda name: bodies[name].mass)  # type: ignore[attr-defined]
+        heavy = max(bodies, key=lambda name: bodies[name].mass)
         values = {"mass": total, "length": size, "heaviest": heavy}
-        notes.append(Note("implausible-mass", words, values))
+        yield Note("implausible-mass", words, values)
     for name, body in bodies.items():
-        mass = float(body.mass)  # type: ignore[attr-defined]
+        mass = float(body.mass)
         if not mass > 0.0:
             continue
-        moments = np.linalg.eigvalsh(np.array(body.inertia))  # type: ignore[attr-defined]
+        moments = np.linalg.eigvalsh(np.array(body.inertia))
         values = {"link": name, "mass": mass, "moments": moments.tolist()}
         radius = metres * float(np.sqrt(max(moments[2], 0.0) / mass))
         if radius > size:
@@ -130,19 +127,18 @@ def _absurd(chain: Chain, bodies: dict[str, object], metres: float) -> list[Note
                 f"the inertia of {name!r} belongs to a body of {radius:.4g} m, larger than the "
                 f"robot's {size:.4g} m"
             )
-            notes.append(Note("inertia-absurd", words, values))
+            yield Note("inertia-absurd", words, values)
         elif moments[0] < 0.0 or moments[0] + moments[1] < (1 - numerics.NEARBY) * moments[2]:
             words = (
                 f"no body has the moments of inertia of {name!r}: one is negative or larger than "
                 "the other two together"
             )
-            notes.append(Note("inertia-absurd", words, values))
-    return notes
+            yield Note("inertia-absurd", words, values)
 
 
 def notes_on_states(
     squares: Array, shapes: Array, groups: Sequence[Sequence[int]], basis: Array, spectrum: Spectrum
-) -> list[Note]:
+) -> Iterator[Note]:
     """What is to be known of modes beside their frequencies.
 
     Parameters
@@ -158,19 +154,17 @@ def notes_on_states(
     spectrum : Spectrum
         The solutions.
     """
-    notes: list[Note] = []
     zero = np.flatnonzero(squares == 0.0)
     if zero.size:
         words = f"{zero.size} motion(s) cost no energy: free motions, of frequency 0"
         values = {"modes": (zero + 1).tolist(), "shapes": shapes[:, zero].real.T.tolist()}
-        notes.append(Note("free-motion", words, values))
+        yield Note("free-motion", words, values)
     if np.iscomplexobj(squares):
         pairs = np.flatnonzero(np.abs(squares.imag) > 0.0)
         words = "motions meet and grow as they swing (flutter): the rest state is unstable"
         swing = np.sqrt(squares[pairs]).real / (2 * np.pi)
-        notes.append(
-            Note("flutter", words, {"modes": (pairs + 1).tolist(), "frequencies": swing.tolist()})
-        )
+        values = {"modes": (pairs + 1).tolist(), "frequencies": swing.tolist()}
+        yield Note("flutter", words, values)
     negative = np.flatnonzero((squares.real < 0.0) & (np.abs(squares.imag) == 0.0))
     if negative.size:
         words = "the rest state is unstable: the mechanism leaves it along these motions"
@@ -179,7 +173,7 @@ def notes_on_states(
             "growth": np.sqrt(-squares.real[negative]).tolist(),
             "shapes": shapes[:, negative].real.T.tolist(),
         }
-        notes.append(Note("unstable", words, values))
+        yield Note("unstable", words, values)
     for group in groups:
         if len(group) > 1 and squares[group[0]] != 0.0:
             numbers = ", ".join(str(i + 1) for i in group)
@@ -187,22 +181,21 @@ def notes_on_states(
                 f"modes {numbers} have one frequency: they are a subspace, and any motion in "
                 "it is a mode"
             )
-            notes.append(Note("repeated-modes", words, {"modes": [i + 1 for i in group]}))
+            yield Note("repeated-modes", words, {"modes": [i + 1 for i in group]})
     if spectrum.following.shape[1]:
         words = (
             f"{spectrum.following.shape[1]} motion(s) have stiffness and no mass: they follow the "
             "others at once and have no frequency of their own"
         )
         values = {"shapes": (basis @ spectrum.following).T.tolist()}
-        notes.append(Note("massless-motion", words, values))
+        yield Note("massless-motion", words, values)
     if spectrum.loose.shape[1]:
         words = (
             f"{spectrum.loose.shape[1]} motion(s) have neither mass nor stiffness: nothing says "
             "how they move, and they are left out"
         )
         values = {"shapes": (basis @ spectrum.loose).T.tolist()}
-        notes.append(Note("massless-free-motion", words, values))
-    return notes
+        yield Note("massless-free-motion", words, values)
 
 
 #: Name and version of the form of `Modes.as_dict`.
