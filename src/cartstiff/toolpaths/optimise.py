@@ -577,6 +577,8 @@ class Judged(NamedTuple):
 
     Attributes
     ----------
+    q : ndarray (N, n)
+        Coordinates.
     value : ndarray (N,)
         The quantity, NaN where it does not exist.
     cost : ndarray (N,)
@@ -589,10 +591,15 @@ class Judged(NamedTuple):
         Jacobian is not square (or not on the motions that the mechanism has).
     """
 
+    q: Array
     value: Array
     cost: Array
     ratio: Array
     side: Array
+
+    def taken(self, rows: Array | int) -> Judged:
+        """Some of them, or one."""
+        return Judged(*(each[rows] for each in self))
 
 
 def criteria() -> dict[str, Quantity]:
@@ -687,7 +694,7 @@ class PathCost:
         count = len(q)
         value, ratio = np.full(count, np.nan), np.full(count, np.nan)
         if not count:
-            return Judged(value, value, ratio, ratio)
+            return Judged(q, value, value, ratio, ratio)
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
         load = self._loads(points, poses) if self.loaded else None
         answers = analyse_many(
@@ -718,7 +725,7 @@ class PathCost:
         with np.errstate(divide="ignore", invalid="ignore"):
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
-        return Judged(value, cost, ratio, side)
+        return Judged(q, value, cost, ratio, side)
 
     def _loads(self, points: Array, poses: Array) -> Array:
         """Wrenches (N, 6) in body components, about the point at which they act."""
@@ -1303,111 +1310,94 @@ class _Search:
         poses = self.solver.kinematics.at(q).pose
         return self.cost(q, points, poses), poses
 
-    def _costs(self, q: list[Array]) -> tuple[list[Judged], list[Array]]:
-        """Judgement of each layer, and costs with what is near singularities ruled out."""
+    def _layers(self, q: list[Array]) -> list[Judged]:
+        """Judgement of each layer, with what is near singularities ruled out."""
         counts = [len(rows) for rows in q]
-        points = np.repeat(np.arange(len(q)), counts)
-        whole, _ = self.judged(np.vstack(q), points)
+        whole, _ = self.judged(np.vstack(q), np.repeat(np.arange(len(q)), counts))
+        whole = whole._replace(cost=np.where(whole.ratio < self.singular, np.inf, whole.cost))
         ends = np.cumsum(counts)[:-1]
-        split = [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
-        costs = [np.where(j.ratio < self.singular, np.inf, j.cost) for j in split]
-        return split, costs
+        return [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
 
-    def _free_of_collisions(self, q: list[Array], costs: list[Array]) -> list[Array]:
-        """Costs with what collides ruled out as well."""
+    def _free_of_collisions(self, layers: list[Judged]) -> list[Judged]:
+        """Layers with what collides ruled out as well."""
         free = []
-        for point, (rows, cost) in enumerate(zip(q, costs, strict=True)):
+        for point, layer in enumerate(layers):
             self.advance()
             if self.collisions is not None:
-                usable = np.flatnonzero(np.isfinite(cost))
-                cost = cost.copy()
-                cost[usable[self.collisions(rows[usable])]] = np.inf
+                usable, cost = np.flatnonzero(np.isfinite(layer.cost)), layer.cost.copy()
+                cost[usable[self.collisions(layer.q[usable])]] = np.inf
                 if usable.size and not np.isfinite(cost).any():
                     raise colliding(point, len(usable))
-            free.append(cost)
+                layer = layer._replace(cost=cost)
+            free.append(layer)
         return free
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
         """Best postures (m, n) among candidates, and the best constant choice."""
-        q, cells = [c.q for c in candidates], [c.cell for c in candidates]
-        judged, costs = self._costs(q)
-        for point, cost in enumerate(costs):
-            if not np.isfinite(cost).any():
-                pose, ratios = self.path.poses[point], judged[point].ratio
+        layers = self._layers([c.q for c in candidates])
+        for point, layer in enumerate(layers):
+            if not np.isfinite(layer.cost).any():
+                pose = self.path.poses[point]
                 raise impossible(
-                    self.cost.elastic, self.solver, point, pose, self.grid, ratios, self.singular
+                    self.cost.elastic,
+                    self.solver,
+                    point,
+                    pose,
+                    self.grid,
+                    layer.ratio,
+                    self.singular,
                 )
-        costs = self._free_of_collisions(q, costs)
-        self.price = self.smoothness * float(np.mean([cost.min() for cost in costs]))
-        sides = [j.side for j in judged]
-        way = self._way(q, costs, sides)
+        layers = self._free_of_collisions(layers)
+        self.price = self.smoothness * float(np.mean([layer.cost.min() for layer in layers]))
+        way = self._way(layers)
         if isinstance(way, UndefinedError):
             raise way
-        return way[0], self._constant(q, cells, costs, judged)
+        return way[0], self._constant(layers, [c.cell for c in candidates])
 
-    def _constant(
-        self, q: list[Array], cells: list[Array], costs: list[Array], judged: list[Judged]
-    ) -> ConstantChoice | None:
+    def _constant(self, layers: list[Judged], cells: list[Array]) -> ConstantChoice | None:
         if not self.grid.is_grid:
             return None
         best: tuple[float, ConstantChoice] | None = None
-        least = np.full((len(costs), self.grid.count), np.inf)
-        for row, cost, cell in zip(least, costs, cells, strict=True):
-            np.minimum.at(row, cell[cell >= 0], cost[cell >= 0])
+        least = np.full((len(layers), self.grid.count), np.inf)
+        for row, layer, cell in zip(least, layers, cells, strict=True):
+            np.minimum.at(row, cell[cell >= 0], layer.cost[cell >= 0])
         # No way through a cell costs less than its cheapest candidates.
-        bounds = least.max(axis=0) if self.objective == "worst" else least.sum(axis=0)
-        sides = [j.side for j in judged]
+        size_of = np.max if self.objective == "worst" else np.sum
+        bounds = size_of(least, axis=0)
         for cell in np.argsort(bounds, kind="stable"):
             if not bounds[cell] < (np.inf if best is None else best[0]):
                 break
-            own = [np.flatnonzero(c == cell) for c in cells]
-            way = self._way(
-                *(
-                    [a[rows] for a, rows in zip(every, own, strict=True)]
-                    for every in (q, costs, sides)
-                )
-            )
+            own = [layer.taken(c == cell) for layer, c in zip(layers, cells, strict=True)]
+            way = self._way(own)
             if isinstance(way, UndefinedError):
                 continue
-            rows = [r[k] for r, k in zip(own, way[1], strict=True)]
-            taken = np.array([c[k] for c, k in zip(costs, rows, strict=True)])
-            size = float(taken.max() if self.objective == "worst" else taken.sum())
+            size = float(size_of([one.cost for one in way[1]]))
             if best is None or size < best[0]:
-                values = np.array([j.value[k] for j, k in zip(judged, rows, strict=True)])
+                values = np.array([one.value for one in way[1]])
                 best = size, ConstantChoice(self.grid.at(int(cell)), way[0], values)
         return None if best is None else best[1]
 
-    def _way(
-        self, q: list[Array], costs: list[Array], sides: list[Array]
-    ) -> tuple[Array, list[int]] | UndefinedError:
-        """Postures and indices of the best way, or the reason why there is none.
+    def _way(self, layers: list[Judged]) -> tuple[Array, list[Judged]] | UndefinedError:
+        """Postures of the best way, and what is taken of each layer; or why there is none.
 
         Whole turns are left out of the comparison first: joints turn on as far as their limits let
         them. If they do not let one follow the way that was found, its turns become candidates of
         their own, and the way is sought anew.
         """
-        periodic, index = self.solver.periodic.copy(), [np.arange(len(rows)) for rows in q]
+        periodic = self.solver.periodic.copy()
         while True:
-            costs_now = [c[rows] for c, rows in zip(costs, index, strict=True)]
-            sides_now = [s[rows] for s, rows in zip(sides, index, strict=True)]
-            steps = self.steps(q, periodic, sides_now)
-            way, _ = best_way(costs_now, steps, self.objective)
+            costs, steps = [layer.cost for layer in layers], self.steps(layers, periodic)
+            way, _ = best_way(costs, steps, self.objective)
             if way is None:
                 wound = self.solver.periodic & ~periodic
-                return broken(
-                    costs_now,
-                    steps,
-                    self.bounds,
-                    [self.cost.elastic.names[j] for j in wound.nonzero()[0]],
-                )
-            picked = np.array([rows[k] for rows, k in zip(q, way, strict=True)])
-            followed, wound = self._turned_on(picked, periodic)
+                names = [self.cost.elastic.names[j] for j in wound.nonzero()[0]]
+                return broken(costs, steps, self.bounds, names)
+            taken = [layer.taken(k) for layer, k in zip(layers, way, strict=True)]
+            followed, wound = self._turned_on(np.array([one.q for one in taken]), periodic)
             if not wound.any():
-                return followed, [int(rows[k]) for rows, k in zip(index, way, strict=True)]
+                return followed, taken
             periodic = periodic & ~wound
-            expanded = [self._all_turns(rows, wound) for rows in q]
-            q = [rows for rows, _ in expanded]
-            index = [old[rows] for old, (_, rows) in zip(index, expanded, strict=True)]
+            layers = [self._all_turns(layer, wound) for layer in layers]
 
     def _turned_on(self, q: Array, periodic: Array) -> tuple[Array, Array]:
         """Coordinates without jumps of whole turns, and the joints whose limits forbid that."""
@@ -1422,22 +1412,20 @@ class _Search:
                 q[:, j] += 2 * np.pi * np.clip(0.0, least, most)
         return q, wound
 
-    def _all_turns(self, q: Array, joints: Array) -> tuple[Array, Array]:
-        """Postures with all turns of some joints within their limits, and the rows they are of."""
-        rows = np.arange(len(q))
+    def _all_turns(self, layer: Judged, joints: Array) -> Judged:
+        """Postures with all turns of some joints within their limits."""
         for j in np.flatnonzero(joints):
             low, high = self.solver.lower[j], self.solver.upper[j]
             turns = np.arange(np.ceil((low - high) / (2 * np.pi)), (high - low) / (2 * np.pi) + 1)
-            more = np.repeat(q, len(turns), axis=0)
-            more[:, j] += 2 * np.pi * np.tile(turns, len(q))
-            inside = (more[:, j] >= low) & (more[:, j] <= high)
-            rows = np.repeat(rows, len(turns))[inside]
-            q = more[inside]
-        return q, rows
+            more = layer.taken(np.repeat(np.arange(len(layer.q)), len(turns)))
+            more.q[:, j] += 2 * np.pi * np.tile(turns, len(layer.q))
+            layer = more.taken((more.q[:, j] >= low) & (more.q[:, j] <= high))
+        return layer
 
-    def steps(self, q: list[Array], periodic: Array, sides: list[Array]) -> Steps:
+    def steps(self, layers: list[Judged], periodic: Array) -> Steps:
         """What steps from layer to layer cost."""
-        return Steps(q, periodic, self.bounds, self.price, sides if self.singular > 0 else None)
+        sides = [layer.side for layer in layers] if self.singular > 0 else None
+        return Steps([layer.q for layer in layers], periodic, self.bounds, self.price, sides)
 
     def refined(self, q: Array) -> Array:
         """Postures moved along their self-motions, by steps that are halved again and again."""
@@ -1457,12 +1445,12 @@ class _Search:
             begin = np.clip(begin, self.solver.lower, self.solver.upper)
             solved, good = self.solver.solve(self.path.poses[points], begin, self.grid.free)
             around = [np.vstack([q[i], solved[good & (points == i)]]) for i in range(m)]
-            judged, costs = self._costs(around)
+            layers = self._layers(around)
+            costs = [layer.cost for layer in layers]
             if self.collisions is not None:
                 for rows, cost in zip(around, costs, strict=True):
                     cost[self.collisions(rows)] = np.inf
-            steps = self.steps(around, never, [j.side for j in judged])
-            way, _ = best_way(costs, steps, self.objective)
+            way, _ = best_way(costs, self.steps(layers, never), self.objective)
             if way is not None:  # the present postures are among them, so there is one
                 q = np.array([rows[k] for rows, k in zip(around, way, strict=True)])
             step *= 0.5

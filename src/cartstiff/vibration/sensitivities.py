@@ -174,19 +174,17 @@ class Home:
 
     def _row(self, name: str, share: float, modes: Modes | None) -> Row:
         natural = self.parameters.size(name)
-        shapes: list[tuple[int, ...]] = []
+        here = self._observed(modes)
         self._seen = {}
 
         def seen(change: float) -> Array:
             parts = _observed(self.at(name, change), modes is not None)
-            shapes[:] = [part.shape for part in parts]
             return np.concatenate([part.ravel() for part in parts])
 
-        slope, error = derivative_with_error(seen, share * natural)
-        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
+        ends = np.cumsum([there.size for there in here])[:-1]
         slopes, errors = (
-            [x.reshape(shape) for x, shape in zip(np.split(flat, ends), shapes, strict=True)]
-            for flat in (slope, error)
+            [x.reshape(there.shape) for x, there in zip(np.split(flat, ends), here, strict=True)]
+            for flat in derivative_with_error(seen, share * natural)
         )
         (dK, dT, dH, dM, dC) = slopes
         R = self.nominal.pose[:3, :3]
@@ -194,7 +192,6 @@ class Home:
         pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
         squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM, dC)
         # A matrix that does not depend on the parameter is compared with itself.
-        here = self._observed(modes)
         off = effect = 0.0
         for x, e, there in zip(slopes, errors, here, strict=True):
             size = max(_largest(x), _largest(there) / natural)
