@@ -495,15 +495,12 @@ def modes(
         is_loaded = wrench is not None
         own = not is_loaded and subject.may_be_loaded
         kind = checked_load(load_kind, load_at, load_axes, is_loaded, own)
-        if wrench is not None or load_kind != "dead" or np.any(load_at) or load_axes != "body":
-            load: dict[str, Any] = {
-                "wrench": wrench,
-                "load_kind": load_kind,
-                "load_axes": load_axes,
-                "load_at": load_at if np.any(load_at) else (0.0, 0.0, 0.0),
-            }
-        else:
-            load = {}
+        load: dict[str, Any] = {
+            "wrench": wrench,
+            "load_kind": load_kind,
+            "load_axes": load_axes,
+            "load_at": load_at,
+        }
         if is_plain(subject):
             return _plain(subject, q, load, kind)
         subject = analyse(subject, q, **load)
@@ -595,7 +592,7 @@ def _plain(
     natural = k * columns * columns
     K = terms = np.diag(natural)
     rested = None
-    if load.get("wrench") is not None:
+    if load["wrench"] is not None:
         W = checked_input(load["wrench"], (6,), "wrench")
         W = wrench_in_body(W, posture.pose, kind.at, load["load_axes"])
         if W.any():
