@@ -166,7 +166,7 @@ class PoseMargins:
         """Which poses (N,) are within all limits."""
         q = self.solved(poses)
         limited = self._limited(q, poses)
-        inside: NDArray[np.bool_] = (limited >= 0.0).all(axis=1) & np.isfinite(q).all(axis=1)
+        inside = np.asarray((limited >= 0.0).all(axis=1) & np.isfinite(q).all(axis=1))
         if (rows := np.flatnonzero(inside)).size:
             others = self.others(q[rows], poses[rows], limited[rows])
             inside[rows] = np.all([margin >= 0.0 for margin in others.values()], axis=0)
@@ -394,7 +394,8 @@ class Margins(PoseMargins):
             raise InputError(
                 "unknown distribution of tensions", expected=" or ".join(TENSIONS), got=tensions
             )
-        if tensions != "any" and not (self.is_spread and np.isfinite(self.forces).all()):
+        forces = self.forces if self.is_spread else None
+        if tensions != "any" and (forces is None or not np.isfinite(forces).all()):
             raise InputError(
                 "the middle of the limits exists for cables, or more than six legs, with least and "
                 "largest tensions",
@@ -1257,8 +1258,8 @@ def workspace(
                     expected="legs.force or cables",
                 )
             margins.load = carried(kind, checked_input(wrench, (6,), "wrench"), load_axes, pose)
-        if (singular := singular_note(margins, pose)) is not None:
-            return Workspace(elastic, pose, notes=(*notes, singular))
+        if (everywhere := singular_note(margins, pose)) is not None:
+            return Workspace(elastic, pose, notes=(*notes, everywhere))
         if not margins.names:
             raise InputError(
                 "no limits: every pose is within them",
