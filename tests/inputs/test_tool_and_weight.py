@@ -141,13 +141,13 @@ def test_every_command_takes_them(arm, tmp_path):
 
 
 def test_pages_start_with_the_load_that_was_stated(arm):
-    from cartstiff.cli.options import LoadRequest, MechanismRequest
-    from cartstiff.cli.view import source_from_options
+    from cartstiff.cli.options import Load, Robot
+    from cartstiff.cli.view import Shown
     from cartstiff.page.session import Session
 
-    request = MechanismRequest(str(arm), tcp=list(TCP), payload=[2.0], wrench=[0, 0, 0, 0, 0, -100])
-    applied = LoadRequest([0, 0, 0.05], True, "follower")
-    source = source_from_options(request, applied, None, None, None)
+    robot = Robot(str(arm), tcp=list(TCP), payload=[2.0])
+    load = Load([0, 0, 0, 0, 0, -100], [0, 0, 0.05], True, "follower")
+    source = Shown().source(robot, load)
     state = Session(source).start
     assert (state.load_axes, state.load_kind) == ("inertial", "follower")
     assert state.load_at == (0, 0, 0.05)

@@ -123,7 +123,7 @@ def test_pictures(seam, tmp_path):
         ((*LOAD, "--free-axis", "w"), "--free-axis"),
         ((*LOAD, "--free-axis", "z", "--free-rotation"), "not both"),
         ((*LOAD, "--free-rotation"), "cannot all be free"),
-        ((*LOAD, "--plot-places", "a.png"), "goes with --place"),
+        ((*LOAD, "--plot-places", "a.png"), "is for --place"),
         ((*LOAD, "--plot", "a.txt"), "unknown file ending"),
         ((*LOAD, "--csv", "no/such/folder.csv"), "no such folder"),
         ((*LOAD, "--place", "x=0:1"), "NAME=LOW:HIGH:COUNT"),

@@ -5,157 +5,88 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
-from cartstiff.choices import AXES, AXES_WORDS, LEVELS, ORDERS
+from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Order
+from cartstiff.cli.declare import Taking, declared
 from cartstiff.cli.options import (
-    DIRECTION,
-    POINT,
-    TOLERANCE,
-    WRENCH,
-    LoadRequest,
-    MechanismRequest,
+    Direction,
+    Load,
     Number,
     Numbers,
+    Output,
     OutputFile,
-    UnitsCommand,
-    Values,
+    Point,
+    Robot,
+    Tolerance,
+    Wrench,
     add_sensitivities,
-    checked_tolerance,
-    choice,
-    command_option,
-    count,
-    explain_option,
-    file_option,
-    flag,
-    gathered,
-    json_option,
-    load_options,
-    mechanism_options,
-    only_with,
-    option,
-    option_group,
-    sensitivities_option,
 )
-from cartstiff.cli.output import Progress, json_text, say, wants_json
+from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError
-from cartstiff.matrix_names import LETTERS
+from cartstiff.matrix_names import Letter
 
 if TYPE_CHECKING:
     from cartstiff.cli.tables import Target
     from cartstiff.stiffness.compute import PostureStiffness
 
 
-_reading_options = option_group(
-    choice(
-        "--analysis level",
-        LEVELS,
-        "How much of the analysis to print; with --json: none leaves it out.",
-        default="short",
-    ),
-    choice(
-        "--connection",
-        LETTERS,
-        "The matrix that is analysed; default under a load: load, the tangent stiffness under "
-        "it (see --load-kind, --load-at). Without a load all are the same.",
-    ),
-    option(
-        "--report-at", POINT, "Point of the body, in its frame, for which the analysis is given."
-    ),
-    option(
-        "--direction",
-        DIRECTION,
-        "Also print the stiffness along and about this direction, in the body's axes.",
-    ),
-    option(
-        "--added-load",
-        WRENCH,
-        "Linear deflection under this wrench, in the body's axes, added to the load; "
-        "default the load itself.",
-    ),
-    option(
-        "--added-load-at",
-        POINT,
-        "Point of the body, in its frame, at which the wrench of --added-load acts; "
-        "default the point of --report-at.",
-    ),
-    option(
-        "--length",
-        Number("L", power=1, above_zero=True),
-        "Characteristic length that makes angles comparable with lengths.",
-    ),
-    option(
-        "--inertia",
-        Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
-        "Rigid body with its mass centre at the point, in kg and kg m^2; adds natural "
-        "frequencies and takes its radius of gyration as the characteristic length.",
-    ),
-    option(
-        "--tolerance",
-        TOLERANCE,
-        "Standard deviations: relative of every spring stiffness, absolute of every length "
-        "(and rotation, rad) of the geometry.",
-    ),
-    count(
-        "--samples",
-        "Propagate the tolerances by N random draws; 0, the default: to first order.",
-        0,
-        metavar="N",
-    ),
-    file_option(
-        "--target",
-        "Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the "
-        "joint stiffness that produces it under the load. A .json may name its order, units and "
-        "frame.",
-        metavar="FILE",
-    ),
-    choice(
-        "--target-order",
-        ORDERS,
-        "Order of the target's rows and columns; default what its file says, else "
-        f"{ORDERS[0]} (rotation before translation).",
-    ),
-)
-
-
 @dataclass(frozen=True)
-class AnalysisRequest:
-    """Values of `analysis_options`, checked."""
+class Reading:
+    """What is read from the matrix.
 
-    level: str
-    connection: str | None
-    report_at: list[float] | None
-    direction: list[float] | None
-    added_load: list[float] | None
-    added_load_at: list[float] | None
-    length: float | None
-    inertia: list[float] | None
-    tolerance: list[float] | None
-    samples: int | None
-    target: Path | None
-    target_order: str | None
-    world: bool = False
+    Parameters
+    ----------
+    level
+        How much of the analysis to print; with --json: none leaves it out.
+    connection
+        The matrix that is analysed; default under a load: load, the tangent stiffness under it (see
+        --load-kind, --load-at). Without a load all are the same.
+    report_at
+        Point of the body, in its frame, for which the analysis is given.
+    direction
+        Also print the stiffness along and about this direction, in the body's axes.
+    added_load
+        Linear deflection under this wrench, in the body's axes, added to the load; default the load
+        itself.
+    added_load_at
+        Point of the body, in its frame, at which the wrench of --added-load acts; default the point
+        of --report-at.
+    length
+        Characteristic length that makes angles comparable with lengths.
+    inertia
+        Rigid body with its mass centre at the point, in kg and kg m^2; adds natural frequencies and
+        takes its radius of gyration as the characteristic length.
+    tolerance
+        Standard deviations: relative of every spring stiffness, absolute of every length (and
+        rotation, rad) of the geometry.
+    samples : N
+        Propagate the tolerances by N random draws; 0, the default: to first order.
+    target : FILE
+        Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint stiffness
+        that produces it under the load. A .json may name its order, units and frame.
+    target_order
+        Order of the target's rows and columns; default what its file says, else angular-linear
+        (rotation before translation).
+    """
 
-    def __post_init__(self) -> None:
-        """Refuse what does not go together, and zeros."""
-        if self.added_load is None:
-            only_with("added-load", added_load_at=self.added_load_at)
-        if self.tolerance is None:
-            only_with("tolerance", samples=self.samples)
-        if self.target is None:
-            only_with("target", target_order=self.target_order)
-        if self.direction is not None and not any(self.direction):
-            raise InputError("must not be zero", where="--direction", got=self.direction)
-        checked_tolerance(self.tolerance)
-        if self.samples == 1:
-            raise InputError(
-                "cannot be used", where="--samples", expected="0, or 2 and more", got="1"
-            )
+    level: Annotated[Literal["full", "short", "none"], "--analysis"] = "short"
+    connection: Letter | None = None
+    report_at: Point = None
+    direction: Direction = None
+    added_load: Wrench = None
+    added_load_at: Point = None
+    length: Annotated[float | None, Number("L", power=1, above_zero=True)] = None
+    inertia: Annotated[list[float] | None, Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True)] = None
+    tolerance: Tolerance = None
+    samples: Annotated[int | None, click.IntRange(0)] = None
+    target: Path | None = None
+    target_order: Order | None = None
 
     @cached_property
     def wanted(self) -> Target | None:
@@ -166,15 +97,7 @@ class AnalysisRequest:
 
         return read_target(self.target, self.target_order)
 
-    def _in_body(self, components: list[float] | None, result: PostureStiffness) -> Any:
-        """Three components, or twice three, in the body's axes."""
-        if components is None or not self.world:
-            return components
-        import numpy as np
-
-        return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
-
-    def run(self, result: PostureStiffness, springs: bool) -> dict[str, Any]:
+    def run(self, result: PostureStiffness, springs: bool, world: bool) -> dict[str, Any]:
         """The analysis; `springs` that give the matrix are looked for where they are shown.
 
         A terminal shows a progress bar while tolerances are propagated.
@@ -184,6 +107,12 @@ class AnalysisRequest:
         from cartstiff.analysis.posture import analyse_posture
         from cartstiff.geometry.se3 import pose
         from cartstiff.mechanisms.contract import SI, convert_length
+
+        def in_body(components: list[float] | None) -> Any:
+            """Three components, or twice three, in the body's axes."""
+            if components is None or not world:
+                return components
+            return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
 
         mass = inertia = tolerances = None
         if self.tolerance is not None:
@@ -202,8 +131,8 @@ class AnalysisRequest:
                     mass=mass,
                     inertia=inertia,
                     at=None if self.report_at is None else pose(translation=self.report_at),
-                    direction=self._in_body(self.direction, result),
-                    wrench=self._in_body(self.added_load, result),
+                    direction=in_body(self.direction),
+                    wrench=in_body(self.added_load),
                     wrench_at=self.added_load_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
@@ -224,102 +153,88 @@ class AnalysisRequest:
         return answer
 
 
-#: What is read from the matrix: an `AnalysisRequest`, the command's keyword ``analysis``.
-analysis_options = gathered(_reading_options, "analysis", AnalysisRequest)
-
-
 #: One posture by itself: machine code serves those who ask again and again.
 ENGINE = "engine, one posture (with its first use)"
-_EPILOG = """\b
-Examples:
-  cartstiff analyse stewart-gough --json
-  cartstiff analyse ur5 --load 0,0,0,0,0,-100
-  cartstiff analyse panda --q 0,-0.8,0,-2.4,0,1.6,0.8 --frame panda_hand
-  cartstiff analyse my_arm.urdf --stiffness 20000 --frame tool
-  cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
-  cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
-  cartstiff analyse ur5 --analysis full --report-at 0,0,0.1 --length 0.2
-  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --added-load 0,0,0,10,0,0
-  cartstiff analyse flexure-hexapod -o stiffness.nas
-  cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
-  cartstiff analyse cubic --sensitivities --json
-  cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
-"""
+_ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
 
 
-_options = option_group(
-    json_option,
-    option(
-        "-o --output",
-        OutputFile(
-            "FILE",
-            ".json",
-            ".npz",
-            ".nas",
-            ".bdf",
-            ".xml",
-            ".dat",
-            ".csv",
-            ".urdf",
-        ),
-        "Also write the result: .json, .npz; its stiffness, and a platform's mass, for "
-        "Nastran (.nas, .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of "
-        "Nastran (.dat); the geometry as a table (.csv), or as a tree (.urdf) with a mechanism "
-        "file beside it that closes its loops.",
-    ),
-    flag(
-        "--relax",
-        "If no wrench can balance the posture, move the joints until one can; the body stays.",
-    ),
-    choice(
-        "--order",
-        ORDERS,
-        "Also print the matrices as a controller has them: linear-angular is translation first.",
-    ),
-    choice(
-        "--axes",
-        AXES,
-        "Also print the matrices along these axes, about the body frame's origin: of the "
-        "robot's own base, of the body frame, or of the room (world).",
-    ),
-    sensitivities_option,
-    explain_option,
-    flag("--strict", "Exit with code 3 if a quantity does not exist."),
+@declared(
+    "analyse",
+    needs={
+        "load added_load direction": "world",
+        "added_load": "added_load_at",
+        "tolerance": "samples",
+        "target": "target_order",
+    },
+    apart=("load rest",),
 )
-
-
-@click.command(name="analyse", cls=UnitsCommand, epilog=_EPILOG)
-@mechanism_options(
-    load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
-    "axes; rest positions are chosen so that the springs balance it."
-)
-@load_options("--load, --added-load and --direction")
-@command_option
-@analysis_options
-@_options
 def command(
-    request: MechanismRequest,
-    applied: LoadRequest,
-    told: Values | None,
-    output: Path | None,
-    relax: bool,
-    order: str | None,
-    axes: str | None,
-    sensitivities: bool,
-    profile: bool,
-    strict: bool,
-    analysis: AnalysisRequest,
+    robot: Robot,
+    load: Load,
+    reading: Reading,
+    out: Annotated[Output, Taking("csv plot")],
+    *,
+    output: Annotated[Path | None, OutputFile("FILE", *_ENDINGS)] = None,
+    relax: bool = False,
+    order: Order | None = None,
+    axes: Axes | None = None,
+    sensitivities: bool = False,
+    profile: bool = False,
+    strict: bool = False,
 ) -> None:
     """Stiffness matrices of MECHANISM at a posture, under every connection.
 
     MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF, xacro
     or MJCF file, or an example robot's name.
+
+    Parameters
+    ----------
+    robot
+        The mechanism at its posture.
+    load
+        The load there.
+    reading
+        What is read from the matrix.
+    out
+        How it is printed.
+    output
+        Also write the result: .json, .npz; its stiffness, and a platform's mass, for Nastran (.nas,
+        .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of Nastran (.dat); the
+        geometry as a table (.csv), or as a tree (.urdf) with a mechanism file beside it that closes
+        its loops.
+    relax
+        If no wrench can balance the posture, move the joints until one can; the body stays.
+    order
+        Also print the matrices as a controller has them: linear-angular is translation first.
+    axes
+        Also print the matrices along these axes, about the body frame's origin: of the robot's own
+        base, of the body frame, or of the room (world).
+    sensitivities
+        Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
+        each stiffness, mass, length and parameter of the file.
+    profile
+        Also say what computed the answer, how long each part took, and what limits it on this
+        machine.
+    strict
+        Exit with code 3 if a quantity does not exist.
+
+    Examples
+    --------
+    cartstiff analyse stewart-gough --json
+    cartstiff analyse ur5 --load 0,0,0,0,0,-100
+    cartstiff analyse panda --q 0,-0.8,0,-2.4,0,1.6,0.8 --frame panda_hand
+    cartstiff analyse my_arm.urdf --stiffness 20000 --frame tool
+    cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
+    cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
+    cartstiff analyse ur5 --analysis full --report-at 0,0,0.1 --length 0.2
+    cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --added-load 0,0,0,10,0,0
+    cartstiff analyse flexure-hexapod -o stiffness.nas
+    cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
+    cartstiff analyse cubic --sensitivities --json
+    cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
     """
-    wrench = request.balanced_wrench
-    analysis = replace(analysis, world=applied.world)
-    applied.check_world(load=wrench, added_load=analysis.added_load, direction=analysis.direction)
     steps = StepTimes()
-    elastic, q = request.load()
+    elastic, q = robot.load()
     steps.end("reading the mechanism")
 
     import numpy as np
@@ -327,51 +242,50 @@ def command(
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
-        load = {"wrench": wrench, **applied.keywords(wrench)}
-        if told is None:
-            result = analyse(elastic, q, **load)
+        manner = load.keywords
+        if robot.actuate is None:
+            result = analyse(elastic, q, **manner)
         else:
             from cartstiff.statics.command import analyse_commanded
 
-            result = analyse_commanded(elastic, request.command(told, elastic), q, **load)
-            elastic = result.elastic
-            load = {key: load[key] for key in ("load_kind", "load_at") if key in load}
+            result = analyse_commanded(elastic, robot.command(elastic), q, **manner)
+            elastic, manner = result.elastic, load.manner
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.equilibrium import relaxed
 
-            result = analyse(elastic, relaxed(elastic, result.q), **load)
+            result = analyse(elastic, relaxed(elastic, result.q), **manner)
         data = result.as_dict()
         steps.end(ENGINE, 1)
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
-        by_parameters = add_sensitivities(result, request, data)[0] if sensitivities else []
-    json_text(data, request.mechanism)  # or a refusal, before anything is written
-    if analysis.level != "none":
-        shows_springs = wants_json() or output is not None or analysis.level == "full"
-        data["analysis"] = analysis.run(result, shows_springs)
+        by_parameters = add_sensitivities(result, robot, data)[0] if sensitivities else []
+    json_text(data, robot.mechanism)  # or a refusal, before anything is written
+    if reading.level != "none":
+        shows_springs = out.json or output is not None or reading.level == "full"
+        data["analysis"] = reading.run(result, shows_springs, load.world)
         steps.end("analysis of the matrix")
     how = steps.explain(data) if profile else []
     if output is not None:
         from cartstiff.report.output import write_result
 
         write_result(result, output, data)
-    if wants_json():
-        say(json_text(data, request.mechanism))
-    else:
-        from cartstiff.report.analysis import BALANCING, describe
+
+    def text() -> str:
+        from cartstiff.report.analysis import BALANCING, describe, summary_text
 
         shown = ""
-        if analysis.level != "none":
-            from cartstiff.report.analysis import summary_text
-
-            shown = summary_text(data["analysis"], elastic.units, analysis.level)
+        if reading.level != "none":
+            shown = summary_text(data["analysis"], elastic.units, reading.level)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        say("\n".join([describe(result, shown), *by_parameters, *how]))
+        lines = [describe(result, shown), *by_parameters, *how]
         if not relax and any(note.code == "unbalanced" for note in result.notes):
-            say("  --relax lets the self-motion settle, with the body held where it is")
-            if wrench is None:
-                say(f"  {BALANCING}")
+            lines.append("  --relax lets the self-motion settle, with the body held where it is")
+            if load.load is None:
+                lines.append(f"  {BALANCING}")
+        return "\n".join(lines)
+
+    out.tell(data, robot.mechanism, text)
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"

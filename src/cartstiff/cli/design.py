@@ -4,121 +4,96 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from cartstiff.cli.options import (
-    PICTURE,
-    WRENCH,
-    LoadRequest,
-    OutputFile,
-    count,
-    json_option,
-    load_options,
-    option,
-    option_group,
-    progress_option,
-    tool_options,
-    units_option,
-)
-from cartstiff.cli.output import Progress, say, tell
+from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.options import Load, Output, OutputFile, Robot
+from cartstiff.cli.output import Progress, say
 from cartstiff.errors import InputError
 
-_EPILOG = """\b
-Example: study.yaml holds
-  mechanism: inclined-hexapod
-  variables: {sz: [0.3, 0.9], a: {low: 0.2, high: 0.4, count: 3}}
-  poses: {grid: {x: [-0.05, 0.05, 5], z: [-0.05, 0.05, 5]}, about_home: true}
-  objectives:
-    softest: {quantity: translation_held_min}
-    turning: {quantity: rotation_held_min}
-  constraints: {width: {value: =2*a, at_most: 0.7}}
-
-\b
-  cartstiff design study.yaml
-  cartstiff design study.yaml --tcp 0,0,50 --load 0,0,0,0,0,-100 --units mm,deg
-  cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
-
-After an interruption, the same command with the same -o goes on where it stopped.
-"""
-
-
-@click.command(name="design", epilog=_EPILOG)
-@click.argument("study", metavar="STUDY.yaml", type=click.Path(path_type=Path))
-@option_group(
-    tool_options,
-    units_option,
-    option(
-        "--load wrench",
-        WRENCH,
-        "Wrench on the body in its own frame. Every design carries it, instead of the loads "
-        "that the study names.",
-    ),
+_NOT_OF_STUDIES = (
+    "mechanism q pose lengths frame parameters xacro_args package_path stiffness rest actuate"
 )
-@load_options("--load")
-@option(
-    "-o --output",
-    OutputFile("FILE.jsonl", ".jsonl"),
-    "Keep every finished design here; go on with a file that exists.",
-)
-@option("--csv table", OutputFile("FILE.csv", ".csv"), "Write all designs as a table.")
-@option("--plot", PICTURE, "Draw the designs and their Pareto front.")
-@count(
-    "--best",
-    "Most designs of the Pareto front that the text lists.",
-    1,
-    1000,
-    default=10,
-    metavar="N",
-)
-@count("--workers", "Processes, each with whole designs.", 1, 1024, default=1, metavar="N")
-@click.option("--scheduler", hidden=True)
-@progress_option
-@json_option
+
+
+@declared("design", needs={"load": "load_at load_kind world"})
 def command(
     study: Path,
-    tcp: list[float] | None,
-    gravity: list[float] | None,
-    payload: list[float] | None,
-    units: dict[str, str] | None,
-    wrench: list[float] | None,
-    applied: LoadRequest,
-    output: Path | None,
-    table: Path | None,
-    plot: Path | None,
-    best: int,
-    workers: int,
-    scheduler: str | None,
-    progress: bool | None,
+    robot: Annotated[Robot, Taking(_NOT_OF_STUDIES)],
+    load: Annotated[
+        Load,
+        Taking(
+            load="Wrench on the body in its own frame. Every design carries it, instead of the "
+            "loads that the study names."
+        ),
+    ],
+    out: Annotated[Output, Taking(plot="Draw the designs and their Pareto front.")],
+    *,
+    output: Annotated[Path | None, OutputFile("FILE.jsonl", ".jsonl")] = None,
+    best: Annotated[int, click.IntRange(1, 1000)] = 10,
+    workers: Annotated[int, click.IntRange(1, 1024)] = 1,
+    scheduler: str | None = None,
+    progress: bool | None = None,
 ) -> None:
     """Sweep the parameters of a mechanism file, as STUDY.yaml says.
 
     Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff map
     --list-quantities`). A design that is singular at one of them, or cannot be assembled, counts
     as failed; the answer gives the reason. Tool, weight, load and units may be given instead of the
-    study's.
+    study's. After an interruption, the same command with the same -o goes on where it stopped.
+
+    Parameters
+    ----------
+    study : STUDY.yaml
+        The study.
+    robot
+        Tool, weight and units instead of the study's.
+    load
+        The load instead of the study's.
+    out
+        How it is printed.
+    output
+        Keep every finished design here; go on with a file that exists.
+    best : N
+        Most designs of the Pareto front that the text lists.
+    workers : N
+        Processes, each with whole designs.
+    scheduler : hidden
+        Refused.
+    progress
+        Bar on standard error; default on a terminal.
+
+    Examples
+    --------
+    cartstiff design study.yaml
+    cartstiff design study.yaml --tcp 0,0,50 --load 0,0,0,0,0,-100 --units mm,deg
+    cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
+
+    Here study.yaml holds
+    mechanism: inclined-hexapod
+    variables: {sz: [0.3, 0.9], a: {low: 0.2, high: 0.4, count: 3}}
+    poses: {grid: {x: [-0.05, 0.05, 5], z: [-0.05, 0.05, 5]}, about_home: true}
+    objectives:
+      softest: {quantity: translation_held_min}
+      turning: {quantity: rotation_held_min}
+    constraints: {width: {value: =2*a, at_most: 0.7}}
     """
     if scheduler is not None:
         raise InputError(
             "designs have no scheduler any more", where="--scheduler", expected="--workers N"
         )
-    applied.check_load(wrench is not None)
-    applied.check_world(load=wrench)
-    load = None if wrench is None else {"wrench": wrench, **applied.keywords(wrench)}
-    given = {"tcp": tcp, "gravity": gravity, "payload": payload, "units": units, "load": load}
+    given = {
+        **{name: getattr(robot, name) for name in ("tcp", "gravity", "payload", "units")},
+        "load": None if load.load is None else load.keywords,
+    }
 
     from cartstiff.designs.run import design
-    from cartstiff.report.output import write_files
 
     try:
         with Progress("designs", progress) as bar:
-            designs = design(
-                study,
-                given=given,
-                output=output,
-                workers=workers,
-                progress=bar,
-            )
+            designs = design(study, given=given, output=output, workers=workers, progress=bar)
     except KeyboardInterrupt:
         kept = "" if output is None else f"; what is done is in {output}"
         say(f"cartstiff: interrupted{kept}", error=True)
@@ -127,5 +102,10 @@ def command(
 
     from cartstiff.report.designs import describe_designs, draw_designs
 
-    write_files((table, designs.to_csv), (plot, lambda: draw_designs(designs)))
-    tell(designs.as_dict(), str(study), lambda: describe_designs(designs, best))
+    out.tell(
+        designs.as_dict(),
+        str(study),
+        lambda: describe_designs(designs, best),
+        csv=designs.to_csv,
+        plot=lambda: draw_designs(designs),
+    )

@@ -3,45 +3,59 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Literal
 
 import click
 
-from cartstiff.cli.options import (
-    MechanismRequest,
-    OutputFile,
-    UnitsCommand,
-    choice,
-    json_option,
-    mechanism_options,
-    option,
-)
-from cartstiff.cli.output import say, say_unused, tell
+from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.options import Csv, Output, Robot
+from cartstiff.cli.output import say, say_unused
+
+_Printed = Annotated[Output, Taking("csv plot")]
 
 
-@click.command(
-    name="frames",
-    cls=UnitsCommand,
-    epilog="\b\nExamples:\n  cartstiff frames ur5\n  cartstiff frames my_arm.urdf --json",
-)
-@mechanism_options(placed=False)
-@json_option
-def frames_command(request: MechanismRequest) -> None:
+@declared("frames")
+def frames_command(
+    robot: Annotated[Robot, Taking("pose lengths rest actuate")], out: _Printed
+) -> None:
     """Frames of MECHANISM as a tree, with joints, limits, springs and masses.
 
     Any of these frames can be named with --frame on the other commands.
+
+    Parameters
+    ----------
+    robot
+        The mechanism.
+    out
+        How it is printed.
+
+    Examples
+    --------
+    cartstiff frames ur5
+    cartstiff frames my_arm.urdf --json
     """
     from cartstiff.report.frames import describe_frames, frames_of
 
-    elastic = request.at_posture()
+    elastic = robot.at_posture()
     answer, angle = frames_of(elastic), elastic.units.shown_angle
     length = elastic.mechanism.at(elastic.q).length
-    tell(answer, request.mechanism, lambda: describe_frames(answer, angle, length))
+    out.tell(answer, robot.mechanism, lambda: describe_frames(answer, angle, length))
 
 
-@click.command(name="models", epilog="\b\nExample:\n  cartstiff models\n  cartstiff models --json")
-@json_option
-def models_command() -> None:
-    """List what can be named as MECHANISM: bundled files and example robots."""
+@declared("models")
+def models_command(out: _Printed) -> None:
+    """List what can be named as MECHANISM: bundled files and example robots.
+
+    Parameters
+    ----------
+    out
+        How it is printed.
+
+    Examples
+    --------
+    cartstiff models
+    cartstiff models --json
+    """
     from cartstiff.loading.catalogue import bundled_files, example_robots
     from cartstiff.loading.yaml_file import read_yaml
 
@@ -70,36 +84,40 @@ def models_command() -> None:
         f"\nRobots of example-robot-data:{listed}\n",
         "Or a path: a mechanism file (.yaml), .urdf, .xacro, MJCF .xml.",
     ]
-    tell(data, "models", lambda: "\n".join(text))
+    out.tell(data, "models", lambda: "\n".join(text))
 
 
-_POSES_EXAMPLES = """\b
-Examples:
-  cartstiff poses ur5 commands.csv --for kuka
-  cartstiff poses kr210.urdf commands.csv --tcp 0,0,0.2 --for kuka -o program.csv
-"""
-
-
-@click.command(name="poses", cls=UnitsCommand, epilog=_POSES_EXAMPLES)
-@mechanism_options(placed=False, gives=False)
-@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
-@choice(
-    "--for controller",
-    ["kuka", "fanuc", "abb", "ur"],
-    "kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.",
-    required=True,
-)
-@option("-o --output", OutputFile("FILE.csv", ".csv"), "Write the table there.")
+@declared("poses")
 def poses_command(
-    request: MechanismRequest, table: Path, controller: str, output: Path | None
+    robot: Annotated[Robot, Taking("q pose lengths gravity payload stiffness rest actuate")],
+    table: Path,
+    *,
+    controller: Annotated[Literal["kuka", "fanuc", "abb", "ur"], "--for"],
+    output: Csv = None,
 ) -> None:
     """Postures of a table as a robot controller shows them: joints and poses in mm and degrees.
 
     TABLE.csv is what `path` or `equilibrium --path` wrote, or one posture a line. Commands that
     compensate the deflection (columns command_JOINT) are taken where the table has them. Poses are
     those of M in the robot's own base frame, as the controller computes them, without deflection.
+
+    Parameters
+    ----------
+    robot
+        The mechanism.
+    table : TABLE.csv
+        The postures.
+    controller
+        kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.
+    output
+        Write the table there.
+
+    Examples
+    --------
+    cartstiff poses ur5 commands.csv --for kuka
+    cartstiff poses kr210.urdf commands.csv --tcp 0,0,0.2 --for kuka -o program.csv
     """
-    elastic = request.at_posture()
+    elastic = robot.at_posture()
 
     from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors

@@ -5,40 +5,30 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import click
 
+from cartstiff.cli.declare import Taking, declared
 from cartstiff.cli.options import (
-    FILE,
-    PICTURE,
-    POINT,
-    WRENCH,
     Axes,
+    Axis,
     JointValues,
-    MechanismRequest,
     Number,
+    Output,
     OutputFile,
+    Point,
+    Robot,
     TableUnits,
-    UnitsCommand,
     Values,
-    choice,
-    file_options,
-    flag,
-    frame_option,
-    gathered,
+    Wrench,
     given_length,
-    json_option,
-    option,
-    option_group,
-    repeated_option,
-    tool_options,
 )
-from cartstiff.cli.output import say, say_unused, tell
+from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.parsing import parse_numbers
 
@@ -111,11 +101,6 @@ def in_own_units(
     }
 
 
-def ties_of(texts: Iterable[str]) -> list[list[str]]:
-    """Springs that are equal, from "A=B=C"."""
-    return [[name.strip() for name in text.split("=")] for text in texts]
-
-
 def reject_of(text: str | None) -> float | str | None:
     """A rule: "suspects", or a number of standard deviations."""
     if text is None or text == "suspects":
@@ -134,343 +119,39 @@ def reject_of(text: str | None) -> float | str | None:
     return number
 
 
-_Answer = tuple[dict[str, Any], Callable[[], str]]
-
-
-def say_read(table: str, measured: Any, axes: str | None) -> None:
-    """On standard error, what of a table plays no part, and along which axes its loads are."""
-    words = "" if axes else "; its loads, if any, are along the body's axes"
-    say_unused(Path(table), measured.unused, words)
-
-
-@dataclass(frozen=True)
-class PlanRequest:
-    """The options about a plan and a simulation."""
-
-    count: int | None
-    criterion: str | None
-    q: Values | None
-    load: list[float] | None
-    mass: float | None
-    force: float | None
-    ranges: dict[str, tuple[float, ...]]
-    within: dict[str, tuple[float, ...]]
-    candidates: int | None
-    have: Path | None
-    simulate: int | None
-    outliers: int | None
-    csv: Path | None
-
-    def check(self, table: str | None) -> None:
-        """Refuse options that do not go together."""
-        if self.count is None:
-            for name in (
-                "criterion",
-                "q",
-                "load",
-                "mass",
-                "force",
-                "ranges",
-                "within",
-                "candidates",
-                "have",
-            ):
-                if getattr(self, name):
-                    option = {"ranges": "range"}.get(name, name)
-                    raise InputError("is for --plan", where=f"--{option}")
-            if table is None:
-                raise InputError("no measurements", expected="DATA.csv, or --plan N")
-        elif table is not None:
-            raise InputError(
-                "give DATA.csv or --plan, not both: --have names rows that are measured already"
-            )
-        if self.simulate is None and self.outliers is not None:
-            raise InputError("is for --simulate", where="--outliers")
-        if self.count is None and self.simulate is None and self.csv is not None:
-            raise InputError("is for --plan and --simulate", where="--csv")
-        if self.count is not None and self.simulate is not None:
-            raise InputError("give --plan or --simulate, not both")
-        if self.mass is not None and self.force is not None:
-            raise InputError("give --mass or --force, not both")
-        if self.criterion != "posture" and (self.q is not None or self.load is not None):
-            raise InputError("--q and --load are for --criterion posture")
-
-    def run_plan(self, elastic: Any, of_table: dict[str, Any], request: Any) -> _Answer:
-        """Rows to be measured."""
-        import numpy as np
-
-        from cartstiff.identify.plan import beside, candidates, plan
-        from cartstiff.identify.table import read_measurements, table_text
-        from cartstiff.identify.unknowns import unknowns_of
-        from cartstiff.report.identification import describe_plan
-        from cartstiff.report.output import write_files
-
-        spreads = _deviations(of_table["deviations"], elastic)
-        unknowns = unknowns_of(elastic, **request.of_unknowns(elastic))
-        point = of_table["point"]
-        quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
-        offered = candidates(
-            elastic,
-            spreads,
-            count=self.candidates or (10_000 if quick else 1000),
-            mass=self.mass or 0.0,
-            force=(self.force or 0.0) / elastic.units.newtons,
-            ranges=self.ranges,
-            within=self.within,
-            point=point,
-            load_at=of_table["load_at"],
-        )
-        near = partial(beside, elastic, ranges=self.ranges, within=self.within)
-        have = None
-        if self.have is not None:
-            have = read_measurements(self.have, elastic, **of_table)
-        test = None
-        if self.criterion == "posture":
-            if self.load is None:
-                raise InputError(
-                    "the criterion needs a load", where="--criterion posture", expected="--load"
-                )
-            given = None if self.q is None else self.q.of(elastic.names)
-            test = elastic.placed(given, "--q")[1].q, np.array(self.load)
-        chosen = plan(
-            unknowns,
-            offered,
-            self.count or 1,
-            criterion=self.criterion or "worst",  # type: ignore[arg-type]
-            test=test,
-            have=have,
-            beside=near,
-            level=request.level,
-        )
-        write_files((self.csv, lambda: table_text(chosen.rows, elastic, tuple(spreads))))
-        return chosen.as_dict(), lambda: describe_plan(chosen)
-
-    def run_simulation(
-        self, elastic: Any, table: str, of_table: dict[str, Any], request: Any
-    ) -> _Answer:
-        """Measurements as the mechanism would show them."""
-        import numpy as np
-
-        from cartstiff.identify.plan import simulated
-        from cartstiff.identify.table import read_measurements, table_text
-        from cartstiff.report.output import write_files
-
-        if self.csv is None:
-            raise InputError(
-                "simulated measurements need a file", where="--simulate", expected="--csv FILE.csv"
-            )
-        reading = {**of_table, "deviations": None}
-        settings = read_measurements(Path(table), elastic, **reading, open_cells=True)
-        say_read(table, settings, of_table["axes"])
-        if self.outliers is not None and self.outliers > len(settings):
-            raise InputError(
-                "more outliers than rows",
-                where="--outliers",
-                expected=f"at most {len(settings)}",
-                got=self.outliers,
-            )
-        spreads = _deviations(of_table["deviations"], elastic)
-        rng = np.random.default_rng(self.simulate)
-        bad = rng.choice(len(settings), self.outliers or 0, replace=False).tolist()
-        campaign = simulated(
-            elastic, settings, spreads, seed=self.simulate or 0, outliers=bad, loaded=request.loaded
-        )
-        write_files((self.csv, lambda: table_text(campaign, elastic)))
-        rows = sorted(int(n) + 1 for n in bad)
-        data = {
-            "schema": "cartstiff-identify-simulation/1",
-            "rows": len(campaign),
-            "outliers": rows,
-        }
-        words = f"{len(campaign)} rows" + (f", gross errors in rows {rows}" if rows else "")
-        return data, lambda: words
-
-
-def _deviations(spreads: dict[str, float], elastic: Any) -> dict[str, float]:
-    """Standard deviations of --sd in the mechanism's units."""
-    from cartstiff.identify.measurements import MEASURED
-    from cartstiff.mechanisms.contract import SI, convert_length
-
-    if not spreads:
-        raise InputError(
-            "no measured column is named",
-            where="--sd",
-            expected="COLUMN=VALUE for each column, such as d=0.005mm",
-        )
-    length, _ = convert_length(SI, elastic.units)
-    return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}
-
-
 #: Probability of the intervals.
 _LEVEL = 0.95
 
-_EPILOG = """\b
-Examples:
-  cartstiff identify ur5 measured.csv
-  cartstiff identify arm.yaml measured.csv --sd d=0.005mm -o known.yaml
-  cartstiff identify arm.yaml measured.csv --units mm,deg --reject suspects --plot residuals.png
-  cartstiff identify ur5 measured.csv --tie wrist_1_joint=wrist_2_joint --known wrist_3_joint=8000
-  cartstiff identify ur5 --plan 12 --mass 5 --sd d=0.005mm --csv to_do.csv
-  cartstiff identify ur5 --plan 6 --force 100 --sd dx=0.02mm --have measured.csv --criterion all
-  cartstiff identify ur5 to_do.csv --simulate 1 --sd d=0.005mm --csv measured.csv
-"""
-
-_about_the_table = option_group(
-    option(
-        "--point", POINT, "Point of the body, in its frame, that was measured; default its origin."
-    ),
-    option(
-        "--load-at",
-        POINT,
-        "Point of the body, in its frame, at which loads act; default the measured one.",
-    ),
-    choice(
-        "--axes",
-        ["base", "body", "world"],
-        "Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
-        "of `cartstiff path`.",
-    ),
-    option(
-        "--units",
-        TableUnits("UNITS"),
-        "Units of numbers given and shown, such as mm,deg, and "
-        "of columns without one in their head; there SI otherwise.",
-    ),
-    click.option(
-        "--sd",
-        metavar="COLUMN=VALUE[UNIT]",
-        multiple=True,
-        help="Standard deviation of a column, such as dx=0.02mm; else estimated.",
-    ),
-)
-_about_the_fit = option_group(
-    click.option(
-        "--unknown",
-        metavar="NAME",
-        multiple=True,
-        help="Unknown stiffness: a spring, leg or line by name; joints (the default), lines, "
-        "links; a compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.",
-    ),
-    click.option("--tie", metavar="A=B", multiple=True, help="Springs that are equal."),
-    click.option(
-        "--known", metavar="NAME=K", multiple=True, help="A stiffness that is known and kept."
-    ),
-    click.option(
-        "--prior",
-        metavar="NAME=K,SD",
-        multiple=True,
-        help="A stiffness that is known with this standard deviation.",
-    ),
-    choice(
-        "--offsets",
-        ["rigid", "translation", "none"],
-        "Unknown placement of the measuring frame in each session of a table with "
-        "positions: position and rotation (rigid, the default), position alone, or none.",
-    ),
-    flag(
-        "--loaded", "Fit equilibria under the load instead of displacements that are linear in it."
-    ),
-    choice("--fit", ["plain", "robust"], "Fit whose estimates come first.", default="plain"),
-    option(
-        "--reject",
-        None,
-        "Leave rows out: the suspects of the robust fit, or all that are farther from it "
-        "than this number of standard deviations.",
-        metavar="RULE",
-    ),
-    click.option(
-        "--level",
-        type=float,
-        default=_LEVEL,
-        show_default=True,
-        help="Probability of the intervals.",
-    ),
-)
-
-
-_about_a_plan = option_group(
-    option(
-        "--plan count",
-        click.IntRange(1, 10_000),
-        "Choose N rows to measure instead; DATA.csv is not needed.",
-        metavar="N",
-    ),
-    option(
-        "--criterion",
-        click.Choice(["worst", "all", "posture"]),
-        "Quantity that the plan minimises: the widest interval (worst, the default), the "
-        "determinant of all compliances (D-optimal), or the deflection at the posture --q under "
-        "--load.",
-    ),
-    option("--q", JointValues(), "Posture of --criterion posture; default the file's."),
-    option("--load", WRENCH, "Load of --criterion posture, along F."),
-    option("--mass", Number("KG", above_zero=True), "Mass hung on the body in the plan."),
-    option(
-        "--force",
-        Number("N", above_zero=True),
-        "Force on the body in the plan, along an axis of F.",
-    ),
-    repeated_option(
-        "--range ranges", Axes("JOINT=LOW:HIGH"), "Range of a joint in the plan, rad or m."
-    ),
-    repeated_option(
-        "--within",
-        Axes("AXIS=LOW:HIGH", frame=True),
-        "Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.",
-    ),
-    option(
-        "--candidates",
-        click.IntRange(1, 100_000),
-        "Random postures that the plan chooses from; default 10000 for the widest interval "
-        "of an open arm, else 1000.",
-        metavar="N",
-    ),
-    option(
-        "--have", FILE, "Rows that are measured already; the plan adds to them.", metavar="FILE.csv"
-    ),
-    option(
-        "--simulate",
-        click.IntRange(min=0),
-        "Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
-        "MECHANISM would show them.",
-        metavar="SEED",
-    ),
-    option(
-        "--outliers",
-        click.IntRange(min=1),
-        "Rows of --simulate with an error of 20 standard deviations.",
-        metavar="N",
-    ),
-    option(
-        "--csv",
-        OutputFile("FILE.csv", ".csv"),
-        "Write the rows of --plan, to be filled in, or of --simulate.",
-    ),
-)
-
 
 @dataclass(frozen=True)
-class _Request:
-    """Values of the options for table and fit."""
+class Table:
+    """Table of measurements.
 
-    point: list[float] | None
-    load_at: list[float] | None
-    axes: str | None
-    units: dict[str, str] | None
-    sd: tuple[str, ...]
-    unknown: tuple[str, ...]
-    tie: tuple[str, ...]
-    known: tuple[str, ...]
-    prior: tuple[str, ...]
-    offsets: str | None
-    loaded: bool
-    fit: str
-    reject: str | None
-    level: float
+    Parameters
+    ----------
+    point
+        Point of the body, in its frame, that was measured; default its origin.
+    load_at
+        Point of the body, in its frame, at which loads act; default the measured one.
+    axes
+        Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table of
+        `cartstiff path`.
+    units
+        Units of numbers given and shown, such as mm,deg, and of columns without one in their head;
+        there SI otherwise.
+    sd : COLUMN=VALUE[UNIT]
+        Standard deviation of a column, such as dx=0.02mm; else estimated.
+    """
+
+    point: Point = None
+    load_at: Point = None
+    axes: Literal["base", "body", "world"] | None = None
+    units: Annotated[dict[str, str] | None, TableUnits("UNITS")] = None
+    sd: tuple[str, ...] = ()
 
     @property
-    def of_table(self) -> dict[str, Any]:
-        """Keywords for reading the table."""
+    def keywords(self) -> dict[str, Any]:
+        """Arguments for reading the table."""
         units = self.units or {}
         return {
             "axes": self.axes,
@@ -486,34 +167,94 @@ class _Request:
         kinds = ("length", "angle") if given_length() == 1.0 else ("angle",)
         return {k: u for k, u in (self.units or {}).items() if k in kinds} or None
 
-    def of_unknowns(self, elastic: Any) -> dict[str, Any]:
-        """Keywords for the unknowns."""
-        known = in_own_units(stiffnesses_of(self.known, "--known", 1), given_length(), elastic)
-        priors = in_own_units(stiffnesses_of(self.prior, "--prior", 2), given_length(), elastic)
+    def read(self, path: Path, elastic: Any, **settings: Any) -> Any:
+        """The measurements; on standard error, what of them plays no part."""
+        from cartstiff.identify.table import read_measurements
+
+        measured = read_measurements(path, elastic, **{**self.keywords, **settings})
+        words = "" if self.axes else "; its loads, if any, are along the body's axes"
+        say_unused(path, measured.unused, words)
+        return measured
+
+    def deviations(self, elastic: Any) -> dict[str, float]:
+        """Standard deviations of --sd in the mechanism's units."""
+        from cartstiff.identify.measurements import MEASURED
+        from cartstiff.mechanisms.contract import SI, convert_length
+
+        spreads = self.keywords["deviations"]
+        if not spreads:
+            raise InputError(
+                "no measured column is named",
+                where="--sd",
+                expected="COLUMN=VALUE for each column, such as d=0.005mm",
+            )
+        length, _ = convert_length(SI, elastic.units)
+        return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Fit.
+
+    Parameters
+    ----------
+    unknown : NAME
+        Unknown stiffness: a spring, leg or line by name; joints (the default), lines, links; a
+        compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.
+    tie : A=B
+        Springs that are equal.
+    known : NAME=K
+        A stiffness that is known and kept.
+    prior : NAME=K,SD
+        A stiffness that is known with this standard deviation.
+    offsets
+        Unknown placement of the measuring frame in each session of a table with positions: position
+        and rotation (rigid, the default), position alone, or none.
+    loaded
+        Fit equilibria under the load instead of displacements that are linear in it.
+    fit
+        Fit whose estimates come first.
+    reject : RULE
+        Leave rows out: the suspects of the robust fit, or all that are farther from it than this
+        number of standard deviations.
+    level
+        Probability of the intervals.
+    """
+
+    unknown: tuple[str, ...] = ()
+    tie: tuple[str, ...] = ()
+    known: tuple[str, ...] = ()
+    prior: tuple[str, ...] = ()
+    offsets: Literal["rigid", "translation", "none"] | None = None
+    loaded: bool = False
+    fit: Literal["plain", "robust"] = "plain"
+    reject: str | None = None
+    level: float = _LEVEL
+
+    def unknowns(self, elastic: Any) -> dict[str, Any]:
+        """Arguments for the unknowns."""
+        known, priors = (
+            in_own_units(stiffnesses_of(texts, option, count), given_length(), elastic)
+            for texts, option, count in ((self.known, "--known", 1), (self.prior, "--prior", 2))
+        )
         return {
-            "sought": [part for text in self.unknown for part in _words(text)],
-            "ties": ties_of(self.tie),
+            # The axes of a link stay with it.
+            "sought": [
+                name.strip()
+                for text in self.unknown
+                for name in ([text] if ":" in text else text.split(","))
+            ],
+            "ties": [[name.strip() for name in text.split("=")] for text in self.tie],
             "known": {name: values[0] for name, values in known.items()},
             "priors": {name: (values[0], values[1]) for name, values in priors.items()},
         }
 
-    def check_without_fit(self, *, is_plan: bool) -> None:
+    def check_unused(self, does: str) -> None:
         """Refuse what only a fit, or only what precedes it, could take into account."""
-        idle = {
-            "fit": self.fit != "plain",
-            "reject": self.reject is not None,
-            "offsets": self.offsets is not None,
-        }
-        if is_plan:
-            idle["loaded"] = self.loaded
-        else:
-            idle |= {
-                name: bool(getattr(self, name)) for name in ("unknown", "tie", "known", "prior")
-            }
-            idle["level"] = self.level != _LEVEL
-        for name, is_given in idle.items():
-            if is_given:
-                does = "planned" if is_plan else "simulated"
+        is_plan = does == "planned"
+        idle = ["fit", "reject", "offsets", *(["loaded"] if is_plan else [])]
+        for name in idle if is_plan else [*idle, "unknown", "tie", "known", "prior", "level"]:
+            if getattr(self, name) != getattr(Fit, name):
                 raise InputError(
                     f"changes nothing of what is {does}",
                     where=f"--{name}",
@@ -521,37 +262,172 @@ class _Request:
                 )
 
     @property
-    def of_fit(self) -> dict[str, Any]:
-        """Keywords for the fit."""
-        return {
-            "offsets": self.offsets,
-            "loaded": self.loaded,
-            "fit": self.fit,
-            "reject": reject_of(self.reject),
-            "level": self.level,
+    def keywords(self) -> dict[str, Any]:
+        """Arguments for the fit."""
+        kept = {name: getattr(self, name) for name in ("offsets", "loaded", "fit", "level")}
+        return {**kept, "reject": reject_of(self.reject)}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Plan and simulation.
+
+    Parameters
+    ----------
+    plan : N
+        Choose N rows to measure instead; DATA.csv is not needed.
+    criterion
+        Quantity that the plan minimises: the widest interval (worst, the default), the determinant
+        of all compliances (D-optimal), or the deflection at the posture --q under --load.
+    q
+        Posture of --criterion posture; default the file's.
+    load
+        Load of --criterion posture, along F.
+    mass
+        Mass hung on the body in the plan.
+    force
+        Force on the body in the plan, along an axis of F.
+    ranges
+        Range of a joint in the plan, rad or m.
+    within
+        Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.
+    candidates : N
+        Random postures that the plan chooses from; default 10000 for the widest interval of an open
+        arm, else 1000.
+    have : FILE.csv
+        Rows that are measured already; the plan adds to them.
+    simulate : SEED
+        Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as MECHANISM
+        would show them.
+    outliers : N
+        Rows of --simulate with an error of 20 standard deviations.
+    """
+
+    plan: Annotated[int | None, click.IntRange(1, 10_000)] = None
+    criterion: Literal["worst", "all", "posture"] | None = None
+    q: Annotated[Values | None, JointValues()] = None
+    load: Wrench = None
+    mass: Annotated[float | None, Number("KG", above_zero=True)] = None
+    force: Annotated[float | None, Number("N", above_zero=True)] = None
+    ranges: Annotated[Axis, Axes("JOINT=LOW:HIGH"), "--range"] = None
+    within: Annotated[Mapping[str, tuple[float, ...]] | None, Axes("AXIS=LOW:HIGH", frame=True)] = (
+        None
+    )
+    candidates: Annotated[int | None, click.IntRange(1, 100_000)] = None
+    have: Path | None = None
+    simulate: Annotated[int | None, click.IntRange(min=0)] = None
+    outliers: Annotated[int | None, click.IntRange(min=1)] = None
+
+    def run(self, elastic: Any, table: Table, fit: Fit, out: Output, mechanism: str) -> None:
+        """Rows to be measured."""
+        import numpy as np
+
+        from cartstiff.identify.plan import beside, candidates, plan
+        from cartstiff.identify.table import read_measurements, table_text
+        from cartstiff.identify.unknowns import unknowns_of
+        from cartstiff.report.identification import describe_plan
+
+        spreads = table.deviations(elastic)
+        unknowns = unknowns_of(elastic, **fit.unknowns(elastic))
+        quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
+        where = {"ranges": self.ranges or {}, "within": self.within or {}}
+        offered = candidates(
+            elastic,
+            spreads,
+            count=self.candidates or (10_000 if quick else 1000),
+            mass=self.mass or 0.0,
+            force=(self.force or 0.0) / elastic.units.newtons,
+            **where,
+            point=table.keywords["point"],
+            load_at=table.keywords["load_at"],
+        )
+        have = None
+        if self.have is not None:
+            have = read_measurements(self.have, elastic, **table.keywords)
+        test = None
+        if self.criterion == "posture":
+            if self.load is None:
+                raise InputError(
+                    "the criterion needs a load", where="--criterion posture", expected="--load"
+                )
+            given = None if self.q is None else self.q.of(elastic.names)
+            test = elastic.placed(given, "--q")[1].q, np.array(self.load)
+        chosen = plan(
+            unknowns,
+            offered,
+            self.plan or 1,
+            criterion=self.criterion or "worst",
+            test=test,
+            have=have,
+            beside=partial(beside, elastic, **where),
+            level=fit.level,
+        )
+        out.tell(
+            chosen.as_dict(),
+            mechanism,
+            lambda: describe_plan(chosen),
+            csv=lambda: table_text(chosen.rows, elastic, tuple(spreads)),
+        )
+
+    def run_simulation(
+        self, elastic: Any, path: Path, table: Table, fit: Fit, out: Output, mechanism: str
+    ) -> None:
+        """Measurements as the mechanism would show them."""
+        import numpy as np
+
+        from cartstiff.identify.plan import simulated
+        from cartstiff.identify.table import table_text
+
+        if out.csv is None:
+            raise InputError(
+                "simulated measurements need a file", where="--simulate", expected="--csv FILE.csv"
+            )
+        settings = table.read(path, elastic, deviations=None, open_cells=True)
+        if self.outliers is not None and self.outliers > len(settings):
+            raise InputError(
+                "more outliers than rows",
+                where="--outliers",
+                expected=f"at most {len(settings)}",
+                got=self.outliers,
+            )
+        spreads, seed = table.deviations(elastic), self.simulate or 0
+        rng = np.random.default_rng(seed)
+        bad = rng.choice(len(settings), self.outliers or 0, replace=False).tolist()
+        campaign = simulated(elastic, settings, spreads, seed=seed, outliers=bad, loaded=fit.loaded)
+        rows = sorted(int(n) + 1 for n in bad)
+        data = {
+            "schema": "cartstiff-identify-simulation/1",
+            "rows": len(campaign),
+            "outliers": rows,
         }
+        words = f"{len(campaign)} rows" + (f", gross errors in rows {rows}" if rows else "")
+        out.tell(data, mechanism, lambda: words, csv=lambda: table_text(campaign, elastic))
 
 
-@click.command(name="identify", cls=UnitsCommand, epilog=_EPILOG)
-@click.argument("mechanism")
-@click.argument("table", metavar="[DATA.csv]", required=False)
-@gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
-@gathered(_about_a_plan, "asked", PlanRequest)
-@option(
-    "-o --output",
-    OutputFile("FILE.yaml", ".yaml", ".yml"),
-    "Write a mechanism file with the stiffnesses and their covariance.",
+@declared(
+    "identify",
+    needs={
+        "plan": "criterion q load mass force ranges within candidates have",
+        "simulate": "outliers",
+        "plan simulate": "csv",
+    },
+    apart=("plan simulate", "mass force"),
 )
-@option("--plot", PICTURE, "Draw the residuals against load, posture and time.")
-@json_option
-@gathered(option_group(frame_option, tool_options, file_options), "robot", MechanismRequest)
 def command(
-    table: str | None,
-    robot: MechanismRequest,
-    output: Path | None,
-    plot: Path | None,
-    request: _Request,
-    asked: PlanRequest,
+    robot: Annotated[Robot, Taking("q pose lengths units stiffness rest actuate")],
+    table: Table,
+    fit: Fit,
+    plan: Plan,
+    out: Annotated[
+        Output,
+        Taking(
+            csv="Write the rows of --plan, to be filled in, or of --simulate.",
+            plot="Draw the residuals against load, posture and time.",
+        ),
+    ],
+    data: Path | None = None,
+    *,
+    output: Annotated[Path | None, OutputFile("FILE.yaml", ".yaml", ".yml")] = None,
 ) -> None:
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
@@ -559,48 +435,85 @@ def command(
     mx,my,mz, or mass; what was measured, any of dx,dy,dz, drx,dry,drz, d along nx,ny,nz, x,y,z,
     roll,pitch,yaw; standard deviations sd_NAME; session; time. The page "Which joint stiffness do
     I enter?" says how to measure.
+
+    Parameters
+    ----------
+    robot
+        The mechanism.
+    table
+        How the table is read.
+    fit
+        What is estimated, and how.
+    plan
+        What to measure.
+    out
+        How it is printed.
+    data : [DATA.csv]
+        The measurements.
+    output
+        Write a mechanism file with the stiffnesses and their covariance.
+
+    Examples
+    --------
+    cartstiff identify ur5 measured.csv
+    cartstiff identify arm.yaml measured.csv --sd d=0.005mm -o known.yaml
+    cartstiff identify arm.yaml measured.csv --units mm,deg --reject suspects --plot residuals.png
+    cartstiff identify ur5 measured.csv --tie wrist_1_joint=wrist_2_joint --known wrist_3_joint=8000
+    cartstiff identify ur5 --plan 12 --mass 5 --sd d=0.005mm --csv to_do.csv
+    cartstiff identify ur5 --plan 6 --force 100 --sd dx=0.02mm --have measured.csv --criterion all
+    cartstiff identify ur5 to_do.csv --simulate 1 --sd d=0.005mm --csv measured.csv
     """
-    of_table, of_fit = request.of_table, request.of_fit
-    robot = replace(robot, units=request.shown)
-    asked.check(table)
-    if table is None or asked.simulate is not None:
-        if output is not None or plot is not None:
+    if data is None and plan.plan is None:
+        raise InputError("no measurements", expected="DATA.csv, or --plan N")
+    if data is not None and plan.plan is not None:
+        raise InputError(
+            "give DATA.csv or --plan, not both: --have names rows that are measured already"
+        )
+    if plan.criterion != "posture" and (plan.q is not None or plan.load is not None):
+        raise InputError("--q and --load are for --criterion posture")
+    if data is None or plan.simulate is not None:
+        if output is not None or out.plot is not None:
             raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
-        request.check_without_fit(is_plan=table is None)
-        elastic = robot.in_frame(robot.frame)
-        if table is None:
-            data, text = asked.run_plan(elastic, of_table, request)
-        else:
-            data, text = asked.run_simulation(elastic, table, of_table, request)
-        tell(data, robot.mechanism, text)
-        return
+        fit.check_unused("planned" if data is None else "simulated")
+    reject_of(fit.reject)
     if output is not None:
         _check_written(robot)
+    robot = replace(robot, units=table.shown)
     elastic = robot.in_frame(robot.frame)
+    if data is None:
+        plan.run(elastic, table, fit, out, robot.mechanism)
+        return
+    if plan.simulate is not None:
+        plan.run_simulation(elastic, data, table, fit, out, robot.mechanism)
+        return
 
     import numpy as np
 
     from cartstiff.identify.identification import identify
-    from cartstiff.identify.table import read_measurements
+    from cartstiff.identify.result import mechanism_file
+    from cartstiff.report.identification import describe_identification, draw_residuals
+    from cartstiff.report.output import write_files
 
-    measured = read_measurements(Path(table), elastic, **of_table)
-    say_read(table, measured, request.axes)
+    measured = table.read(data, elastic)
     with np.errstate(all="ignore"):
         result = identify(
-            elastic,
-            measured,
-            **request.of_unknowns(elastic),
-            **of_fit,
-            progress=_progress,
+            elastic, measured, **fit.unknowns(elastic), **fit.keywords, progress=_progress
         )
-    _write(result, robot, Path(table), output, plot)
 
-    from cartstiff.report.identification import describe_identification
+    def identified_file() -> str:
+        name = one_line(data.name)
+        return mechanism_file(result, robot.mechanism, robot.frame, output, name).decode()
 
-    tell(result.as_dict(), robot.mechanism, lambda: describe_identification(result))
+    write_files((output, identified_file))
+    out.tell(
+        result.as_dict(),
+        robot.mechanism,
+        lambda: describe_identification(result),
+        plot=lambda: draw_residuals(result),
+    )
 
 
-def _check_written(robot: MechanismRequest) -> None:
+def _check_written(robot: Robot) -> None:
     """Refuse to write a file that would not hold what options say of the robot."""
     options = {
         "--tcp": robot.tcp,
@@ -614,33 +527,6 @@ def _check_written(robot: MechanismRequest) -> None:
             where="-o",
             expected="a mechanism file that says it, as MECHANISM",
         )
-
-
-def _write(
-    result: Any, robot: MechanismRequest, table: Path, output: Path | None, plot: Path | None
-) -> None:
-    """Write the requested files."""
-    from cartstiff.identify.result import mechanism_file
-    from cartstiff.report.output import write_files
-
-    def identified_file() -> str:
-        if output is None:
-            raise TypeError("no file was asked for")
-        return mechanism_file(
-            result, robot.mechanism, robot.frame, output, one_line(table.name)
-        ).decode()
-
-    def drawn() -> Any:
-        from cartstiff.report.identification import draw_residuals
-
-        return draw_residuals(result)
-
-    write_files((output, identified_file), (plot, drawn))
-
-
-def _words(text: str) -> list[str]:
-    """Names separated by commas; the axes of a link stay with it."""
-    return [text.strip()] if ":" in text else [part.strip() for part in text.split(",")]
 
 
 def _progress(step: int, size: float) -> None:

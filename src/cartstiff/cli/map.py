@@ -7,48 +7,41 @@ import math
 import shlex
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
+from cartstiff.cli.declare import Factors, Taking, declared
 from cartstiff.cli.options import (
     ANGLE,
-    DIRECTION,
-    FILE,
-    PICTURE,
-    POINT,
-    WRENCH,
     Amount,
     Axes,
-    Factors,
-    LoadRequest,
-    MechanismRequest,
+    Axis,
+    Count,
+    Direction,
+    Grid,
+    Load,
     Number,
     Numbers,
+    Output,
     Pairs,
-    UnitsCommand,
-    choice,
-    count,
-    explain_option,
-    file_option,
-    flag,
-    json_option,
-    load_options,
-    mechanism_options,
-    only_with,
-    option,
-    option_group,
-    progress_option,
-    repeated_option,
-    vibration_options,
+    Picture,
+    Point,
+    Processes,
+    Robot,
+    Seed,
+    Several,
+    Vibration,
+    Wrench,
 )
-from cartstiff.cli.output import say, say_unused, tell
+from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.matrix_names import OF_MANY
 
 if TYPE_CHECKING:
-    from cartstiff.maps.sampling import Axis, Sampling
+    from cartstiff.maps.sampling import Sampling
     from cartstiff.maps.store import MapFile
 
 
@@ -69,149 +62,107 @@ class _Orientation(Numbers):
         return value if value == "keep" else super().converted(value, by, elastic)
 
 
-#: The command takes them as keywords for `sampling_from_options`.
-sampling_options = option_group(
-    repeated_option(
-        "--grid",
-        Axes("NAME=LOW:HIGH:COUNT"),
-        "Values of a coordinate; repeat it, or separate by commas, for several. The others "
-        "stay where --q or the file has them.",
-    ),
-    count(
-        "--random",
-        "N random postures within the limits of the joints; compliant links start unbent.",
-        1,
-        _MOST,
-        metavar="N",
-    ),
-    repeated_option(
-        "--range ranges",
-        Axes("NAME=LOW:HIGH"),
-        "With --random: other limits of a coordinate; --range NAME=V:V holds it.",
-    ),
-    repeated_option(
-        "--cartesian",
-        Axes("x=LOW:HIGH:COUNT"),
-        "Positions x, y, z of the body frame in F, by inverse kinematics.",
-    ),
-    repeated_option(
-        "--actuate told",
-        Axes("NAME=LOW:HIGH:COUNT", single=True),
-        "How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
-        "--q, leg1/slide=0.001 holds at every posture of a map. The map is "
-        "computed at the equilibrium for these positions.",
-    ),
-    option(
-        "--trajectory",
-        FILE,
-        "Postures of a file: a line of coordinate names, then one posture a line.",
-        metavar="FILE.csv",
-    ),
-    count("--seed", "Seed of random postures and starts.", 0, default=0),
-    click.option(
-        "--orientation",
-        type=_Orientation("R,P,Y|keep", 3, powers=(ANGLE,)),
-        default="keep",
-        show_default=True,
-        help="With --cartesian: roll, pitch, yaw about fixed axes.",
-    ),
-    choice(
-        "--free",
-        ["none", "x", "y", "z", "rotation"],
-        "With --cartesian: the body may turn about this axis of its own, or in any way.",
-        default="none",
-    ),
-    choice(
-        "--redundancy",
-        ["nearest", "best"],
-        "With --cartesian, where many postures reach a place: nearest to the base posture, "
-        "or best in the first quantity.",
-        default="nearest",
-    ),
-    count("--branches", "With --cartesian: most postures kept at a place.", 1, 1000, default=8),
-    count(
-        "--starts",
-        "With --cartesian: random starts of the inverse kinematics.",
-        0,
-        10000,
-        default=24,
-    ),
-)
+@dataclass(frozen=True)
+class Where:
+    """Postures of the map.
 
-
-def _axes(numbers: Mapping[str, tuple[float, ...]], option: str) -> dict[str, Axis]:
-    from cartstiff.maps.sampling import Axis
-
-    axes = {}
-    for name, (low, high, n) in numbers.items():
-        try:
-            axes[name] = Axis(low, high, int(n))
-        except InputError as error:
-            raise error.at(f"{option} {name}") from None
-    return axes
-
-
-def sampling_from_options(
-    elastic: Any,
-    q: Any,
-    *,
-    grid: Mapping[str, tuple[float, ...]],
-    random: int | None,
-    ranges: Mapping[str, tuple[float, ...]],
-    cartesian: Mapping[str, tuple[float, ...]],
-    told: Mapping[str, tuple[float, ...]],
-    trajectory: Path | None,
-    seed: int,
-    orientation: Any,
-    **search: Any,
-) -> tuple[Sampling, dict[str, float]]:
-    """The sampling that the options ask for, and the actuator positions at all of its postures.
-
-    q is the base posture or None.
+    Parameters
+    ----------
+    grid
+        Values of a coordinate; repeat it, or separate by commas, for several. The others stay where
+        --q or the file has them.
+    random : N
+        N random postures within the limits of the joints; compliant links start unbent.
+    ranges
+        With --random: other limits of a coordinate; --range NAME=V:V holds it.
+    cartesian
+        Positions x, y, z of the body frame in F, by inverse kinematics.
+    actuate
+        How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from --q,
+        leg1/slide=0.001 holds at every posture of a map. The map is computed at the equilibrium for
+        these positions.
+    trajectory : FILE.csv
+        Postures of a file: a line of coordinate names, then one posture a line.
+    seed
+        Seed of random postures and starts.
+    orientation
+        With --cartesian: roll, pitch, yaw about fixed axes.
+    free
+        With --cartesian: the body may turn about this axis of its own, or in any way.
+    redundancy
+        With --cartesian, where many postures reach a place: nearest to the base posture, or best in
+        the first quantity.
+    branches
+        With --cartesian: most postures kept at a place.
+    starts
+        With --cartesian: random starts of the inverse kinematics.
     """
-    from cartstiff.maps.cartesian import CartesianGrid
-    from cartstiff.maps.job import CommandGrid
-    from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
 
-    steps = {name: values[0] for name, values in told.items() if len(values) == 1}
-    over = {name: values for name, values in told.items() if len(values) > 1}
-    if sum(bool(kind) for kind in (grid, random, cartesian, trajectory, over)) != 1:
-        raise InputError(
-            "say where the map looks",
-            expected="one of --grid, --random, --cartesian, "
-            "--trajectory, --actuate NAME=LOW:HIGH:COUNT",
-        )
-    if ranges and random is None:
-        raise InputError("--range goes with --random")
-    context = click.get_current_context()
-    of_places = "--cartesian", bool(cartesian)
-    wanted = dict.fromkeys(("orientation", "free", "redundancy", "branches", "starts"), of_places)
-    wanted["seed"] = "--random or --cartesian", bool(cartesian) or random is not None
-    for name, (options, is_there) in wanted.items():
-        source = context.get_parameter_source(name)
-        if not is_there and source is not click.core.ParameterSource.DEFAULT:
-            raise InputError(f"goes with {options}", where=f"--{name}")
-    base = elastic.placed(q, "--q")[1].q
-    if trajectory is not None:
-        return Trajectory.from_table(_table(trajectory, elastic), elastic, base), steps
-    option = "--actuate" if over else "--grid" if grid else "--range" if random else "--cartesian"
-    try:
-        if over:
-            return CommandGrid(_axes(over, option), elastic, base), steps
-        if grid:
-            return Grid(_axes(grid, option), elastic.names, base), steps
-        if random is not None:
-            limits = {name: (low, high) for name, (low, high) in ranges.items()}
-            return RandomPostures.within_limits(elastic, random, seed, limits), steps
-        turn = None
-        if orientation != "keep":
-            from cartstiff.geometry import se3
+    grid: Grid = None
+    random: Annotated[int | None, click.IntRange(1, _MOST)] = None
+    ranges: Annotated[Axis, "--range"] = None
+    cartesian: Annotated[
+        Mapping[str, tuple[float, ...]] | None, Axes("x=LOW:HIGH:COUNT", frame=True)
+    ] = None
+    actuate: Annotated[
+        Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH:COUNT", single=True)
+    ] = None
+    trajectory: Path | None = None
+    seed: Seed = 0
+    orientation: Annotated[Any, _Orientation("R,P,Y|keep", 3, powers=(ANGLE,))] = "keep"
+    free: Literal["none", "x", "y", "z", "rotation"] = "none"
+    redundancy: Literal["nearest", "best"] = "nearest"
+    branches: Annotated[int, click.IntRange(1, 1000)] = 8
+    starts: Annotated[int, click.IntRange(0, 10000)] = 24
 
-            turn = se3.from_roll_pitch_yaw(angles=orientation)[:3, :3]
-        axes = _axes(cartesian, option)
-        return CartesianGrid(axes, elastic, base, turn, seed=seed, **search), steps
-    except InputError as error:
-        raise error if error.where and option != "--range" else error.at(option) from None
+    def sampling(self, elastic: Any, q: Any) -> tuple[Sampling, dict[str, float]]:
+        """The sampling that is asked for, and the actuator positions at all of its postures.
+
+        q is the base posture or None.
+        """
+        from cartstiff.maps.cartesian import CartesianGrid
+        from cartstiff.maps.job import CommandGrid
+        from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Trajectory
+
+        told = self.actuate or {}
+        steps = {name: values[0] for name, values in told.items() if len(values) == 1}
+        over = {name: values for name, values in told.items() if len(values) > 1}
+        ways = (self.grid, self.random, self.cartesian, self.trajectory, over)
+        if sum(bool(kind) for kind in ways) != 1:
+            raise InputError(
+                "say where the map looks",
+                expected="one of --grid, --random, --cartesian, "
+                "--trajectory, --actuate NAME=LOW:HIGH:COUNT",
+            )
+        base = elastic.placed(q, "--q")[1].q
+        if self.trajectory is not None:
+            return Trajectory.from_table(_table(self.trajectory, elastic), elastic, base), steps
+        given = over or self.grid or self.cartesian or {}
+        option = "--actuate" if over else "--grid" if self.grid else "--cartesian"
+        axes: dict[str, Axis] = {}
+        for name, (low, high, n) in given.items():
+            try:
+                axes[name] = Axis(low, high, int(n))
+            except InputError as error:
+                raise error.at(f"{option} {name}") from None
+        try:
+            if over:
+                return CommandGrid(axes, elastic, base), steps
+            if self.grid:
+                return Grid(axes, elastic.names, base), steps
+            if self.random is not None:
+                option = "--range"
+                limits = {name: (low, high) for name, (low, high) in (self.ranges or {}).items()}
+                return RandomPostures.within_limits(elastic, self.random, self.seed, limits), steps
+            turn = None
+            if self.orientation != "keep":
+                from cartstiff.geometry import se3
+
+                turn = se3.from_roll_pitch_yaw(angles=self.orientation)[:3, :3]
+            search = {n: getattr(self, n) for n in ("free", "redundancy", "branches", "starts")}
+            return CartesianGrid(axes, elastic, base, turn, seed=self.seed, **search), steps
+        except InputError as error:
+            raise error if error.where and option != "--range" else error.at(option) from None
 
 
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
@@ -275,26 +226,6 @@ def level_of(
     )
 
 
-_EPILOG = """\b
-Examples:
-  cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41 --grid elbow_joint=-2.5:2.5:41 \\
-      --quantity translation_free_min -o ur5.zarr --picture ur5.png --worst 3
-  cartstiff map ur5 --random 1000000 --quantity condition -o random.zarr --picture hist.svg
-  cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity along_free \\
-      --direction 0,0,1 --world -o plane.zarr --picture plane.png
-  cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity translation_free_min \\
-      --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
-  cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \\
-      --load 0,0,0,0,0,-100 --world --below 2mm -o below.zarr --picture below.png
-  cartstiff map flexure-hexapod --actuate leg1=-1e-5:1e-5:11 --quantity translation_free_min \\
-      -o commands.zarr
-  cartstiff map panda --trajectory path.csv --quantity deflection \\
-      --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
-
-After an interruption, the same command goes on where it stopped.
-"""
-
-
 def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) -> None:
     if not asked or context.resilient_parsing:
         return
@@ -322,203 +253,221 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     context.exit()
 
 
-class _Remembering(UnitsCommand):
-    """Keeps the words that it was called with: the map says how it was made."""
+@dataclass(frozen=True)
+class Reading:
+    """What the map holds.
 
-    has_json_of_file = False
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        ctx.meta["words"] = ["cartstiff", "map", *args]
-        return super().parse_args(ctx, args)
-
-
-_options = option_group(
-    click.option(
-        "--quantity",
-        "quantities",
-        metavar="NAME",
-        multiple=True,
-        help="A quantity that the map holds; repeat it for several.",
-    ),
-    click.option(
-        "--list-quantities",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_list_quantities,
-        help="Print the names and end; with --json as one object.",
-    ),
-    choice(
-        "--connection",
-        OF_MANY,
-        "Matrix that the quantities are read from; default where a load can act: load, the "
-        "tangent stiffness "
-        "under it (see --load-kind, --load-at). Without a load all but F are the same.",
-    ),
-    option(
-        "--direction", DIRECTION, "For stiffness along and about a direction of the body frame."
-    ),
-    option(
-        "--added-load",
-        WRENCH,
-        "Wrench, added to the load, whose deflection is computed; default the load itself.",
-    ),
-    option(
-        "--added-load-at",
-        POINT,
-        "Point of the body, in its frame, at which the wrench of --added-load acts; "
-        "default its origin.",
-    ),
-    vibration_options,
-    option(
-        "--length",
-        Number("L"),
-        "Characteristic length at all postures; default the natural length at the default one.",
-    ),
-    file_option(
-        "-o --output",
-        "File of the map; if it exists, its missing parts are computed.",
-        required=True,
-        metavar="MAP.zarr",
-    ),
-    flag("--single", "Keep numbers in single precision."),
-    count("--chunk", "Largest number of postures in one part of the file.", 1, metavar="N"),
-    option(
-        "--below",
-        Amount("VALUE[UNIT]"),
-        "Print the share of the reached places at which the first quantity is at most this "
-        "(0.2mm), by the best branch of each place; a heat map has a line there.",
-    ),
-    option("--above", Amount("VALUE[UNIT]"), "The same for at least this value."),
-    flag(
-        "--single-branch",
-        "With --cartesian: show only the best single branch, which an arm can follow "
-        "without a flip, in pictures, lists and numbers.",
-    ),
-    option("--picture", PICTURE, "Draw the first quantity to a .png, .svg or .pdf file."),
-    choice(
-        "--kind",
-        ["auto", "heat", "slices", "line", "histogram"],
-        "Kind of the picture.",
-        default="auto",
-    ),
-    click.option(
-        "--by",
-        metavar="NAME",
-        help="The axis that slices cut.",
-    ),
-    repeated_option(
-        "--slice cuts",
-        Pairs("NAME=VALUE", axes=True),
-        "Draw and list only the part of the map at this value of an axis.",
-    ),
-    count("--best", "List the N best postures.", 1, 1000, metavar="N"),
-    count("--worst", "List the N worst postures.", 1, 1000, metavar="N"),
-    json_option,
-    progress_option,
-    explain_option,
-    count(
-        "--threads", "Threads of this process; default one for every core.", 1, 1024, metavar="N"
-    ),
-    count(
-        "--workers",
-        "Use N processes of this machine, for mechanisms without a compiled path.",
-        1,
-        1024,
-        metavar="N",
-    ),
-    click.option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Use the workers of a running Dask scheduler.",
-    ),
-)
-
-
-@click.command(name="map", epilog=_EPILOG, cls=_Remembering)
-@mechanism_options(
-    load_help="Wrench on the body at every posture: moment about and force at the point --load-at, "
-    "in the body's axes; rest positions are chosen so that the springs balance it."
-)
-@load_options("--load, --direction and --added-load")
-@sampling_options
-@_options
-@click.pass_context
-def command(
-    context: click.Context,
-    /,
-    request: MechanismRequest,
-    applied: LoadRequest,
-    quantities: tuple[str, ...],
-    connection: str | None,
-    direction: list[float] | None,
-    added_load: list[float] | None,
-    added_load_at: list[float] | None,
-    vibration: dict[str, Any],
-    length: float | None,
-    output: Path,
-    single: bool,
-    chunk: int | None,
-    below: tuple[float, str] | None,
-    above: tuple[float, str] | None,
-    single_branch: bool,
-    picture: Path | None,
-    kind: str,
-    by: str | None,
-    cuts: dict[str, float],
-    best: int | None,
-    worst: int | None,
-    progress: bool | None,
-    threads: int | None,
-    workers: int | None,
-    scheduler: str | None,
-    profile: bool,
-    **where: Any,
-) -> None:
-    """Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
-
-    The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it.
+    Parameters
+    ----------
+    quantities : NAME
+        A quantity that the map holds; repeat it for several.
+    connection
+        Matrix that the quantities are read from; default where a load can act: load, the tangent
+        stiffness under it (see --load-kind, --load-at). Without a load all but F are the same.
+    direction
+        For stiffness along and about a direction of the body frame.
+    added_load
+        Wrench, added to the load, whose deflection is computed; default the load itself.
+    added_load_at
+        Point of the body, in its frame, at which the wrench of --added-load acts; default its
+        origin.
+    length
+        Characteristic length at all postures; default the natural length at the default one.
     """
-    if workers is not None and scheduler is not None:
-        raise InputError("give --workers or --scheduler, not both")
+
+    quantities: Annotated[tuple[str, ...], "--quantity"] = ()
+    connection: Annotated[str | None, click.Choice(OF_MANY)] = None
+    direction: Direction = None
+    added_load: Wrench = None
+    added_load_at: Point = None
+    length: Annotated[float | None, Number("L")] = None
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """Arguments of a map."""
+        at = {} if self.added_load_at is None else {"deflect_at": self.added_load_at}
+        return {
+            "connection": self.connection,
+            "direction": self.direction,
+            "deflect": self.added_load,
+            "length": self.length,
+            **at,
+        }
+
+
+_Level = Annotated[tuple[float, str] | None, Amount("VALUE[UNIT]")]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is shown of the map.
+
+    Parameters
+    ----------
+    below
+        Print the share of the reached places at which the first quantity is at most this (0.2mm),
+        by the best branch of each place; a heat map has a line there.
+    above
+        The same for at least this value.
+    single_branch
+        With --cartesian: show only the best single branch, which an arm can follow without a flip,
+        in pictures, lists and numbers.
+    picture
+        Draw the first quantity to a .png, .svg or .pdf file.
+    kind
+        Kind of the picture.
+    by : NAME
+        The axis that slices cut.
+    cuts
+        Draw and list only the part of the map at this value of an axis.
+    best : N
+        List the N best postures.
+    worst : N
+        List the N worst postures.
+    """
+
+    below: _Level = None
+    above: _Level = None
+    single_branch: bool = False
+    picture: Picture = None
+    kind: Literal["auto", "heat", "slices", "line", "histogram"] = "auto"
+    by: str | None = None
+    cuts: Annotated[dict[str, float] | None, Pairs("NAME=VALUE", axes=True), "--slice"] = None
+    best: Several = None
+    worst: Several = None
+
+    def check(self, sampling: Any, quantities: tuple[str, ...]) -> dict[str, float]:
+        """Refuse what does not fit before the map is computed; the cuts by dimension."""
+        # Dimensions have dots where names of coordinates have slashes.
+        cuts = {n.replace("/", "."): value for n, value in (self.cuts or {}).items()}
+        check_cuts(cuts, sampling)
+        if self.picture is not None:
+            _check_picture(self.kind, self.by, sampling, cuts)
+        if self.best is not None or self.worst is not None:
+            _check_ranked(quantities)
+        if self.single_branch and "branch" not in sampling.dims:
+            raise InputError("is for --cartesian with several branches", where="--single-branch")
+        return cuts
+
+
+@declared(
+    "map",
+    json_of_file=False,
+    needs={
+        "added_load": "added_load_at",
+        "load added_load direction": "world",
+        "milling": "feed normal tip",
+        "random": "ranges",
+        "cartesian": "orientation free redundancy branches starts",
+        "random cartesian": "seed",
+        "picture": "kind by",
+    },
+    apart=("load rest", "below above", "workers scheduler"),
+    more=(
+        click.Option(
+            ["--list-quantities"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_list_quantities,
+            help="Print the names and end; with --json as one object.",
+        ),
+    ),
+)
+def command(
+    robot: Annotated[Robot, Taking("actuate")],
+    load: Annotated[
+        Load,
+        Taking(
+            load="Wrench on the body at every posture: moment about and force at the point "
+            "--load-at, in the body's axes; rest positions are chosen so that the springs balance "
+            "it."
+        ),
+    ],
+    where: Where,
+    reading: Reading,
+    vibration: Vibration,
+    shown: Shown,
+    out: Annotated[Output, Taking("csv plot")],
+    *,
+    output: Path,
+    single: bool = False,
+    chunk: Count = None,
+    progress: bool | None = None,
+    profile: bool = False,
+    threads: Processes = None,
+    workers: Processes = None,
+    scheduler: str | None = None,
+) -> None:
+    r"""Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
+
+    The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it. After an
+    interruption, the same command goes on where it stopped.
+
+    Parameters
+    ----------
+    robot
+        The mechanism.
+    load
+        The load at every posture.
+    where
+        The postures.
+    reading
+        What the map holds.
+    vibration
+        What damps and cuts.
+    shown
+        What is shown of the map.
+    out
+        How it is printed.
+    output : MAP.zarr
+        File of the map; if it exists, its missing parts are computed.
+    single
+        Keep numbers in single precision.
+    chunk : N
+        Largest number of postures in one part of the file.
+    progress
+        Bar on standard error; default on a terminal.
+    profile
+        Also say what computed the answer, how long each part took, and what limits it on this
+        machine.
+    threads : N
+        Threads of this process; default one for every core.
+    workers : N
+        Use N processes of this machine, for mechanisms without a compiled path.
+    scheduler : ADDRESS
+        Use the workers of a running Dask scheduler.
+
+    Examples
+    --------
+    cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41 --grid elbow_joint=-2.5:2.5:41 \
+        --quantity translation_free_min -o ur5.zarr --picture ur5.png --worst 3
+    cartstiff map ur5 --random 1000000 --quantity condition -o random.zarr --picture hist.svg
+    cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity along_free \
+        --direction 0,0,1 --world -o plane.zarr --picture plane.png
+    cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity translation_free_min \
+        --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
+    cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \
+        --load 0,0,0,0,0,-100 --world --below 2mm -o below.zarr --picture below.png
+    cartstiff map flexure-hexapod --actuate leg1=-1e-5:1e-5:11 --quantity translation_free_min \
+        -o commands.zarr
+    cartstiff map panda --trajectory path.csv --quantity deflection \
+        --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
+    """
     if profile and (workers is not None or scheduler is not None):
         raise InputError(
             "the time of other processes is not counted",
             where="--profile",
             expected="neither --workers nor --scheduler",
         )
+    quantities = reading.quantities
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
-    if added_load is None:
-        only_with("added-load", added_load_at=added_load_at)
-    applied.check_world(load=request.wrench, added_load=added_load, direction=direction)
-    asked: dict[str, Any] = {
-        **applied.keywords(request.wrench),
-        **vibration,
-        "wrench": request.balanced_wrench,
-        "world": applied.world,
-        "direction": direction,
-        "deflect": added_load,
-        "length": length,
-    }
-    if added_load_at is not None:
-        asked["deflect_at"] = added_load_at
-    elastic, q = request.load()
-    sampling, asked["told"] = sampling_from_options(elastic, q, **where)
-    # Dimensions have dots where names of coordinates have slashes.
-    cuts = {n.replace("/", "."): value for n, value in cuts.items()}
-    check_cuts(cuts, sampling)
-    if picture is not None:
-        _check_picture(kind, by, sampling, cuts)
-    elif by is not None or kind != "auto":
-        raise InputError("is for --picture", where="--by" if by is not None else "--kind")
-    if best is not None or worst is not None:
-        _check_ranked(quantities)
-    if below is not None and above is not None:
-        raise InputError("give --below or --above, not both")
-    if single_branch and "branch" not in sampling.dims:
-        raise InputError("is for --cartesian with several branches", where="--single-branch")
-    level = level_of(below or above, "--below" if below else "--above", quantities[0], elastic)
+    elastic, q = robot.load()
+    sampling, told = where.sampling(elastic, q)
+    cuts = shown.check(sampling, quantities)
+    side = "above" if shown.above else "below"
+    level = level_of(shown.below or shown.above, f"--{side}", quantities[0], elastic)
 
     from cartstiff.many.work import describe, explained, watched
     from cartstiff.maps.reading import places_of, slice_map, summary, summary_of_file
@@ -530,11 +479,15 @@ def command(
         sampling,
         quantities,
         output,
-        connection=connection,
         single=single,
         chunk=chunk,
-        command=shlex.join(context.meta["words"]),
-        **asked,
+        command=shlex.join(click.get_current_context().meta["words"]),
+        **load.keywords,
+        **reading.keywords,
+        world=load.world,
+        damping=vibration.damped,
+        milling=vibration.cutter,
+        told=told,
     )
     facts: dict[int, dict[str, Any]] = {}
     start, spent = time.perf_counter(), time.process_time()
@@ -557,63 +510,56 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
-    told = explained(work, seconds, time.process_time() - spent) if profile else None
+    profiled = explained(work, seconds, time.process_time() - spent) if profile else None
     if damaged:
         say(
             f"cartstiff: {one_line(str(output))}: {len(damaged)} of its files were damaged and "
             f"have been made anew: {one_line('; '.join(damaged), 300)}",
             error=True,
         )
-    lists = {"best": best, "worst": worst}
-    whole: Any = None  # opened where the parts' facts do not say all
-    if cuts or single_branch or (best, worst, level, picture) != (None,) * 4:
-        whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
-    dataset = whole
-    if single_branch:
-        from cartstiff.maps.across import single_branch as one_branch
-
-        dataset = one_branch(whole, quantities[0], level, above is None)
-    summed = summary(dataset) if cuts or single_branch else summary_of_file(file, facts)
-    answer = _answer(file, output, computed, seconds, summed)
-    answer |= {"slice": places_of(whole, cuts)}
+    from cartstiff.maps.across import single_branch as one_branch
+    from cartstiff.maps.reading import share_within
     from cartstiff.mechanisms.elastic import gravity_loads
     from cartstiff.report.maps import describe_map, ranked
 
-    answer |= {
-        which: {name: ranked(dataset, name, which, count) for name in quantities}
-        for which, count in lists.items()
-        if count is not None
-    }
+    is_part = bool(cuts or shown.single_branch)
+    whole: Any = None  # opened where the parts' facts do not say all
+    if is_part or (shown.best, shown.worst, level, shown.picture) != (None,) * 4:
+        whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
+    dataset = whole
+    if shown.single_branch:
+        dataset = one_branch(whole, quantities[0], level, side == "below")
+    summed = summary(dataset) if is_part else summary_of_file(file, facts)
+    answer = _answer(file, output, computed, seconds, summed)
+    answer |= {"slice": places_of(whole, cuts)}
+    for which, count in (("best", shown.best), ("worst", shown.worst)):
+        if count is not None:
+            answer[which] = {name: ranked(dataset, name, which, count) for name in quantities}
     if level is not None:
-        from cartstiff.maps.reading import share_within
-
-        counts: dict[str, Any] = share_within(dataset, quantities[0], level, below is not None)
-        if "branch" in whole.dims and not single_branch:
-            from cartstiff.maps.across import single_branch as one_branch
-
-            alone = one_branch(whole, quantities[0], level, below is not None)
-            single_found = share_within(alone, quantities[0], level, below is not None)
+        counts: dict[str, Any] = share_within(dataset, quantities[0], level, side == "below")
+        if "branch" in whole.dims and not shown.single_branch:
+            alone = one_branch(whole, quantities[0], level, side == "below")
+            single_found = share_within(alone, quantities[0], level, side == "below")
             within = single_found["within"]
             share = within / counts["reached"] if counts["reached"] else 0.0
             by_one = {"places": single_found["reached"], "within": within, "share": share}
             counts["single_branch"] = by_one
-        answer["below" if below else "above"] = {"quantity": quantities[0], **counts}
-    if picture is not None:
+        answer[side] = {"quantity": quantities[0], **counts}
+    if shown.picture is not None:
         from cartstiff.maps.pictures import draw_map
         from cartstiff.report.output import save_figure
 
-        shown = {"by": by, "level": level, "angle": elastic.units.shown_angle}
-        save_figure(draw_map(dataset, quantities[0], kind, **shown), picture)
-    if told is not None:
-        answer["explained"] = told
+        look = {"by": shown.by, "level": level, "angle": elastic.units.shown_angle}
+        save_figure(draw_map(dataset, quantities[0], shown.kind, **look), shown.picture)
+    if profiled is not None:
+        answer["explained"] = profiled
 
     def text() -> str:
-        is_loaded = request.balanced_wrench is not None
         names, weighed = elastic.names_with_units, gravity_loads(elastic).text
-        lines = [describe_map(answer, names, weighed, is_loaded)]
-        return "\n".join([*lines, *(describe(told) if told else [])])
+        lines = [describe_map(answer, names, weighed, load.load is not None)]
+        return "\n".join([*lines, *(describe(profiled) if profiled else [])])
 
-    tell(answer, request.mechanism, text)
+    out.tell(answer, robot.mechanism, text)
 
 
 def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, float]) -> None:
@@ -674,37 +620,43 @@ def _answer(
     }
 
 
-_COMPARE_EXAMPLES = """\b
-Examples:
-  cartstiff compare wall.zarr ceiling.zarr --picture ratio.png
-  cartstiff compare ur10.zarr kr210.zarr --quantity deflection --difference --json
-"""
-
-
-@click.command(name="compare", epilog=_COMPARE_EXAMPLES)
-@click.argument("first", metavar="FIRST.zarr", type=click.Path(path_type=Path))
-@click.argument("second", metavar="SECOND.zarr", type=click.Path(path_type=Path))
-@click.option(
-    "--quantity", metavar="NAME", help="Quantity to compare; default the first that both maps hold."
-)
-@flag("--difference", "The first map minus the second, instead of the first over the second.")
-@repeated_option(
-    "--slice cuts", Pairs("NAME=VALUE"), "Only the part of both maps at this value of an axis."
-)
-@option("--picture", PICTURE, "Draw it to a .png, .svg or .pdf file.")
-@json_option
+@declared("compare")
 def compare_command(
     first: Path,
     second: Path,
-    quantity: str | None,
-    difference: bool,
-    cuts: dict[str, float],
-    picture: Path | None,
+    out: Annotated[Output, Taking("csv plot")],
+    *,
+    quantity: str | None = None,
+    difference: bool = False,
+    cuts: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--slice"] = None,
+    picture: Picture = None,
 ) -> None:
     """Ratio or difference of two maps of the same places: two arms, two mountings.
 
     FIRST and SECOND are maps of `cartstiff map`, over the same axes. At a place with several
     branches each map's best one counts.
+
+    Parameters
+    ----------
+    first : FIRST.zarr
+        A map.
+    second : SECOND.zarr
+        Another.
+    out
+        How it is printed.
+    quantity : NAME
+        Quantity to compare; default the first that both maps hold.
+    difference
+        The first map minus the second, instead of the first over the second.
+    cuts
+        Only the part of both maps at this value of an axis.
+    picture
+        Draw it to a .png, .svg or .pdf file.
+
+    Examples
+    --------
+    cartstiff compare wall.zarr ceiling.zarr --picture ratio.png
+    cartstiff compare ur10.zarr kr210.zarr --quantity deflection --difference --json
     """
     from cartstiff.maps.across import compare_maps, compared
     from cartstiff.maps.reading import places_of, quantities_of, slice_map
@@ -714,7 +666,7 @@ def compare_command(
     if quantity is None:
         both = [name for name in quantities_of(a) if name in quantities_of(b)]
         quantity = both[0] if both else quantities_of(a)[0]
-    cuts = {name.replace("/", "."): value for name, value in cuts.items()}
+    cuts = {name.replace("/", "."): value for name, value in (cuts or {}).items()}
     a, b = (slice_map(data, **cuts) if cuts else data for data in (a, b))
     result = compare_maps(a, b, quantity, "difference" if difference else "ratio")
     answer = {
@@ -734,4 +686,4 @@ def compare_command(
     from cartstiff.report.maps import describe_comparison
 
     words = str(result[quantity].attrs["long_name"])
-    tell(answer, str(first), lambda: describe_comparison(answer, words))
+    out.tell(answer, str(first), lambda: describe_comparison(answer, words))

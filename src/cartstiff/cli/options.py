@@ -1,26 +1,25 @@
-"""Options that several commands share: which mechanism, in which posture, under which load.
+"""What several commands take: the kinds of their options, and the objects made of them.
 
-Types of options, and their declaration: the same way on every command.
+The same on every command: which robot it is and in which posture (`Robot`), what loads it
+(`Load`), what damps and cuts (`Vibration`), what it writes (`Output`).
 
 Text that cannot be used is an `InputError` that names the option.
-
-Options about damping and milling: of ``modes --lobes``, of maps and of paths.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
-from functools import wraps
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
-from cartstiff.choices import LARGEST_INPUT, LOAD_KINDS
-from cartstiff.cli.output import JSON, Progress
+from cartstiff.choices import LARGEST_INPUT
+from cartstiff.cli.declare import Factors, OptionType, add_once
+from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.parsing import parse_numbers
 
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from cartstiff.vibration.sensitivities import Sensitivities
 
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 # No axis of a map has more values: it would take years.
 _MOST = 10**12
 
@@ -41,48 +39,25 @@ ANGLE = None
 _Powers = tuple[int | None, ...]
 
 
-class Factors(NamedTuple):
-    """What lengths and angles are multiplied by, to be in the units that are computed in."""
-
-    length: float = 1.0
-    angle: float = 1.0
-
-
-class OptionType(click.ParamType):  # type: ignore[type-arg]
-    """Text that becomes a value; `name` stands for it in --help."""
-
-    def __init__(self, shape: str) -> None:
-        self.name = shape
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
-        """Words in --help."""
-        return self.name
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ARG002
-        """The value; what click hands over twice stays as it is."""
-        where = self.name if param is None else param.opts[-1]
-        return self.parsed(value, where) if isinstance(value, str) else value
-
-    def parsed(self, text: str, where: str) -> Any:
-        """The value of a text given to the option `where`."""
-        raise NotImplementedError
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
-        """The value in other units."""
-        return value
-
-
 class Numbers(OptionType):
     """Comma-separated numbers, as many as one of `counts` (any number without).
 
     `powers` are those of length in their units, or `ANGLE`; the last holds for all further numbers.
+    With `some` not all of them are zero.
     """
 
     def __init__(
-        self, shape: str, *counts: int, powers: _Powers = (0,), above_zero: bool = False
+        self,
+        shape: str,
+        *counts: int,
+        powers: _Powers = (0,),
+        above_zero: bool = False,
+        low: float = -math.inf,
+        some: bool = False,
     ) -> None:
         super().__init__(shape)
         self.counts, self.powers, self.above_zero = counts, powers, above_zero
+        self.low, self.some = low, some
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
         """Each number in its other unit."""
@@ -99,14 +74,18 @@ class Numbers(OptionType):
             raise InputError("wrong count", where=where, expected=self.name, got=len(numbers))
         if self.above_zero and min(numbers) <= 0:
             raise InputError("cannot be used", where=where, expected="above zero", got=min(numbers))
+        if min(numbers) < self.low:
+            raise InputError("cannot be used", where=where, expected="zero or more", got=numbers)
+        if self.some and not any(numbers):
+            raise InputError("must not be zero", where=where, expected="not all zero", got=numbers)
         return numbers
 
 
 class Number(Numbers):
     """One number."""
 
-    def __init__(self, shape: str, *, power: int = 0, above_zero: bool = False) -> None:
-        super().__init__(shape, 1, powers=(power,), above_zero=above_zero)
+    def __init__(self, shape: str, *, power: int = 0, **settings: bool) -> None:
+        super().__init__(shape, 1, powers=(power,), **settings)
 
     def parsed(self, text: str, where: str) -> Any:
         """The number."""
@@ -129,6 +108,8 @@ class Amount(OptionType):
 
 class Arguments(OptionType):
     """One ``NAME:=VALUE`` pair of texts, as ROS people write it, as a mapping."""
+
+    merges = True
 
     def parsed(self, text: str, where: str) -> dict[str, str]:
         """The value by its name."""
@@ -178,15 +159,6 @@ class TableUnits(UnitList):
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
         """The same."""
         return value
-
-
-PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))
-WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))
-POINT = Numbers("X,Y,Z", 3, powers=(1,))
-DIRECTION = Numbers("X,Y,Z", 3)
-POSE = Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))
-TCP = Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))
-TOLERANCE = Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, ANGLE))
 
 
 def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float]:
@@ -266,20 +238,21 @@ class JointValues(OptionType):
         """Values as given, not yet compared with the mechanism."""
         if "=" not in text:
             return Values(where, parse_numbers(text, where, rigid=self.stiffness))
-        values: dict[str, float] = {}
-        for part in text.split(","):
-            name, equals, number = (piece.strip() for piece in part.partition("="))
-            if not equals:
-                raise InputError(
-                    "mixes numbers and name=value pairs",
-                    where=where,
-                    expected="one of the two forms",
-                    got=repr(part),
-                )
-            if name in values:
-                raise InputError("joint given twice", where=where, got=repr(name))
-            values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=self.stiffness)[0]
-        return Values(where, values)
+        expected = "all numbers, or all NAME=VALUE, each once"
+        return Values(where, _named(text, where, expected, rigid=self.stiffness))
+
+
+def _named(
+    text: str, where: str, expected: str, names: tuple[str, ...] = (), rigid: bool = False
+) -> dict[str, float]:
+    """Numbers by name from ``NAME=VALUE`` pairs."""
+    values: dict[str, float] = {}
+    for part in text.split(","):
+        name, equals, number = (piece.strip() for piece in part.partition("="))
+        if not equals or name in values or (names and name not in names):
+            raise InputError("cannot be used", where=where, expected=expected, got=repr(part))
+        values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=rigid)[0]
+    return values
 
 
 class Pairs(OptionType):
@@ -287,6 +260,8 @@ class Pairs(OptionType):
 
     They are as the mechanism's file has them, or of a `frame`, or of axes, as those of `Axes`.
     """
+
+    merges = True
 
     def __init__(
         self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False, axes: bool = False
@@ -301,19 +276,8 @@ class Pairs(OptionType):
 
     def parsed(self, text: str, where: str) -> dict[str, float]:
         """Numbers by name."""
-        values: dict[str, float] = {}
-        for part in text.split(","):
-            name, equals, number = (piece.strip() for piece in part.partition("="))
-            if not equals or name in values or (self.names and name not in self.names):
-                of = f" pairs of {', '.join(self.names)}" if self.names else ""
-                raise InputError(
-                    "cannot be used",
-                    where=where,
-                    expected=f"NAME=VALUE{of}, each once",
-                    got=repr(part),
-                )
-            values[name] = parse_numbers(number, f"{where} {name}", 1)[0]
-        return values
+        of = f" pairs of {', '.join(self.names)}" if self.names else ""
+        return _named(text, where, f"NAME=VALUE{of}, each once", self.names)
 
 
 class Axes(OptionType):
@@ -321,6 +285,8 @@ class Axes(OptionType):
 
     With `single`, ``NAME=VALUE`` as well. They are of coordinates and legs, or of a `frame`.
     """
+
+    merges = True
 
     def __init__(self, shape: str, *, single: bool = False, frame: bool = False) -> None:
         super().__init__(shape)
@@ -354,8 +320,34 @@ class Axes(OptionType):
                     expected="a whole number of 1 or more",
                     got=parts[2],
                 )
-            _add(axes, name, values, where)
+            add_once(axes, name, values, where)
         return axes
+
+
+class Sweep(OptionType):
+    """``LOW:HIGH[:COUNT]`` as two numbers that rise, the low one `above_zero`, and a count."""
+
+    def __init__(self, count: int, most: int, unit: str, *, above_zero: bool = False) -> None:
+        super().__init__("LOW:HIGH[:COUNT]")
+        self.count, self.most, self.unit, self.above_zero = count, most, unit, above_zero
+
+    def parsed(self, text: str, where: str) -> tuple[float, float, int]:
+        """Low, high and count."""
+        parts = text.split(":")
+        sign = "<" if self.above_zero else "<="
+        expected = f"{self.name}, 0 {sign} LOW < HIGH in {self.unit}"
+        numbers = [parse_numbers(part, where, 1)[0] for part in parts if len(parts) in (2, 3)]
+        low, high, count = [*numbers, self.count][:3] if numbers else (1.0, 0.0, 0)
+        if not (0.0 <= low < high) or (self.above_zero and low == 0.0):
+            raise InputError("cannot be used", where=where, expected=expected, got=text)
+        if not (count == int(count) and 2 <= count <= self.most):
+            raise InputError(
+                "count cannot be used",
+                where=where,
+                expected=f"a whole number from 2 to {self.most}",
+                got=count,
+            )
+        return low, high, int(count)
 
 
 class OutputFile(OptionType):
@@ -382,279 +374,138 @@ class OutputFile(OptionType):
         return path
 
 
-PICTURE = OutputFile("FILE.png", ".png", ".svg", ".pdf")
-
-
-def _add(values: dict[str, Any], name: str, value: object, where: str) -> None:
-    if name in values:
-        raise InputError("given twice", where=where, got=repr(name))
-    values[name] = value
-
-
-def _once(context: click.Context, parameter: click.Parameter, values: tuple[Any, ...]) -> Any:
-    if len(values) > 1:
-        raise click.BadParameter("given more than once", ctx=context, param=parameter)
-    return values[0] if values else None
-
-
-def _merged(
-    _: click.Context, parameter: click.Parameter, values: tuple[Mapping[str, Any], ...]
-) -> dict[str, Any]:
-    merged: dict[str, Any] = {}
-    for name, value in (item for mapping in values for item in mapping.items()):
-        _add(merged, name, value, parameter.opts[-1])
-    return merged
-
-
-_Decorator = Callable[[Any], Any]
-#: Path of a file that is read.
-FILE = click.Path(path_type=Path)
-
-
-def option(names: str, kind: Any, words: str, **settings: Any) -> _Decorator:
-    """An option that must not be given twice; None without it."""
-    return _declared(names, kind, words, multiple=True, callback=_once, **settings)
-
-
-def repeated_option(names: str, kind: OptionType, words: str, **settings: Any) -> _Decorator:
-    """An option of `Pairs` or `Axes` that may be given for several names: one mapping."""
-    return _declared(names, kind, words, multiple=True, callback=_merged, **settings)
-
-
-def flag(names: str, words: str, **settings: Any) -> _Decorator:
-    """An option without a value."""
-    return click.option(*names.split(), is_flag=True, help=words, **settings)
-
-
-def choice(names: str, among: Iterable[str], words: str, **settings: Any) -> _Decorator:
-    """One of some words; of several that are given the last counts."""
-    return _declared(names, click.Choice(list(among)), words, **settings)
-
-
-def count(
-    names: str, words: str, low: int | None, high: int | None = None, **settings: Any
-) -> _Decorator:
-    """A whole number between two ends; of several that are given the last counts."""
-    return _declared(names, click.IntRange(low, high), words, **settings)
-
-
-def file_option(names: str, words: str, **settings: Any) -> _Decorator:
-    """Path of a file; of several that are given the last counts."""
-    return _declared(names, FILE, words, **settings)
-
-
-def _declared(names: str, kind: Any, words: str, **settings: Any) -> _Decorator:
-    """An option by its names, as click takes them but in one text; its default is shown."""
-    shown = "default" in settings or None
-    return click.option(*names.split(), type=kind, help=words, show_default=shown, **settings)
-
-
-def option_group(*options: Callable[[Any], Any]) -> Callable[[_Command], _Command]:
-    """Several options as one decorator, in the order in which --help shows them."""
-
-    def decorate(command: _Command) -> _Command:
-        for decorator in reversed(options):
-            command = decorator(command)
-        return command
-
-    return decorate
-
-
-def only_with(of: str, **values: object) -> None:
-    """Refuse values of options that mean something only beside another one, which is not given."""
-    for name, value in values.items():
-        if value is not None:
-            raise InputError(f"is for --{of}", where=f"--{name.replace('_', '-')}")
-
-
-def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Callable[..., Any]:
-    """Decorator that adds options and hands their values over as one object."""
-
-    def decorate(command: Callable[..., Any]) -> Any:
-        @wraps(command)
-        def gathered(*arguments: Any, **values: Any) -> Any:
-            own = {f.name: values.pop(f.name) for f in fields(kind) if f.name in values}
-            return command(*arguments, **{keyword: kind(**own)}, **values)
-
-        return options(gathered)
-
-    return decorate
-
-
-def _keep_json(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    context.meta[JSON] = asked
-
-
-explain_option = flag(
-    "--profile",
-    "Also say what computed the answer, how long each part took, and what limits it on this "
-    "machine.",
-)
-json_option = flag("--json", "Print one JSON object.", expose_value=False, callback=_keep_json)
-progress_option = click.option(
-    "--progress/--no-progress",
-    default=None,
-    help="Bar on standard error; default on a terminal.",
-)
-
-
-_FACTOR = "cartstiff.given_length"
-
-
-class UnitsCommand(click.Command):
-    """A command with --units; it sees the options' numbers converted.
-
-    Angles become radians. With --json, lengths become those of the mechanism's file, as does all
-    that comes out; without, the mechanism is put into the unit that was given.
-    """
-
-    #: Whether the JSON is in the units of the mechanism's file.
-    has_json_of_file = True
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run the command."""
-        units = ctx.params.get("units") or {}
-        is_json = self.has_json_of_file and ctx.meta.get(JSON)
-        length = units.get("length") if is_json else None
-        if length is not None or units.get("angle") == "deg":
-            _convert(ctx, length, math.pi / 180.0 if units.get("angle") == "deg" else 1.0)
-        return super().invoke(ctx)
-
-
-def given_length() -> float:
-    """The unit of length of numbers that are given, in the one that is computed in."""
-    context = click.get_current_context(silent=True)
-    return 1.0 if context is None else float(context.meta.get(_FACTOR, 1.0))
-
-
-def column_factors(elastic: Any) -> dict[str, float]:
-    """Factors of columns whose head names no unit: angles, and what has lengths in its unit."""
-    from cartstiff.mechanisms.other_units import shown_factors
-
-    a = given_length()
-    lengths = [
-        *(c.name for c in elastic.mechanism.coordinates if c.is_length),
-        "x",
-        "y",
-        "z",
-        "mx",
-        "my",
-        "mz",
-    ]
-    return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
-
-
-def _convert(ctx: click.Context, length: str | None, angle: float) -> None:
-    from cartstiff.mechanisms.contract import Units, convert_length
-
-    read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
-    request = MechanismRequest(**{k: v for k, v in ctx.params.items() if k in read})
-    elastic = request.bare(request.frame)
-    a = 1.0 if length is None else convert_length(Units(length), elastic.units)[0]
-    for one in ctx.command.params:
-        value = ctx.params.get(one.name or "")
-        if value is not None and isinstance(one.type, OptionType):
-            ctx.params[str(one.name)] = one.type.converted(value, Factors(a, angle), elastic)
-    if length is not None:
-        ctx.meta[_FACTOR] = a
-
-
-_BALANCED = (
-    "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
-)
-frame_option = option("--frame", None, "Body frame M: a link or site.", metavar="NAME")
-parameters_option = repeated_option(
-    "--set parameters",
-    Pairs("NAME=VALUE"),
-    "A parameter of the mechanism file, in its units, instead of the value there; repeat it "
-    "for several.",
-)
-stiffness_option = option(
-    "--stiffness",
-    JointValues(stiffness=True, springs=True, broadcast=True),
-    "Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
-    "may be rigid.",
-)
-
-
-#: Commanded actuator positions, for `MechanismRequest.command`.
-command_option = option(
-    "--actuate told",
-    JointValues(springs=True),
-    "How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or "
-    "leg1=0.001 of a platform. The rest positions of their springs shift by so much, and "
-    "the pose of the new rest is found.",
-)
+#: Values of options by their kind; None without the option.
+Payload = Annotated[list[float] | None, Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))]
+Wrench = Annotated[list[float] | None, Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))]
+Point = Annotated[list[float] | None, Numbers("X,Y,Z", 3, powers=(1,))]
+Vector = Annotated[list[float] | None, Numbers("X,Y,Z", 3)]
+Direction = Annotated[list[float] | None, Numbers("X,Y,Z", 3, some=True)]
+Pose = Annotated[list[float] | None, Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))]
+Tcp = Annotated[list[float] | None, Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))]
+Tolerance = Annotated[
+    list[float] | None,
+    Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, ANGLE), low=0, some=True),
+]
+Ratios = Annotated[list[float] | None, Numbers("RATIO[,RATIO...]", low=0)]
+Axis = Annotated[Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH")]
+Grid = Annotated[Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH:COUNT")]
+Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
+Csv = Annotated[Path | None, OutputFile("FILE.csv", ".csv")]
+Count = Annotated[int | None, click.IntRange(1)]
+Several = Annotated[int | None, click.IntRange(1, 1000)]
+Processes = Annotated[int | None, click.IntRange(1, 1024)]
+Seed = Annotated[int, click.IntRange(0)]
 
 
 @dataclass(frozen=True)
-class LoadRequest:
-    """Values of `load_options`."""
+class Load:
+    """Load.
 
-    load_at: list[float] | None
-    world: bool
-    load_kind: str
+    Parameters
+    ----------
+    load
+        Wrench on the body: moment about and force at the point --load-at, in the body's axes; rest
+        positions are chosen so that the springs balance it.
+    load_at
+        Point of the body, in its frame, at which the load acts; default its origin.
+    world
+        Components of loads and directions are along the inertial axes, not those of the body.
+        Points stay in the body's frame.
+    load_kind
+        Behaviour of the load while the body moves. dead: force and moment keep their direction in
+        the room; follower: they turn with the body; conservative: the force keeps its direction,
+        the moment turns by half.
+    """
 
-    def keywords(self, wrench: object) -> dict[str, Any]:
-        """Arguments of `cartstiff.analyse` beside a wrench; --world may be about other options."""
-        return {
-            "load_at": self.acts_at,
-            "load_kind": self.load_kind,
-            "load_axes": "body" if wrench is None else self.axes,
-        }
+    load: Wrench = None
+    load_at: Point = None
+    world: bool = False
+    load_kind: Literal["dead", "follower", "conservative"] = "dead"
 
     @property
-    def acts_at(self) -> Any:
-        """The point of the body at which the load acts."""
-        return self.load_at or (0.0, 0.0, 0.0)
+    def keywords(self) -> dict[str, Any]:
+        """Arguments of `cartstiff.analyse`; --world may be about other options."""
+        axes = "body" if self.load is None else self.axes
+        return {"wrench": self.load, **self.manner, "load_axes": axes}
+
+    @property
+    def manner(self) -> dict[str, Any]:
+        """Where the load acts, and how it goes on while the body moves."""
+        return {"load_at": self.load_at or (0.0, 0.0, 0.0), "load_kind": self.load_kind}
 
     @property
     def axes(self) -> Any:
         """Axes of the load's components: "body" or "world"."""
         return "world" if self.world else "body"
 
-    def check_load(self, is_given: bool) -> None:
-        """Refuse options of a load where there is none."""
-        for name, is_said in (
-            ("--load-at", self.load_at is not None),
-            ("--load-kind", self.load_kind != "dead"),
-        ):
-            if is_said and not is_given:
-                raise InputError("is for --load", where=name)
-
-    def check_world(self, **given: object) -> None:
-        """Refuse --world where none of the options is given whose components it is about."""
-        if self.world and all(value is None for value in given.values()):
-            names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-            raise InputError(f"is for {names}", where="--world")
-
 
 @dataclass(frozen=True)
-class MechanismRequest:
-    """Values of `mechanism_options`."""
+class Robot:
+    """Robot, posture and tool.
+
+    Parameters
+    ----------
+    mechanism
+        A name or a file.
+    q
+        Posture: numbers in joint order or name=value pairs, rad and m.
+    pose
+        Posture of a platform, or of a body on legs: position and roll, pitch, yaw about fixed axes.
+    lengths
+        Posture of a six-legged platform by its leg lengths, near the file's pose.
+    frame : NAME
+        Body frame M: a link or site.
+    tcp
+        M in the frame: position, and roll, pitch, yaw about fixed axes.
+    gravity
+        Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the file's.
+    payload
+        Mass on the body, always in kg, and its centre in M. It has weight under the gravity of
+        --gravity or the file; without either under 9.81 m/s^2 along -z.
+    units
+        Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: with mm,
+        moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file may name
+        others. deg is for every angle that is given, and for joints, roll, pitch, yaw and tables of
+        postures that are shown; stiffnesses stay per radian. With --json, numbers come out in the
+        units of MECHANISM's file and in radians; the JSON of `map` and `design` keeps the unit of
+        length given here, and names it.
+    parameters
+        A parameter of the mechanism file, in its units, instead of the value there; repeat it for
+        several.
+    xacro_args
+        Argument of a xacro file; repeat it for several.
+    package_path : FOLDER
+        Folder in or under which ROS packages are looked for.
+    stiffness
+        Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints may be
+        rigid.
+    rest
+        Rest positions of the joints, or rest lengths of the legs; written as for --q.
+    actuate
+        How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or
+        leg1=0.001 of a platform. The rest positions of their springs shift by so much, and the pose
+        of the new rest is found.
+    """
 
     mechanism: str
-    q: Values | None = None
-    pose: list[float] | None = None
-    lengths: list[float] | None = None
+    q: Annotated[Values | None, JointValues()] = None
+    pose: Pose = None
+    lengths: Annotated[list[float] | None, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = (
+        None
+    )
     frame: str | None = None
-    stiffness: Values | None = None
-    rest: Values | None = None
-    wrench: list[float] | None = None
-    tcp: list[float] | None = None
-    gravity: list[float] | None = None
-    payload: list[float] | None = None
-    xacro_args: dict[str, str] | None = None
+    tcp: Tcp = None
+    gravity: Vector = None
+    payload: Payload = None
+    units: Annotated[dict[str, str] | None, UnitList("UNITS")] = None
+    parameters: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--set"] = None
+    xacro_args: Annotated[dict[str, str] | None, Arguments("NAME:=VALUE"), "--xacro-arg"] = None
     package_path: tuple[Path, ...] = ()
-    units: dict[str, str] | None = None
-    parameters: dict[str, float] | None = None
-
-    @property
-    def balanced_wrench(self) -> list[float] | None:
-        """The wrench, where rest positions follow from it and cannot be given as well."""
-        if self.wrench is not None and self.rest is not None:
-            raise InputError("give --load or --rest, not both: one follows from the other")
-        return self.wrench
+    stiffness: Annotated[
+        Values | None, JointValues(stiffness=True, springs=True, broadcast=True)
+    ] = None
+    rest: Annotated[Values | None, JointValues(springs=True)] = None
+    actuate: Annotated[Values | None, JointValues(springs=True)] = None
 
     def load(self) -> tuple[Any, Any]:
         """The elastic mechanism, and its coordinates or None for the default posture."""
@@ -673,17 +524,16 @@ class MechanismRequest:
             rest = self.rest.of(names)
         return elastic.with_springs(stiffness, rest), q
 
-    def command(self, told: Values, elastic: Any) -> dict[str, float]:
+    def command(self, elastic: Any) -> dict[str, float]:
         """Commanded displacement of each drive by --actuate."""
-        values = told.of(elastic.spring_names)
+        names = elastic.spring_names
+        values = {} if self.actuate is None else self.actuate.of(names)
         if isinstance(values, dict):
             return values
-        return {n: x for n, x in zip(elastic.spring_names, values, strict=True) if x}
+        return {n: x for n, x in zip(names, values, strict=True) if x}
 
     def at_posture(self) -> Any:
         """The elastic mechanism with the posture that was given as its own."""
-        from dataclasses import replace
-
         elastic, q = self.load()
         if q is None:
             return elastic
@@ -701,9 +551,10 @@ class MechanismRequest:
         bare = self.bare(frame)
         length = self.units.get("length", bare.units.length)
         factor, _ = convert_length(Units(length), bare.units)
-        for name, kind in (("tcp", TCP), ("payload", PAYLOAD)):  # of the file, in its units
+        for name, count in (("tcp", slice(3)), ("payload", slice(1, None))):  # in the file's units
             if (numbers := tool[name]) is not None:
-                tool[name] = kind.converted(numbers, Factors(factor), bare)
+                numbers = tool[name] = list(numbers)
+                numbers[count] = [x * factor for x in numbers[count]]
         if any(numbers is not None for numbers in tool.values()):
             bare = self._loaded(frame, **tool)
         return in_units(bare, length, self.units.get("angle", "rad"))
@@ -790,170 +641,88 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
             )
 
 
-_tcp_option = option(
-    "--tcp", TCP, "M in the frame: position, and roll, pitch, yaw about fixed axes."
-)
-#: Tool, gravity and what is carried.
-tool_options = option_group(
-    _tcp_option,
-    option(
-        "--gravity",
-        DIRECTION,
-        "Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the file's.",
-    ),
-    option(
-        "--payload",
-        PAYLOAD,
-        "Mass on the body, always in kg, and its centre in M. It has weight under the "
-        "gravity of --gravity or the file; without either under 9.81 m/s^2 along -z.",
-    ),
-)
-#: How a file is read.
-file_options = option_group(
-    parameters_option,
-    repeated_option(
-        "--xacro-arg xacro_args",
-        Arguments("NAME:=VALUE"),
-        "Argument of a xacro file; repeat it for several.",
-    ),
-    file_option(
-        "--package-path",
-        "Folder in or under which ROS packages are looked for.",
-        metavar="FOLDER",
-        multiple=True,
-    ),
-)
-units_option = option(
-    "--units",
-    UnitList("UNITS"),
-    "Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
-    "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV "
-    "file may name others. deg is for every angle that is given, and for joints, roll, pitch, "
-    "yaw and tables of postures that are shown; stiffnesses stay per radian. "
-    "With --json, numbers come out in the units of MECHANISM's file and in radians; the "
-    "JSON of `map` and `design` keeps the unit of length given here, and names it.",
-)
-#: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
-robot_options = option_group(
-    frame_option,
-    tool_options,
-    units_option,
-    file_options,
-    stiffness_option,
-)
+@dataclass(frozen=True)
+class Output:
+    """Output.
 
-
-def mechanism_options(
-    load_help: str = _BALANCED, *, placed: bool = True, gives: bool = True, loaded: bool = False
-) -> Callable[..., Callable[..., Any]]:
-    """Argument MECHANISM and the options that place and load it.
-
-    The command gets a `MechanismRequest` as its keyword ``request``; without `placed` there are
-    only those that say which robot it is, its posture among them, and `loaded` adds its load;
-    without `gives` neither its posture nor what it weighs nor its springs.
+    Parameters
+    ----------
+    json
+        Print one JSON object.
+    csv
+        Write a table.
+    plot
+        Draw it to a .png, .svg or .pdf file.
     """
-    posture = option(
-        "--q", JointValues(), "Posture: numbers in joint order or name=value pairs, rad and m."
-    )
-    load = option("--load wrench", WRENCH, load_help)
-    options = (
-        option_group(
-            click.argument("mechanism"),
-            posture,
-            option(
-                "--pose",
-                POSE,
-                "Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
-                "about fixed axes.",
-            ),
-            option(
-                "--lengths",
-                Numbers("L1,...,L6", powers=(1,)),
-                "Posture of a six-legged platform by its leg lengths, near the file's pose.",
-            ),
-            robot_options,
-            option(
-                "--rest",
-                JointValues(springs=True),
-                "Rest positions of the joints, or rest lengths of the legs; written as for --q.",
-            ),
-            load,
-        )
-        if placed
-        else option_group(
-            click.argument("mechanism"),
-            *(
-                [posture, robot_options]
-                if gives
-                else [frame_option, _tcp_option, units_option, file_options]
-            ),
-            *([load] if loaded else []),
-        )
-    )
-    return gathered(options, "request", MechanismRequest)
+
+    json: bool = False
+    csv: Csv = None
+    plot: Picture = None
+
+    def tell(
+        self,
+        data: Mapping[str, Any],
+        mechanism: str,
+        text: Callable[[], str],
+        csv: Callable[[], str] | None = None,
+        plot: Callable[[], Any] | None = None,
+    ) -> None:
+        """Write the files, and the result on standard output, as JSON or as text for reading."""
+        from cartstiff.report.output import write_files
+
+        made = ((self.csv, csv), (self.plot, plot))
+        write_files(*((path, make) for path, make in made if make is not None))
+        say(json_text(data, mechanism) if self.json else text())
 
 
-def load_options(world: str) -> Callable[..., Callable[..., Any]]:
-    """Where the load acts, along which axes and what it does, as `LoadRequest` in ``applied``.
+def convert_units(ctx: click.Context, length: str | None, angle: float) -> None:
+    """Convert the options' numbers of a command with --units.
 
-    `world` names the options whose components --world is about.
+    Angles become radians. With --json, lengths become those of the mechanism's file, as does all
+    that comes out; without, the mechanism is put into the unit that was given.
     """
-    options = option_group(
-        option(
-            "--load-at",
-            POINT,
-            "Point of the body, in its frame, at which the load acts; default its origin.",
-        ),
-        flag(
-            "--world",
-            f"Components (of {world}) are along the "
-            "inertial axes, not those of the body. Points stay in the body's frame.",
-        ),
-        choice(
-            "--load-kind",
-            list(LOAD_KINDS),
-            "Behaviour of the load while the body moves. dead: force and moment keep "
-            "their direction in the room; follower: they turn with the body; "
-            "conservative: the force keeps its direction, the moment turns by half.",
-            default="dead",
-        ),
-    )
-    return gathered(options, "applied", LoadRequest)
+    from cartstiff.mechanisms.contract import Units, convert_length
+
+    read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
+    robot = Robot(**{k: v for k, v in ctx.params.items() if k in read})
+    elastic = robot.bare(robot.frame)
+    a = 1.0 if length is None else convert_length(Units(length), elastic.units)[0]
+    for one in ctx.command.params:
+        value = ctx.params.get(one.name or "")
+        if value is not None and isinstance(one.type, OptionType):
+            ctx.params[str(one.name)] = one.type.converted(value, Factors(a, angle), elastic)
+    ctx.meta[_FACTOR] = a
 
 
-_LABEL = "parameters"
-
-sensitivities_option = flag(
-    "--sensitivities",
-    "Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, "
-    "by each stiffness, mass, length and parameter of the file.",
-)
+_FACTOR = "cartstiff.given_length"
 
 
-def tolerance_option(gives: str) -> Any:
-    """Standard deviations of the parameters."""
-    return option(
-        "--tolerance",
-        TOLERANCE,
-        "Standard deviations: relative of every spring stiffness, absolute of every length "
-        f"and rotation (rad) of the geometry. The answer has {gives}.",
-    )
+def given_length() -> float:
+    """The unit of length of numbers that are given, in the one that is computed in."""
+    context = click.get_current_context(silent=True)
+    return 1.0 if context is None else float(context.meta.get(_FACTOR, 1.0))
 
 
-def checked_tolerance(numbers: list[float] | None) -> None:
-    """Refuse numbers below zero, and zeros alone."""
-    if numbers is not None and (min(numbers) < 0.0 or not any(numbers)):
-        raise InputError(
-            "cannot be used",
-            where="--tolerance",
-            expected="zero or more, not all zero",
-            got=numbers,
-        )
+def column_factors(elastic: Any) -> dict[str, float]:
+    """Factors of columns whose head names no unit: angles, and what has lengths in its unit."""
+    from cartstiff.mechanisms.other_units import shown_factors
+
+    a = given_length()
+    lengths = [
+        *(c.name for c in elastic.mechanism.coordinates if c.is_length),
+        "x",
+        "y",
+        "z",
+        "mx",
+        "my",
+        "mz",
+    ]
+    return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
 
 
 def add_sensitivities(
     subject: Any,
-    request: MechanismRequest,
+    robot: Robot,
     data: dict[str, Any],
     finish: Callable[[Any], Any] = lambda elastic: elastic,
 ) -> tuple[list[str], Sensitivities]:
@@ -965,11 +734,11 @@ def add_sensitivities(
     from cartstiff.vibration.sensitivities import sensitivities
 
     def reread(values: Any) -> Any:
-        told = {**(request.parameters or {}), **values}
-        return finish(replace(request, parameters=told).load()[0])
+        told = {**(robot.parameters or {}), **values}
+        return finish(replace(robot, parameters=told).load()[0])
 
     elastic = subject.elastic
-    with Progress(_LABEL) as bar:
+    with Progress("parameters") as bar:
         known = sensitivities(subject, reread=reread if elastic.parameters else None, progress=bar)
     data["sensitivities"] = known.as_dict()
     return describe_sensitivities(known, elastic.units), known
@@ -983,7 +752,7 @@ def add_accuracy(
     from cartstiff.report.modes import describe_accuracy
     from cartstiff.vibration.sensitivities import accuracy
 
-    with Progress(_LABEL) as bar:
+    with Progress("parameters") as bar:
         known = accuracy(subject, Tolerances(*numbers), given=given, progress=bar)
     data["accuracy"] = known.as_dict()
     return describe_accuracy(known, subject.elastic.units)
@@ -1002,160 +771,61 @@ def add_intervals(
 
     t = Tolerances(*(numbers or ()))
     if given is None and t.any:
-        with Progress(_LABEL) as bar:
+        with Progress("parameters") as bar:
             given = sensitivities(modes, geometry=bool(t.length or t.angle), progress=bar)
     band = intervals(modes, t, given=given)
     data["intervals"] = band.as_dict()
     return describe_intervals(modes, band), given
 
 
-cutting_options = option_group(
-    option(
-        "--milling",
-        Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE)),
-        "Force law of a mill: tangential force per area, radial over tangential, teeth, and "
-        "angles (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).",
-    ),
-    option("--feed", DIRECTION, "Direction of the feed of --milling, in M; default x."),
-    option("--normal", DIRECTION, "Normal to the feed, in M; default y."),
-    option("--tip", POINT, "Tip of the mill, in M; default its origin."),
-)
-
-_damping_options = option_group(
-    option(
-        "--damping", Numbers("RATIO[,RATIO...]"), "Damping ratio of every mode, or one for each."
-    ),
-    option(
-        "--rayleigh",
-        Numbers("ALPHA,BETA", 2),
-        "Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.",
-    ),
-)
-
-
-def vibration_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options about damping and milling, given to a command as one mapping `vibration`."""
-
-    @wraps(command)
-    def run(*arguments: Any, **given: Any) -> Any:
-        taken = {name: given.pop(name) for name in ("milling", "feed", "normal", "tip")}
-        damping = damping_of(given.pop("damping"), given.pop("rayleigh"))
-        vibration = {"damping": damping, "milling": cutter(**taken)}
-        return command(*arguments, **given, vibration=vibration)
-
-    return cutting_options(_damping_options(run))
-
-
-# Number of speeds by default, and at most.
-_SPEEDS, _LIMIT = 12, 2000
-
-
-def damping_of(damping: list[float] | None, rayleigh: list[float] | None) -> Damping:
-    """What damps.
-
-    Raises
-    ------
-    InputError
-        For negative numbers.
-    """
-    from cartstiff.vibration.response import Damping
-
-    for name, value in (("damping", damping), ("rayleigh", rayleigh)):
-        if value is not None and min(value) < 0.0:
-            raise InputError(
-                "cannot be used", where=f"--{name}", expected="zero or more", got=value
-            )
-    alpha, beta = rayleigh or (0.0, 0.0)
-    ratios = 0.0 if damping is None else damping[0] if len(damping) == 1 else tuple(damping)
-    return Damping(ratios, alpha, beta)
-
-
-def cutter(
-    milling: list[float] | None,
-    feed: list[float] | None,
-    normal: list[float] | None,
-    tip: list[float] | None,
-) -> Milling | None:
-    """The cutter of --milling; None without it.
-
-    Raises
-    ------
-    InputError
-        For numbers that cannot be used, or other options without --milling.
-    """
-    if milling is None:
-        only_with("milling", feed=feed, normal=normal, tip=tip)
-        return None
-    from cartstiff.vibration.chatter import Milling
-
-    kt, kr, teeth, entry, exit_ = milling
-    more: dict[str, Any] = {"feed": feed, "normal": normal, "at": tip}
-    more = {key: tuple(value) for key, value in more.items() if value is not None}
-    count = int(teeth) if teeth == int(teeth) else teeth
-    return Milling(kt, kr, count, entry, exit_, **more)  # type: ignore[arg-type]
-
-
 @dataclass(frozen=True)
-class LobesRequest:
-    """``--lobes`` of ``cartstiff modes``, checked."""
+class Vibration:
+    """Damping and milling.
 
-    lobes: str | None
-    milling: list[float] | None
-    feed: list[float] | None
-    normal: list[float] | None
-    tip: list[float] | None
-    csv: Path | None = None
-    plot: Path | None = None
+    Parameters
+    ----------
+    damping
+        Damping ratio of every mode, or one for each.
+    rayleigh
+        Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.
+    milling
+        Force law of a mill: tangential force per area, radial over tangential, teeth, and angles
+        (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).
+    feed
+        Direction of the feed of --milling, in M; default x.
+    normal
+        Normal to the feed, in M; default y.
+    tip
+        Tip of the mill, in M; default its origin.
+    """
 
-    def __post_init__(self) -> None:
-        if self.lobes is None:
-            of_milling = {"feed": self.feed, "normal": self.normal, "tip": self.tip}
-            only_with("lobes", milling=self.milling, **of_milling)
-            return
+    damping: Ratios = None
+    rayleigh: Annotated[list[float] | None, Numbers("ALPHA,BETA", 2, low=0)] = None
+    milling: Annotated[
+        list[float] | None, Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE))
+    ] = None
+    feed: Vector = None
+    normal: Vector = None
+    tip: Point = None
+
+    @property
+    def damped(self) -> Damping:
+        """What damps."""
+        from cartstiff.vibration.response import Damping
+
+        alpha, beta = self.rayleigh or (0.0, 0.0)
+        ratios = tuple(self.damping or (0.0,))
+        return Damping(ratios[0] if len(ratios) == 1 else ratios, alpha, beta)
+
+    @property
+    def cutter(self) -> Milling | None:
+        """The cutter of --milling; None without it."""
         if self.milling is None:
-            raise InputError("needs a force law", where="--lobes", expected="--milling")
-        self._speeds()
+            return None
+        from cartstiff.vibration.chatter import Milling
 
-    def _speeds(self) -> tuple[float, float, int]:
-        parts = (self.lobes or "").split(":")
-        numbers = [parse_numbers(part, "--lobes", 1)[0] for part in parts if len(parts) in (2, 3)]
-        low, high, count = [*numbers, _SPEEDS][:3] if numbers else (0.0, 0.0, 0.0)
-        if not (0.0 < low < high and count == int(count) and 2 <= count <= _LIMIT):
-            raise InputError(
-                "speeds cannot be used",
-                where="--lobes",
-                got=self.lobes,
-                expected=f"LOW:HIGH[:COUNT], 0 < LOW < HIGH in rev/min, COUNT from 2 to {_LIMIT}",
-            )
-        return low, high, int(count)
-
-    def run(self, modes: Modes, damping: Damping, data: dict[str, Any]) -> list[str]:
-        """Computes, adds to the JSON object; lines for people."""
-        milling = cutter(self.milling, self.feed, self.normal, self.tip)
-        if self.lobes is None or milling is None:
-            return []
-        from dataclasses import asdict
-
-        import numpy as np
-
-        from cartstiff.report.modes import describe_lobes, lobes_csv
-        from cartstiff.vibration.chatter import lobes
-
-        if not damping.acts_on(modes.elastic):
-            raise InputError("needs damping", where="--lobes", expected="--damping or --rayleigh")
-        low, high, count = self._speeds()
-        curve = lobes(modes, milling, np.linspace(low, high, count), damping)
-        data["lobes"] = {
-            **curve.as_dict(),
-            "milling": asdict(milling),
-            "unit": modes.elastic.units.length,
-        }
-        from cartstiff.report.modes import draw_lobes
-        from cartstiff.report.output import write_files
-
-        unit = modes.elastic.units.length
-        write_files(
-            (self.csv, lambda: lobes_csv(curve, unit)),
-            (self.plot, lambda: draw_lobes(curve, unit)),
-        )
-        return describe_lobes(curve, modes.elastic.units)
+        kt, kr, teeth, entry, exit_ = self.milling
+        more: dict[str, Any] = {"feed": self.feed, "normal": self.normal, "at": self.tip}
+        more = {key: tuple(value) for key, value in more.items() if value is not None}
+        count = int(teeth) if teeth == int(teeth) else teeth
+        return Milling(kt, kr, count, entry, exit_, **more)  # type: ignore[arg-type]

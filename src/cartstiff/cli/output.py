@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -24,19 +24,6 @@ def json_text(data: Mapping[str, Any], mechanism: str) -> str:
             where=one_line(mechanism),
             expected="numbers of moderate size",
         ) from None
-
-
-JSON = "cartstiff.json"
-
-
-def wants_json() -> bool:
-    """Whether --json was given."""
-    return bool(click.get_current_context().meta.get(JSON))
-
-
-def tell(data: Mapping[str, Any], mechanism: str, text: Callable[[], str]) -> None:
-    """A result on standard output, as JSON or as text for reading."""
-    say(json_text(data, mechanism) if wants_json() else text())
 
 
 _WAITING = "cartstiff.diagnostics"
