@@ -21,11 +21,11 @@ from cartstiff.cli.options import (
     Numbers,
     Output,
     OutputFile,
+    Parameters,
     Point,
     Robot,
     Tolerance,
     Wrench,
-    add_sensitivities,
 )
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError
@@ -172,13 +172,13 @@ def command(
     robot: Robot,
     load: Load,
     reading: Reading,
+    parameters: Annotated[Parameters, Taking("tolerance")],
     out: Annotated[Output, Taking("csv plot")],
     *,
     output: Annotated[Path | None, OutputFile("FILE", *_ENDINGS)] = None,
     relax: bool = False,
     order: Order | None = None,
     axes: Axes | None = None,
-    sensitivities: bool = False,
     profile: bool = False,
     strict: bool = False,
 ) -> None:
@@ -195,6 +195,8 @@ def command(
         The load there.
     reading
         What is read from the matrix.
+    parameters
+        Derivatives by the parameters.
     out
         How it is printed.
     output
@@ -209,9 +211,6 @@ def command(
     axes
         Also print the matrices along these axes, about the body frame's origin: of the robot's own
         base, of the body frame, or of the room (world).
-    sensitivities
-        Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
-        each stiffness, mass, length and parameter of the file.
     profile
         Also say what computed the answer, how long each part took, and what limits it on this
         machine.
@@ -258,7 +257,7 @@ def command(
         steps.end(ENGINE, 1)
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
-        by_parameters = add_sensitivities(result, robot, data)[0] if sensitivities else []
+        by_parameters = parameters.add(result, robot, data)
     json_text(data, robot.mechanism)  # or a refusal, before anything is written
     if reading.level != "none":
         shows_springs = out.json or output is not None or reading.level == "full"

@@ -13,10 +13,8 @@ from cartstiff.cli.options import (
     Number,
     Output,
     Pairs,
+    Parameters,
     Robot,
-    Tolerance,
-    add_accuracy,
-    add_sensitivities,
     column_factors,
 )
 from cartstiff.cli.output import say_unused
@@ -50,6 +48,7 @@ def command(
             "of the unloaded body frame; see --load-kind."
         ),
     ],
+    parameters: Parameters,
     out: Annotated[Output, Taking(csv="Write the curve or path.", plot="Draw the curve or path.")],
     *,
     follower: bool = False,
@@ -59,8 +58,6 @@ def command(
     no_limits: bool = False,
     curve: Annotated[float | None, Number("FACTOR", some=True)] = None,
     path: Path | None = None,
-    sensitivities: bool = False,
-    tolerance: Tolerance = None,
 ) -> None:
     """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
 
@@ -74,6 +71,8 @@ def command(
         The mechanism at its posture.
     load
         The load there.
+    parameters
+        Derivatives by the parameters, and their deviations.
     out
         How it is printed.
     follower
@@ -89,13 +88,6 @@ def command(
         Compensate along a path: one posture a line, or posture and wrench (as for --load, in the
         axes of the body at that posture), under a line of names if wanted; gives the commands that
         put the loaded body there.
-    sensitivities
-        Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
-        each stiffness, mass, length and parameter of the file.
-    tolerance
-        Standard deviations: relative of every spring stiffness, absolute of every length and
-        rotation (rad) of the geometry. The answer has the deviations of pose, stiffness and
-        frequencies that follow, and what contributes most. Rest lengths and angles deviate, too.
 
     Examples
     --------
@@ -154,12 +146,8 @@ def command(
         from cartstiff.statics.equilibrium import equilibrium
 
         state = equilibrium(elastic, *loads, q0=start, held=held, limits=not no_limits)
-        data, known = state.as_dict(), None
-        more: list[str] = []
-        if sensitivities:
-            more, known = add_sensitivities(state, bare, data, lambda e: moved(weighing(e))[0])
-        if tolerance is not None:
-            more += add_accuracy(state, tolerance, data, known)
+        data = state.as_dict()
+        more = parameters.add(state, bare, data, lambda e: moved(weighing(e))[0])
         out.tell(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
     if not loads:

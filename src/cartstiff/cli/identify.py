@@ -330,7 +330,7 @@ class Plan:
         spreads = table.deviations(elastic)
         unknowns = unknowns_of(elastic, **fit.unknowns(elastic))
         quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
-        where = {"ranges": self.ranges or {}, "within": self.within or {}}
+        where: dict[str, Any] = {"ranges": self.ranges or {}, "within": self.within or {}}
         offered = candidates(
             elastic,
             spreads,
@@ -492,7 +492,7 @@ def command(
     from cartstiff.identify.identification import identify
     from cartstiff.identify.result import mechanism_file
     from cartstiff.report.identification import describe_identification, draw_residuals
-    from cartstiff.report.output import write_files
+    from cartstiff.report.output import write_whole
 
     measured = table.read(data, elastic)
     with np.errstate(all="ignore"):
@@ -500,11 +500,9 @@ def command(
             elastic, measured, **fit.unknowns(elastic), **fit.keywords, progress=_progress
         )
 
-    def identified_file() -> str:
+    if output is not None:
         name = one_line(data.name)
-        return mechanism_file(result, robot.mechanism, robot.frame, output, name).decode()
-
-    write_files((output, identified_file))
+        write_whole(output, mechanism_file(result, robot.mechanism, robot.frame, output, name))
     out.tell(
         result.as_dict(),
         robot.mechanism,

@@ -136,26 +136,19 @@ def main(arguments: list[str] | None = None) -> None:
     except click.exceptions.NoArgsIsHelpError:
         _say("no command was given (see 'cartstiff --help')")
         code = EXIT_INPUT
-    except click.NoSuchOption as error:
-        renamed = RENAMED.get(error.option_name)
-        _say(
-            f"{error.option_name} is called {renamed} now"
-            if renamed
-            else f"{one_line(error.format_message(), 600)}{_see(error)}"
-        )
-        code = EXIT_INPUT
-    except click.UsageError as error:
-        _say(one_line(error.format_message(), 600) + _see(error))
-        code = EXIT_INPUT
     except click.ClickException as error:
-        _say(one_line(error.format_message(), 600))
+        if isinstance(error, click.NoSuchOption) and error.option_name in RENAMED:
+            _say(f"{error.option_name} is called {RENAMED[error.option_name]} now")
+        else:
+            context = error.ctx if isinstance(error, click.UsageError) else None
+            see = f" (see '{context.command_path} --help')" if context else ""
+            _say(one_line(error.format_message(), 600) + see)
         code = EXIT_INPUT
-    except UndefinedError as error:
-        _say(one_line(f"{error.code}: {error}", 600))
-        code = EXIT_UNDEFINED
     except CartstiffError as error:
-        _say(one_line(str(error), 600))
-        code = EXIT_INPUT
+        name, code = "", EXIT_INPUT
+        if isinstance(error, UndefinedError):
+            name, code = f"{error.code}: ", EXIT_UNDEFINED
+        _say(one_line(f"{name}{error}", 600))
     except SystemExit:  # click's answer to a reader that has gone
         code = 0
     except BrokenPipeError:
@@ -188,10 +181,6 @@ def _open_closed_streams() -> None:
             except OSError:
                 os.dup2(null, number)
             setattr(sys, name, os.fdopen(null, "w"))
-
-
-def _see(error: click.UsageError) -> str:
-    return f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
 
 
 def _say(message: str) -> None:

@@ -15,14 +15,11 @@ from cartstiff.cli.options import (
     Numbers,
     Output,
     OutputFile,
+    Parameters,
     Point,
     Robot,
     Sweep,
-    Tolerance,
     Vibration,
-    add_accuracy,
-    add_intervals,
-    add_sensitivities,
 )
 from cartstiff.cli.tables import read_target
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
@@ -212,6 +209,15 @@ def command(
     response: Response,
     vibration: Vibration,
     controller: Controller,
+    parameters: Annotated[
+        Parameters,
+        Taking(
+            tolerance="Standard deviations: relative of every spring stiffness, absolute of every "
+            "length and rotation (rad) of the geometry. The answer has an interval for each "
+            "frequency (measured springs have one without this option) and what contributes most "
+            "to it."
+        ),
+    ],
     out: Annotated[
         Output,
         Taking(
@@ -221,8 +227,6 @@ def command(
     ],
     *,
     compare: str | None = None,
-    sensitivities: bool = False,
-    tolerance: Tolerance = None,
     strict: bool = False,
 ) -> None:
     r"""Natural frequencies and modes of MECHANISM at a posture, under its load.
@@ -243,18 +247,13 @@ def command(
         What damps and cuts.
     controller
         An impedance controller.
+    parameters
+        Derivatives by the parameters, and their deviations.
     out
         How it is printed.
     compare : NAMES
         Also print the frequencies computed from a 6x6 stiffness and a mass at the tip: some of
         A,B,K,F,load,energy.
-    sensitivities
-        Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
-        each stiffness, mass, length and parameter of the file.
-    tolerance
-        Standard deviations: relative of every spring stiffness, absolute of every length and
-        rotation (rad) of the geometry. The answer has an interval for each frequency (measured
-        springs have one without this option) and what contributes most to it.
     strict
         Exit with code 3 where there are no modes.
 
@@ -309,15 +308,7 @@ def command(
             raise error.at("--compare") from None
         data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
-    known = None
-    if sensitivities:
-        more, known = add_sensitivities(swinging, robot, data)
-        lines += more
-    if tolerance is not None or swinging.elastic.identified is not None:
-        more, known = add_intervals(swinging, tolerance, data, known)
-        lines += more
-    if tolerance is not None:
-        lines += add_accuracy(swinging, tolerance, data, known)
+    lines += parameters.add(swinging, robot, data)
     more, made = response.run(swinging, vibration, data)
     lines += [*more, *controller.run(swinging, data)]
     out.tell(data, robot.mechanism, lambda: describe_modes(swinging, bare, lines), **made)

@@ -25,9 +25,7 @@ from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
     from cartstiff.vibration.chatter import Milling
-    from cartstiff.vibration.modes import Modes
     from cartstiff.vibration.response import Damping
-    from cartstiff.vibration.sensitivities import Sensitivities
 
 
 # No axis of a map has more values: it would take years.
@@ -126,9 +124,10 @@ class UnitList(OptionType):
 
     @property
     def known(self) -> dict[str, str]:
-        """Kind of each unit; lengths as in `contract.LENGTHS`, without NumPy."""
-        lengths = ("m", "dm", "cm", "mm", "um", "in", "ft")
-        return {**dict.fromkeys(lengths, "length"), **dict.fromkeys(("rad", "deg"), "angle")}
+        """Kind of each unit."""
+        from cartstiff.mechanisms.contract import LENGTHS
+
+        return {**dict.fromkeys(LENGTHS, "length"), "rad": "angle", "deg": "angle"}
 
     def parsed(self, text: str, where: str) -> dict[str, str]:
         """Units by kind, as far as they are given."""
@@ -238,21 +237,35 @@ class JointValues(OptionType):
         """Values as given, not yet compared with the mechanism."""
         if "=" not in text:
             return Values(where, parse_numbers(text, where, rigid=self.stiffness))
-        expected = "all numbers, or all NAME=VALUE, each once"
-        return Values(where, _named(text, where, expected, rigid=self.stiffness))
+        wrong = "mixes numbers and name=value pairs"
+        named = _named(text, where, "NAME=VALUE", rigid=self.stiffness, wrong=wrong)
+        return Values(where, {name: numbers[0] for name, numbers in named.items()})
 
 
 def _named(
-    text: str, where: str, expected: str, names: tuple[str, ...] = (), rigid: bool = False
-) -> dict[str, float]:
-    """Numbers by name from ``NAME=VALUE`` pairs."""
-    values: dict[str, float] = {}
-    for part in text.split(","):
-        name, equals, number = (piece.strip() for piece in part.partition("="))
-        if not equals or name in values or (names and name not in names):
-            raise InputError("cannot be used", where=where, expected=expected, got=repr(part))
-        values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=rigid)[0]
-    return values
+    text: str,
+    where: str,
+    shape: str,
+    *,
+    between: str = ",",
+    names: tuple[str, ...] = (),
+    rigid: bool = False,
+    single: bool = False,
+    wrong: str = "cannot be used",
+) -> dict[str, list[float]]:
+    """Numbers by name, as many as the `shape` says; `single`: or one."""
+    found: dict[str, list[float]] = {}
+    counts = {shape.count(":") + 1, 1 if single else shape.count(":") + 1}
+    for item in re.split(between, text.strip()):
+        name, equals, numbers = (piece.strip() for piece in item.partition("="))
+        parts = numbers.split(":")
+        if not equals or len(parts) not in counts or (names and name not in names):
+            more = f" of {', '.join(names)}" if names else " or NAME=VALUE" if single else ""
+            expected = f"{shape}{more}, each once"
+            raise InputError(wrong, where=where, expected=expected, got=repr(item))
+        values = [parse_numbers(part, f"{where} {name}", 1, rigid=rigid)[0] for part in parts]
+        add_once(found, name, values, where)
+    return found
 
 
 class Pairs(OptionType):
@@ -276,8 +289,8 @@ class Pairs(OptionType):
 
     def parsed(self, text: str, where: str) -> dict[str, float]:
         """Numbers by name."""
-        of = f" pairs of {', '.join(self.names)}" if self.names else ""
-        return _named(text, where, f"NAME=VALUE{of}, each once", self.names)
+        named = _named(text, where, "NAME=VALUE", names=self.names)
+        return {name: numbers[0] for name, numbers in named.items()}
 
 
 class Axes(OptionType):
@@ -302,26 +315,16 @@ class Axes(OptionType):
 
     def parsed(self, text: str, where: str) -> dict[str, tuple[float, ...]]:
         """Low, high and count by name."""
-        shape = self.name
-        size = shape.count(":") + 1
-        axes: dict[str, tuple[float, ...]] = {}
-        for item in re.split(r"[,\s]+", text.strip()):
-            name, equals, numbers = item.partition("=")
-            parts = numbers.split(":")
-            alone = self.single and len(parts) == 1
-            if not equals or not name or (len(parts) != size and not alone):
-                expected = f"{shape} or NAME=VALUE" if self.single else shape
-                raise InputError("cannot be used", where=where, expected=expected, got=repr(item))
-            values = tuple(parse_numbers(part, f"{where} {name}", 1)[0] for part in parts)
+        axes = _named(text, where, self.name, between=r"[,\s]+", single=self.single)
+        for name, values in axes.items():
             if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
                 raise InputError(
                     "count cannot be used",
                     where=f"{where} {name}",
                     expected="a whole number of 1 or more",
-                    got=parts[2],
+                    got=f"{values[2]:g}",
                 )
-            add_once(axes, name, values, where)
-        return axes
+        return {name: tuple(values) for name, values in axes.items()}
 
 
 class Sweep(OptionType):
@@ -375,20 +378,22 @@ class OutputFile(OptionType):
 
 
 #: Values of options by their kind; None without the option.
-Payload = Annotated[list[float] | None, Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))]
-Wrench = Annotated[list[float] | None, Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))]
-Point = Annotated[list[float] | None, Numbers("X,Y,Z", 3, powers=(1,))]
-Vector = Annotated[list[float] | None, Numbers("X,Y,Z", 3)]
-Direction = Annotated[list[float] | None, Numbers("X,Y,Z", 3, some=True)]
-Pose = Annotated[list[float] | None, Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))]
-Tcp = Annotated[list[float] | None, Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))]
+_Numbers = list[float] | None
+_Ranges = Mapping[str, tuple[float, ...]] | None
+Payload = Annotated[_Numbers, Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))]
+Wrench = Annotated[_Numbers, Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))]
+Point = Annotated[_Numbers, Numbers("X,Y,Z", 3, powers=(1,))]
+Vector = Annotated[_Numbers, Numbers("X,Y,Z", 3)]
+Direction = Annotated[_Numbers, Numbers("X,Y,Z", 3, some=True)]
+Pose = Annotated[_Numbers, Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))]
+Tcp = Annotated[_Numbers, Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))]
 Tolerance = Annotated[
-    list[float] | None,
+    _Numbers,
     Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, ANGLE), low=0, some=True),
 ]
-Ratios = Annotated[list[float] | None, Numbers("RATIO[,RATIO...]", low=0)]
-Axis = Annotated[Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH")]
-Grid = Annotated[Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH:COUNT")]
+Ratios = Annotated[_Numbers, Numbers("RATIO[,RATIO...]", low=0)]
+Axis = Annotated[_Ranges, Axes("NAME=LOW:HIGH")]
+Grid = Annotated[_Ranges, Axes("NAME=LOW:HIGH:COUNT")]
 Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
 Csv = Annotated[Path | None, OutputFile("FILE.csv", ".csv")]
 Count = Annotated[int | None, click.IntRange(1)]
@@ -490,9 +495,7 @@ class Robot:
     mechanism: str
     q: Annotated[Values | None, JointValues()] = None
     pose: Pose = None
-    lengths: Annotated[list[float] | None, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = (
-        None
-    )
+    lengths: Annotated[_Numbers, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = None
     frame: str | None = None
     tcp: Tcp = None
     gravity: Vector = None
@@ -720,62 +723,70 @@ def column_factors(elastic: Any) -> dict[str, float]:
     return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
 
 
-def add_sensitivities(
-    subject: Any,
-    robot: Robot,
-    data: dict[str, Any],
-    finish: Callable[[Any], Any] = lambda elastic: elastic,
-) -> tuple[list[str], Sensitivities]:
-    """Adds the derivatives to the JSON object, and gives them as lines and as they are.
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters and their deviations.
 
-    `finish` is what becomes of the mechanism after its file was read.
+    Parameters
+    ----------
+    sensitivities
+        Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
+        each stiffness, mass, length and parameter of the file.
+    tolerance
+        Standard deviations: relative of every spring stiffness, absolute of every length and
+        rotation (rad) of the geometry. The answer has what follows from them, and what contributes
+        most.
     """
-    from cartstiff.report.modes import describe_sensitivities
-    from cartstiff.vibration.sensitivities import sensitivities
 
-    def reread(values: Any) -> Any:
-        told = {**(robot.parameters or {}), **values}
-        return finish(replace(robot, parameters=told).load()[0])
+    sensitivities: bool = False
+    tolerance: Tolerance = None
 
-    elastic = subject.elastic
-    with Progress("parameters") as bar:
-        known = sensitivities(subject, reread=reread if elastic.parameters else None, progress=bar)
-    data["sensitivities"] = known.as_dict()
-    return describe_sensitivities(known, elastic.units), known
+    def add(
+        self,
+        subject: Any,
+        robot: Robot,
+        data: dict[str, Any],
+        finish: Callable[[Any], Any] = lambda elastic: elastic,
+    ) -> list[str]:
+        """Add derivatives and deviations to the JSON object, and return them as lines.
 
+        `finish` is what becomes of the mechanism after its file was read. Frequencies get their
+        intervals, which measured springs have by themselves.
+        """
+        elastic, tolerance = subject.elastic, self.tolerance
+        is_uncertain = tolerance is not None or elastic.identified is not None
+        if not (self.sensitivities or is_uncertain):
+            return []
+        from cartstiff.analysis.tolerances import Tolerances
+        from cartstiff.report import modes as words
+        from cartstiff.vibration.modes import Modes
+        from cartstiff.vibration.sensitivities import accuracy, intervals, sensitivities
 
-def add_accuracy(
-    subject: Any, numbers: list[float], data: dict[str, Any], given: Sensitivities | None = None
-) -> list[str]:
-    """Adds the deviations from the tolerances to the JSON object, and returns them as lines."""
-    from cartstiff.analysis.tolerances import Tolerances
-    from cartstiff.report.modes import describe_accuracy
-    from cartstiff.vibration.sensitivities import accuracy
+        def reread(values: Any) -> Any:
+            told = {**(robot.parameters or {}), **values}
+            return finish(replace(robot, parameters=told).load()[0])
 
-    with Progress("parameters") as bar:
-        known = accuracy(subject, Tolerances(*numbers), given=given, progress=bar)
-    data["accuracy"] = known.as_dict()
-    return describe_accuracy(known, subject.elastic.units)
-
-
-def add_intervals(
-    modes: Modes, numbers: list[float] | None, data: dict[str, Any], given: Sensitivities | None
-) -> tuple[list[str], Sensitivities | None]:
-    """Adds the intervals of the frequencies to the JSON object.
-
-    Gives them as lines, and the derivatives that they took.
-    """
-    from cartstiff.analysis.tolerances import Tolerances
-    from cartstiff.report.modes import describe_intervals
-    from cartstiff.vibration.sensitivities import intervals, sensitivities
-
-    t = Tolerances(*(numbers or ()))
-    if given is None and t.any:
-        with Progress("parameters") as bar:
-            given = sensitivities(modes, geometry=bool(t.length or t.angle), progress=bar)
-    band = intervals(modes, t, given=given)
-    data["intervals"] = band.as_dict()
-    return describe_intervals(modes, band), given
+        lines: list[str] = []
+        known, t = None, Tolerances(*(tolerance or ()))
+        if self.sensitivities:
+            again = reread if elastic.parameters else None
+            with Progress("parameters") as bar:
+                known = sensitivities(subject, reread=again, progress=bar)
+            data["sensitivities"] = known.as_dict()
+            lines += words.describe_sensitivities(known, elastic.units)
+        if isinstance(subject, Modes) and is_uncertain:
+            if known is None and t.any:
+                with Progress("parameters") as bar:
+                    known = sensitivities(subject, geometry=bool(t.length or t.angle), progress=bar)
+            band = intervals(subject, t, given=known)
+            data["intervals"] = band.as_dict()
+            lines += words.describe_intervals(subject, band)
+        if tolerance is not None:
+            with Progress("parameters") as bar:
+                deviations = accuracy(subject, t, given=known, progress=bar)
+            data["accuracy"] = deviations.as_dict()
+            lines += words.describe_accuracy(deviations, elastic.units)
+        return lines
 
 
 @dataclass(frozen=True)
@@ -800,10 +811,10 @@ class Vibration:
     """
 
     damping: Ratios = None
-    rayleigh: Annotated[list[float] | None, Numbers("ALPHA,BETA", 2, low=0)] = None
-    milling: Annotated[
-        list[float] | None, Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE))
-    ] = None
+    rayleigh: Annotated[_Numbers, Numbers("ALPHA,BETA", 2, low=0)] = None
+    milling: Annotated[_Numbers, Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE))] = (
+        None
+    )
     feed: Vector = None
     normal: Vector = None
     tip: Point = None
