@@ -70,10 +70,10 @@ class Numbers(OptionType):
         numbers = parse_numbers(text, where, self.counts[0] if len(self.counts) == 1 else None)
         if self.counts and len(numbers) not in self.counts:
             raise InputError("wrong count", where=where, expected=self.name, got=len(numbers))
-        if self.above_zero and min(numbers) <= 0:
-            raise InputError("cannot be used", where=where, expected="above zero", got=min(numbers))
-        if min(numbers) < self.low:
-            raise InputError("cannot be used", where=where, expected="zero or more", got=numbers)
+        if min(numbers) < self.low or (self.above_zero and min(numbers) <= 0):
+            expected = "above zero" if self.above_zero else "zero or more"
+            got = numbers if numbers[1:] else numbers[0]
+            raise InputError("cannot be used", where=where, expected=expected, got=got)
         if self.some and not any(numbers):
             raise InputError("must not be zero", where=where, expected="not all zero", got=numbers)
         return numbers
