@@ -15,21 +15,18 @@ import click
 from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Order
 from cartstiff.cli.declare import Taking, declared
 from cartstiff.cli.options import (
-    Direction,
     Load,
-    Number,
     Numbers,
     Output,
     OutputFile,
     Parameters,
     Point,
+    Reading,
     Robot,
     Tolerance,
-    Wrench,
 )
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError
-from cartstiff.matrix_names import Letter
 
 if TYPE_CHECKING:
     from cartstiff.cli.tables import Target
@@ -37,28 +34,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Reading:
+class Analysis(Reading):
     """What is read from the matrix.
 
     Parameters
     ----------
     level
         How much of the analysis to print; with --json: none leaves it out.
-    connection
-        The matrix that is analysed; default under a load: load, the tangent stiffness under it (see
-        --load-kind, --load-at). Without a load all are the same.
     report_at
         Point of the body, in its frame, for which the analysis is given.
-    direction
-        Also print the stiffness along and about this direction, in the body's axes.
-    added_load
-        Linear deflection under this wrench, in the body's axes, added to the load; default the load
-        itself.
-    added_load_at
-        Point of the body, in its frame, at which the wrench of --added-load acts; default the point
-        of --report-at.
-    length
-        Characteristic length that makes angles comparable with lengths.
     inertia
         Rigid body with its mass centre at the point, in kg and kg m^2; adds natural frequencies and
         takes its radius of gyration as the characteristic length.
@@ -76,12 +60,7 @@ class Reading:
     """
 
     level: Annotated[Literal["full", "short", "none"], "--analysis"] = "short"
-    connection: Letter | None = None
     report_at: Point = None
-    direction: Direction = None
-    added_load: Wrench = None
-    added_load_at: Point = None
-    length: Annotated[float | None, Number("L", power=1, above_zero=True)] = None
     inertia: Annotated[list[float] | None, Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True)] = None
     tolerance: Tolerance = None
     samples: Annotated[int | None, click.IntRange(0)] = None
@@ -171,7 +150,7 @@ _ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
 def command(
     robot: Robot,
     load: Load,
-    reading: Reading,
+    reading: Analysis,
     parameters: Annotated[Parameters, Taking("tolerance")],
     out: Annotated[Output, Taking("csv plot")],
     *,

@@ -110,10 +110,11 @@ class Documented(NamedTuple):
 
     @classmethod
     def of(cls, thing: object) -> Documented:
-        """The numpydoc docstring of a function or class."""
+        """The numpydoc docstring of a function, or of a class and those that it comes from."""
         about, *parts = re.split(r"^(\w+)\n-{3,}\n", inspect.getdoc(thing) or "", flags=re.M)
         sections = dict(zip(parts[::2], parts[1::2], strict=True))
-        known = {}
+        bases = getattr(thing, "__bases__", ())
+        known = {n: w for base in bases for n, w in cls.of(base).parameters.items()}
         for entry in re.split(r"\n(?=\S)", sections.get("Parameters", "").strip()):
             head, _, words = entry.partition("\n")
             name, _, shape = head.partition(" : ")

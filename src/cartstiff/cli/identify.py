@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,14 +14,18 @@ import click
 
 from cartstiff.cli.declare import Taking, declared
 from cartstiff.cli.options import (
+    Amount,
     Axes,
     Axis,
+    ByName,
     JointValues,
     Number,
+    Numbers,
     Output,
     OutputFile,
     Point,
     Robot,
+    Springs,
     TableUnits,
     Values,
     Wrench,
@@ -30,75 +33,34 @@ from cartstiff.cli.options import (
 )
 from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError, check_name, one_line
-from cartstiff.parsing import parse_numbers
-
-_VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?")
 
 
-def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:
-    """``NAME=TEXT`` of an option that may be given several times."""
-    pairs: dict[str, str] = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals or not name.strip() or not value.strip():
-            raise InputError("cannot be used", where=option, expected="NAME=VALUE", got=repr(text))
-        if name.strip() in pairs:
-            raise InputError("given twice", where=option, got=repr(name.strip()))
-        pairs[name.strip()] = value.strip()
-    return pairs
-
-
-def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Standard deviations by column in SI, from "dx=0.02 mm"."""
+def deviations_of(
+    amounts: Mapping[str, tuple[float, str]], units: Mapping[str, str]
+) -> dict[str, float]:
+    """Standard deviations by column in SI, from --sd and --units."""
     from cartstiff.identify.measurements import MEASURED
     from cartstiff.loading.tables import UNITS
 
     deviations = {}
-    for name, text in _pairs(texts, "--sd").items():
+    for name, (number, unit) in amounts.items():
         check_name("column", name, MEASURED, "--sd")
         kind = MEASURED[name]
-        match = _VALUE.fullmatch(text)
-        number, unit = (match[1], match[2]) if match else (text, None)
-        known = UNITS[kind]
-        if unit is None and kind not in units:
+        known, unit = UNITS[kind], unit or units.get(kind, "")
+        if not unit:
             raise InputError(
                 f"--sd of {name!r} declares no unit",
                 where="--sd",
-                got=text,
+                got=f"{number:g}",
                 expected=f"a number with one of {', '.join(known)}",
             )
-        unit = (unit or units[kind]).strip()
         check_name("unit", unit, known, f"--sd {name}")
-        value = parse_numbers(number, f"--sd {name}", 1)[0] * known[unit]
-        if not value > 0.0:
+        if not number > 0.0:
             raise InputError(
-                "cannot be used", where=f"--sd {name}", expected="above zero", got=text
+                "cannot be used", where=f"--sd {name}", expected="above zero", got=f"{number:g}"
             )
-        deviations[name] = value
+        deviations[name] = number * known[unit]
     return deviations
-
-
-def stiffnesses_of(texts: Iterable[str], option: str, count: int) -> dict[str, list[float]]:
-    """Numbers by spring, from "NAME=K" or "NAME=K,DEVIATION"."""
-    return {
-        name: parse_numbers(text, f"{option} {name}", count)
-        for name, text in _pairs(texts, option).items()
-    }
-
-
-def in_own_units(
-    springs: Mapping[str, list[float]], a: float, elastic: Any
-) -> dict[str, list[float]]:
-    """Stiffnesses by spring where lengths of `elastic` are a times as large in number."""
-    from cartstiff.mechanisms.elements import Elements
-
-    elements = Elements(elastic)
-    slides = dict(zip(elements.names, elements.is_length, strict=True))
-    slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
-    return {
-        name: [k / a if slides.get(name) else k * a for k in numbers]
-        for name, numbers in springs.items()
-    }
 
 
 def reject_of(text: str | None) -> float | str | None:
@@ -139,7 +101,7 @@ class Table:
     units
         Units of numbers given and shown, such as mm,deg, and of columns without one in their head;
         there SI otherwise.
-    sd : COLUMN=VALUE[UNIT]
+    sd
         Standard deviation of a column, such as dx=0.02mm; else estimated.
     """
 
@@ -147,7 +109,9 @@ class Table:
     load_at: Point = None
     axes: Literal["base", "body", "world"] | None = None
     units: Annotated[dict[str, str] | None, TableUnits("UNITS")] = None
-    sd: tuple[str, ...] = ()
+    sd: Annotated[
+        dict[str, tuple[float, str]] | None, ByName("COLUMN=VALUE[UNIT]", Amount("VALUE[UNIT]"))
+    ] = None
 
     @property
     def keywords(self) -> dict[str, Any]:
@@ -156,7 +120,7 @@ class Table:
         return {
             "axes": self.axes,
             "units": units,
-            "deviations": deviations_of(self.sd, units),
+            "deviations": deviations_of(self.sd or {}, units),
             "point": tuple(self.point or (0.0, 0.0, 0.0)),
             "load_at": None if self.load_at is None else tuple(self.load_at),
         }
@@ -192,6 +156,9 @@ class Table:
         return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}
 
 
+_Stiffnesses = dict[str, list[float]] | None
+
+
 @dataclass(frozen=True)
 class Fit:
     """Fit.
@@ -203,9 +170,9 @@ class Fit:
         compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.
     tie : A=B
         Springs that are equal.
-    known : NAME=K
+    known
         A stiffness that is known and kept.
-    prior : NAME=K,SD
+    prior
         A stiffness that is known with this standard deviation.
     offsets
         Unknown placement of the measuring frame in each session of a table with positions: position
@@ -223,20 +190,17 @@ class Fit:
 
     unknown: tuple[str, ...] = ()
     tie: tuple[str, ...] = ()
-    known: tuple[str, ...] = ()
-    prior: tuple[str, ...] = ()
+    known: Annotated[_Stiffnesses, Springs("NAME=K", Numbers("K", 1))] = None
+    prior: Annotated[_Stiffnesses, Springs("NAME=K,SD", Numbers("K,SD", 2))] = None
     offsets: Literal["rigid", "translation", "none"] | None = None
     loaded: bool = False
     fit: Literal["plain", "robust"] = "plain"
     reject: str | None = None
     level: float = _LEVEL
 
-    def unknowns(self, elastic: Any) -> dict[str, Any]:
+    @property
+    def unknowns(self) -> dict[str, Any]:
         """Arguments for the unknowns."""
-        known, priors = (
-            in_own_units(stiffnesses_of(texts, option, count), given_length(), elastic)
-            for texts, option, count in ((self.known, "--known", 1), (self.prior, "--prior", 2))
-        )
         return {
             # The axes of a link stay with it.
             "sought": [
@@ -245,8 +209,8 @@ class Fit:
                 for name in ([text] if ":" in text else text.split(","))
             ],
             "ties": [[name.strip() for name in text.split("=")] for text in self.tie],
-            "known": {name: values[0] for name, values in known.items()},
-            "priors": {name: (values[0], values[1]) for name, values in priors.items()},
+            "known": {name: values[0] for name, values in (self.known or {}).items()},
+            "priors": {name: (k, sd) for name, (k, sd) in (self.prior or {}).items()},
         }
 
     def check_unused(self, does: str) -> None:
@@ -328,7 +292,7 @@ class Plan:
         from cartstiff.report.identification import describe_plan
 
         spreads = table.deviations(elastic)
-        unknowns = unknowns_of(elastic, **fit.unknowns(elastic))
+        unknowns = unknowns_of(elastic, **fit.unknowns)
         quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         where: dict[str, Any] = {"ranges": self.ranges or {}, "within": self.within or {}}
         offered = candidates(
@@ -496,9 +460,7 @@ def command(
 
     measured = table.read(data, elastic)
     with np.errstate(all="ignore"):
-        result = identify(
-            elastic, measured, **fit.unknowns(elastic), **fit.keywords, progress=_progress
-        )
+        result = identify(elastic, measured, **fit.unknowns, **fit.keywords, progress=_progress)
 
     if output is not None:
         name = one_line(data.name)

@@ -20,25 +20,21 @@ from cartstiff.cli.options import (
     Axes,
     Axis,
     Count,
-    Direction,
     Grid,
     Load,
-    Number,
     Numbers,
     Output,
     Pairs,
     Picture,
-    Point,
     Processes,
+    Reading,
     Robot,
     Seed,
     Several,
     Vibration,
-    Wrench,
 )
 from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
-from cartstiff.matrix_names import OF_MANY
 
 if TYPE_CHECKING:
     from cartstiff.maps.sampling import Sampling
@@ -254,33 +250,16 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
 
 
 @dataclass(frozen=True)
-class Reading:
+class Held(Reading):
     """What the map holds.
 
     Parameters
     ----------
     quantities : NAME
         A quantity that the map holds; repeat it for several.
-    connection
-        Matrix that the quantities are read from; default where a load can act: load, the tangent
-        stiffness under it (see --load-kind, --load-at). Without a load all but F are the same.
-    direction
-        For stiffness along and about a direction of the body frame.
-    added_load
-        Wrench, added to the load, whose deflection is computed; default the load itself.
-    added_load_at
-        Point of the body, in its frame, at which the wrench of --added-load acts; default its
-        origin.
-    length
-        Characteristic length at all postures; default the natural length at the default one.
     """
 
     quantities: Annotated[tuple[str, ...], "--quantity"] = ()
-    connection: Annotated[str | None, click.Choice(OF_MANY)] = None
-    direction: Direction = None
-    added_load: Wrench = None
-    added_load_at: Point = None
-    length: Annotated[float | None, Number("L")] = None
 
     @property
     def keywords(self) -> dict[str, Any]:
@@ -385,7 +364,7 @@ def command(
         ),
     ],
     where: Where,
-    reading: Reading,
+    reading: Held,
     vibration: Vibration,
     shown: Shown,
     out: Annotated[Output, Taking("csv plot")],

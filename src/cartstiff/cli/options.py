@@ -21,6 +21,7 @@ from cartstiff.choices import LARGEST_INPUT
 from cartstiff.cli.declare import Factors, OptionType, add_once
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError, check_name, one_line
+from cartstiff.matrix_names import Letter
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
@@ -99,9 +100,45 @@ class Amount(OptionType):
 
     def parsed(self, text: str, where: str) -> tuple[float, str]:
         """The number, and the unit or ""."""
-        match = re.fullmatch(r"\s*(.*?)\s*([A-Za-z]+(?:/[A-Za-z]+)?)?\s*", text)
-        number = text if match is None else match[1]
-        return parse_numbers(number, where, 1)[0], "" if match is None else match[2] or ""
+        match = _AMOUNT.fullmatch(text)
+        number, unit = (match[1], match[2] or "") if match else (text, "")
+        return parse_numbers(number, where, 1)[0], unit.strip()
+
+
+_AMOUNT = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?\s*")
+
+
+class ByName(OptionType):
+    """``NAME=VALUE`` as a mapping; the value is of another kind."""
+
+    merges = True
+
+    def __init__(self, shape: str, kind: OptionType) -> None:
+        super().__init__(shape)
+        self.kind = kind
+
+    def parsed(self, text: str, where: str) -> dict[str, Any]:
+        """The value by its name."""
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not name or not value:
+            raise InputError("cannot be used", where=where, expected="NAME=VALUE", got=repr(text))
+        return {name: self.kind.parsed(value, f"{where} {name}")}
+
+
+class Springs(ByName):
+    """Stiffnesses of springs by their names, and what goes with them."""
+
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
+        """Those of springs that slide and of those that turn, in their other units."""
+        from cartstiff.mechanisms.elements import Elements
+
+        elements, a = Elements(elastic), by.length
+        slides = dict(zip(elements.names, elements.is_length, strict=True))
+        slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
+        return {
+            name: [k / a if slides.get(name) else k * a for k in numbers]
+            for name, numbers in value.items()
+        }
 
 
 class Arguments(OptionType):
@@ -721,6 +758,35 @@ def column_factors(elastic: Any) -> dict[str, float]:
         "mz",
     ]
     return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is read from the matrix.
+
+    Parameters
+    ----------
+    connection
+        The matrix that is read; default under a load: load, the tangent stiffness under it (see
+        --load-kind, --load-at). Without a load all are the same.
+    direction
+        For stiffness along and about this direction, in the body's axes.
+    added_load
+        Wrench, in the body's axes, added to the load, whose linear deflection is computed; default
+        the load itself.
+    added_load_at
+        Point of the body, in its frame, at which the wrench of --added-load acts; default its
+        origin, or the point of --report-at.
+    length
+        Characteristic length that makes angles comparable with lengths; in a map the same at all
+        postures.
+    """
+
+    connection: Letter | None = None
+    direction: Direction = None
+    added_load: Wrench = None
+    added_load_at: Point = None
+    length: Annotated[float | None, Number("L", power=1, above_zero=True)] = None
 
 
 @dataclass(frozen=True)
