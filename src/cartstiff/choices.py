@@ -27,6 +27,7 @@ AXES_WORDS: Final = {
 Distribution = Literal["any", "closed-form"]
 TENSIONS: Final[tuple[Distribution, ...]] = get_args(Distribution)
 #: How much of the analysis is printed.
-LEVELS: Final = ("full", "short", "none")
+Level = Literal["full", "short", "none"]
+LEVELS: Final[tuple[Level, ...]] = get_args(Level)
 #: Responses to a force, and how often the displacement is differentiated for each.
 RESPONSES: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}

@@ -14,7 +14,6 @@ import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.tolerances import Tolerances
 from cartstiff.arrays import plain
-from cartstiff.cli.analyse import LEVELS as OFFERED_LEVELS
 from cartstiff.cli.main import main
 from cartstiff.geometry import se3
 from cartstiff.stiffness.applied_load import LoadKind

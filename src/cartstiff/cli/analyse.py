@@ -8,11 +8,11 @@ import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Order
+from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Level, Order
 from cartstiff.cli.declare import Taking, declared
 from cartstiff.cli.options import (
     Load,
@@ -59,7 +59,7 @@ class Analysis(Reading):
         (rotation before translation).
     """
 
-    level: Annotated[Literal["full", "short", "none"], "--analysis"] = "short"
+    level: Annotated[Level, "--analysis"] = "short"
     report_at: Point = None
     inertia: Annotated[list[float] | None, Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True)] = None
     tolerance: Tolerance = None

@@ -69,7 +69,7 @@ class Taking:
 def add_once(values: dict[str, Any], name: str, value: object, where: str) -> None:
     """Add a value by its name, or refuse a name that is there already."""
     if name in values:
-        raise InputError("given twice", where=where, got=repr(name))
+        raise InputError("given twice", where=where, expected="each once", got=repr(name))
     values[name] = value
 
 
@@ -254,7 +254,7 @@ class Command(click.Command):
 
         for needed, names in self._needs.items():
             for name in [] if given(needed) else given(names):
-                others = ", ".join(spelled[n] for n in needed.split() if n in spelled)
+                others = " or ".join(spelled[n] for n in needed.split() if n in spelled)
                 raise InputError(f"is for {others}", where=spelled[name])
         for names in self._apart:
             if len(both := given(names)) > 1:

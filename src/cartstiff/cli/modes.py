@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cartstiff.choices import Axes, Order
+import click
+
+from cartstiff.choices import RESPONSES, Axes, Order
 from cartstiff.cli.declare import Taking, declared
 from cartstiff.cli.options import (
     Direction,
@@ -133,7 +135,7 @@ class Response:
     """
 
     response: Annotated[_Range, Sweep(400, 1_000_000, "Hz")] = None
-    kind: Literal["receptance", "mobility", "accelerance", "transmissibility"] = "receptance"
+    kind: Annotated[Any, click.Choice([*RESPONSES, "transmissibility"])] = "receptance"
     point: Point = None
     direction: Direction = None
     lobes: Annotated[_Range, Sweep(12, 2000, "rev/min", above_zero=True)] = None

@@ -76,7 +76,8 @@ class Numbers(OptionType):
             got = numbers if numbers[1:] else numbers[0]
             raise InputError("cannot be used", where=where, expected=expected, got=got)
         if self.some and not any(numbers):
-            raise InputError("must not be zero", where=where, expected="not all zero", got=numbers)
+            expected = "a number that is not 0" if self.counts == (1,) else "not all zero"
+            raise InputError("must not be zero", where=where, expected=expected, got=text)
         return numbers
 
 
