@@ -1,0 +1,153 @@
+"""Commands made from signatures: each option is declared once, has its words, and is given once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from cartstiff.cli.declare import Command, Taking, declared
+from cartstiff.cli.main import _COMMANDS
+from cartstiff.cli.main import command as group
+from cartstiff.cli.options import Number, Pairs, Point
+from cartstiff.errors import InputError
+
+
+@pytest.fixture(params=list(_COMMANDS))
+def command(request: pytest.FixtureRequest) -> Command:
+    found = group.get_command(click.Context(group), request.param)
+    assert isinstance(found, Command)
+    return found
+
+
+def test_every_option_has_words(command: Command) -> None:
+    names = [p.name for p in command.params]
+    assert len(set(names)) == len(names)
+    for option in command.params:
+        if isinstance(option, click.Option) and not option.hidden:
+            assert (option.help or "").endswith("."), option.opts
+            assert "None" not in option.make_metavar(click.Context(command)), option.opts
+
+
+def test_conditions_name_options_that_exist(command: Command) -> None:
+    names = {p.name for p in command.params}
+    told = [*command._apart, *command._needs, *command._needs.values()]
+    assert {name for text in told for name in text.split()} <= names
+
+
+def test_a_value_is_given_once(command: Command) -> None:
+    """A second value is never dropped silently."""
+    for option in command.params:
+        if isinstance(option, click.Option) and not (option.is_flag or option.multiple):
+            word = max(option.opts, key=len)
+            with pytest.raises(click.BadParameter, match="given more than once"):
+                command.main([word, "1", word, "1"], standalone_mode=False)
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A thing.
+
+    Parameters
+    ----------
+    name
+        Which one.
+    size
+        How large.
+    colour
+        Not for everybody.
+    """
+
+    name: str
+    size: Annotated[float | None, Number("MM")] = None
+    colour: Literal["red", "blue"] = "red"
+
+
+SEEN: list[object] = []
+
+
+@declared("make", needs={"size parts": "at"}, apart=("size parts",))
+def make(
+    thing: Annotated[Thing, Taking("colour", size="How long.")],
+    files: tuple[Path, ...] = (),
+    *,
+    to: Annotated[str, "--for"],
+    at: Point = None,
+    parts: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--part"] = None,
+    count: Annotated[int, click.IntRange(1, 9)] = 3,
+    loud: bool = False,
+    bar: bool | None = None,
+) -> None:
+    """Make a thing.
+
+    Parameters
+    ----------
+    thing
+        The thing.
+    files : [FILE]...
+        Other files.
+    to : WHOM
+        For whom.
+    at
+        Where.
+    parts
+        Parts.
+    count
+        How many.
+    loud
+        With noise.
+    bar
+        Progress.
+
+    Examples
+    --------
+    make it
+    """
+    SEEN[:] = [thing, files, to, at, parts, count, loud, bar]
+
+
+def run(*words: str) -> list[object]:
+    SEEN.clear()
+    make.main(list(words), standalone_mode=False)
+    return SEEN
+
+
+def test_values_reach_the_function() -> None:
+    assert run("it", "--for", "me") == [Thing("it"), (), "me", None, None, 3, False, None]
+    words = "it a b --for me --part x=1,y=2 --part z=3 --at 1,2,3 --count 4 --loud --no-bar"
+    expected = [Thing("it"), (Path("a"), Path("b")), "me", [1.0, 2.0, 3.0]]
+    assert run(*words.split()) == [*expected, {"x": 1.0, "y": 2.0, "z": 3.0}, 4, True, False]
+    assert run("it", "--for", "me", "--size", "2.5")[0] == Thing("it", 2.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("it --for me --at 1,2,3", "--at: is for --size or --part"),
+        ("it --for me --size 1 --part x=1", "give --size or --part, not both"),
+        ("it --for me --part x=1 --part x=2", "--part: given twice, got 'x'"),
+        ("it --for me --size 1 --size 2", "given more than once"),
+        ("it --for me --colour red", "No such option '--colour'"),
+        ("it", "Missing option '--for'"),
+        ("--for me", "Missing argument 'NAME'"),
+        ("it --for me --count 10", "10 is not in the range 1<=x<=9"),
+    ],
+)
+def test_what_is_refused(words: str, said: str) -> None:
+    with pytest.raises((InputError, click.UsageError)) as caught:
+        run(*words.split())
+    error = caught.value
+    assert said in (error.format_message() if isinstance(error, click.UsageError) else str(error))
+
+
+def test_help_is_the_docstring() -> None:
+    text = CliRunner().invoke(make, ["--help"]).output
+    assert "A thing:\n  --size MM  How long.\n" in text
+    for words in ("Make a thing.", "--for WHOM", "[FILE]...", "[default: 3;", "--bar / --no-bar"):
+        assert words in text
+    assert "Examples:\n    make it" in text
+    assert "colour" not in text
