@@ -29,12 +29,6 @@ def analysis():
     return check
 
 
-def test_choices_are_those_of_the_library():
-    from cartstiff.report.analysis import LEVELS
-
-    assert OFFERED_LEVELS == LEVELS
-
-
 def test_levels():
     none, short, full = (
         run(f"analyse cubic --analysis {level}") for level in ("none", "short", "full")

@@ -129,7 +129,7 @@ def test_values_reach_the_function() -> None:
     [
         ("it --for me --at 1,2,3", "--at: is for --size or --part"),
         ("it --for me --size 1 --part x=1", "give --size or --part, not both"),
-        ("it --for me --part x=1 --part x=2", "--part: given twice, got 'x'"),
+        ("it --for me --part x=1 --part x=2", "--part: given twice; expected each once, got 'x'"),
         ("it --for me --size 1 --size 2", "given more than once"),
         ("it --for me --colour red", "No such option '--colour'"),
         ("it", "Missing option '--for'"),
