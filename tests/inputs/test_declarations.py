@@ -10,10 +10,10 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from cartstiff.cli.declare import Command, Taking, declared
+from cartstiff.cli.declare import Command, Taking
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
-from cartstiff.cli.options import Number, Pairs, Point
+from cartstiff.cli.options import Number, Pairs, Point, declared
 from cartstiff.errors import InputError
 
 

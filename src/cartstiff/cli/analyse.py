@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Level, Order
-from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.declare import Taking
 from cartstiff.cli.options import (
     Load,
     Numbers,
@@ -24,6 +24,7 @@ from cartstiff.cli.options import (
     Reading,
     Robot,
     Tolerance,
+    declared,
 )
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError

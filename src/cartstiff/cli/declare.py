@@ -11,7 +11,6 @@ every command. Metadata in ``Annotated`` are a `click.ParamType`, another spelli
 from __future__ import annotations
 
 import inspect
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -204,7 +203,7 @@ class Command(click.Command):
     ) -> None:
         told, hints = Documented.of(function), get_type_hints(function, include_extras=True)
         self._function, self._objects = function, dict[str, tuple[Any, list[str]]]()
-        self._needs, self._apart, self.has_json_of_file = needs, apart, json_of_file
+        self._needs, self._apart, self.json_of_file = needs, apart, json_of_file
         params: list[click.Parameter] = []
         for key, parameter in inspect.signature(function).parameters.items():
             kind, marks = _split(hints[key])
@@ -245,7 +244,7 @@ class Command(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Check what goes together, convert units, and run."""
+        """Check what goes together, convert, and run."""
         spelled = {p.name: p.opts[-1] for p in self.params if isinstance(p, click.Option)}
 
         def given(names: str) -> list[str]:
@@ -260,14 +259,11 @@ class Command(click.Command):
             if len(both := given(names)) > 1:
                 one, other, *_ = (spelled[name] for name in both)
                 raise InputError(f"give {one} or {other}, not both")
-        units = ctx.params.get("units") if "mechanism" in ctx.params else None
-        if units:
-            from cartstiff.cli.options import convert_units
-
-            is_json = self.has_json_of_file and ctx.params.get("json")
-            angle = math.pi / 180.0 if units.get("angle") == "deg" else 1.0
-            convert_units(ctx, units.get("length") if is_json else None, angle)
+        self.convert(ctx)
         return super().invoke(ctx)
+
+    def convert(self, ctx: click.Context) -> None:
+        """Convert the values to the units that are computed in."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Each object's options in a section of its own."""
@@ -279,15 +275,3 @@ class Command(click.Command):
         for title in sorted(sections, key="Options".__eq__):
             with formatter.section(title):
                 formatter.write_dl(sections[title])
-
-
-def declared(
-    name: str,
-    *,
-    needs: Mapping[str, str] | None = None,
-    apart: tuple[str, ...] = (),
-    json_of_file: bool = True,
-    more: Iterable[click.Parameter] = (),
-) -> Callable[[Callable[..., None]], Command]:
-    """Decorator that makes a `Command` of a function."""
-    return lambda function: Command(name, function, needs or {}, apart, json_of_file, more)

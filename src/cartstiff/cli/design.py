@@ -8,8 +8,8 @@ from typing import Annotated
 
 import click
 
-from cartstiff.cli.declare import Taking, declared
-from cartstiff.cli.options import Load, Output, OutputFile, Robot
+from cartstiff.cli.declare import Taking
+from cartstiff.cli.options import Load, Output, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say
 from cartstiff.errors import InputError
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.declare import Taking
 from cartstiff.cli.options import (
     Load,
     Number,
@@ -16,6 +16,7 @@ from cartstiff.cli.options import (
     Parameters,
     Robot,
     column_factors,
+    declared,
 )
 from cartstiff.cli.output import say_unused
 from cartstiff.cli.tables import WRENCH

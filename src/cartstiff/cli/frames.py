@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import click
 
-from cartstiff.cli.declare import Taking, declared
-from cartstiff.cli.options import Csv, Output, Robot
+from cartstiff.cli.declare import Taking
+from cartstiff.cli.options import Csv, Output, Robot, declared
 from cartstiff.cli.output import say, say_unused
 
 _Printed = Annotated[Output, Taking("csv plot")]

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import click
 
-from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.declare import Taking
 from cartstiff.cli.options import (
     Amount,
     Axes,
@@ -29,6 +29,7 @@ from cartstiff.cli.options import (
     TableUnits,
     Values,
     Wrench,
+    declared,
     given_length,
 )
 from cartstiff.cli.output import say, say_unused

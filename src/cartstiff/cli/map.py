@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
-from cartstiff.cli.declare import Factors, Taking, declared
+from cartstiff.cli.declare import Factors, Taking
 from cartstiff.cli.options import (
     ANGLE,
     Amount,
@@ -32,6 +32,7 @@ from cartstiff.cli.options import (
     Seed,
     Several,
     Vibration,
+    declared,
 )
 from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from cartstiff.choices import RESPONSES, Axes, Order
-from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.declare import Taking
 from cartstiff.cli.options import (
     Direction,
     Load,
@@ -22,6 +22,7 @@ from cartstiff.cli.options import (
     Robot,
     Sweep,
     Vibration,
+    declared,
 )
 from cartstiff.cli.tables import read_target
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError

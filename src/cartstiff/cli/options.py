@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import click
 
 from cartstiff.choices import LARGEST_INPUT
-from cartstiff.cli.declare import Factors, OptionType, add_once
+from cartstiff.cli.declare import Command, Factors, OptionType, add_once
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.matrix_names import Letter
@@ -716,23 +716,44 @@ class Output:
         say(json_text(data, mechanism) if self.json else text())
 
 
-def convert_units(ctx: click.Context, length: str | None, angle: float) -> None:
-    """Convert the options' numbers of a command with --units.
+class UnitsCommand(Command):
+    """A command that may have --units."""
 
-    Angles become radians. With --json, lengths become those of the mechanism's file, as does all
-    that comes out; without, the mechanism is put into the unit that was given.
-    """
-    from cartstiff.mechanisms.contract import Units, convert_length
+    def convert(self, ctx: click.Context) -> None:
+        """Convert the numbers of a command with --units.
 
-    read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
-    robot = Robot(**{k: v for k, v in ctx.params.items() if k in read})
-    elastic = robot.bare(robot.frame)
-    a = 1.0 if length is None else convert_length(Units(length), elastic.units)[0]
-    for one in ctx.command.params:
-        value = ctx.params.get(one.name or "")
-        if value is not None and isinstance(one.type, OptionType):
-            ctx.params[str(one.name)] = one.type.converted(value, Factors(a, angle), elastic)
-    ctx.meta[_FACTOR] = a
+        Angles become radians. With --json, lengths become those of the mechanism's file, as does
+        all that comes out; without, the mechanism is put into the unit that was given.
+        """
+        units = ctx.params.get("units") if "mechanism" in ctx.params else None
+        if not units:
+            return
+        from cartstiff.mechanisms.contract import Units, convert_length
+
+        read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
+        robot = Robot(**{k: v for k, v in ctx.params.items() if k in read})
+        elastic, by = robot.bare(robot.frame), Factors(angle=math.pi / 180.0)
+        if units.get("angle") != "deg":
+            by = Factors()
+        if self.json_of_file and ctx.params.get("json") and "length" in units:
+            by = by._replace(length=convert_length(Units(units["length"]), elastic.units)[0])
+        for one in self.params:
+            value = ctx.params.get(one.name or "")
+            if value is not None and isinstance(one.type, OptionType):
+                ctx.params[str(one.name)] = one.type.converted(value, by, elastic)
+        ctx.meta[_FACTOR] = by.length
+
+
+def declared(
+    name: str,
+    *,
+    needs: Mapping[str, str] | None = None,
+    apart: tuple[str, ...] = (),
+    json_of_file: bool = True,
+    more: Iterable[click.Parameter] = (),
+) -> Callable[[Callable[..., None]], UnitsCommand]:
+    """Decorator that makes a `UnitsCommand` of a function."""
+    return lambda function: UnitsCommand(name, function, needs or {}, apart, json_of_file, more)
 
 
 _FACTOR = "cartstiff.given_length"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import click
 
-from cartstiff.cli.declare import Taking, declared
+from cartstiff.cli.declare import Taking
 from cartstiff.cli.options import (
     Axes,
     Axis,
@@ -24,6 +24,7 @@ from cartstiff.cli.options import (
     Values,
     Vibration,
     column_factors,
+    declared,
 )
 from cartstiff.cli.output import Progress
 from cartstiff.errors import InputError, check_name

@@ -8,8 +8,8 @@ from typing import Annotated
 import click
 
 from cartstiff.choices import Distribution
-from cartstiff.cli.declare import Taking, declared
-from cartstiff.cli.options import Load, Number, Output, Robot
+from cartstiff.cli.declare import Taking
+from cartstiff.cli.options import Load, Number, Output, Robot, declared
 from cartstiff.cli.output import Progress
 from cartstiff.errors import InputError, UndefinedError
 

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import click
 
-from cartstiff.cli.declare import Taking, declared
-from cartstiff.cli.options import Load, OutputFile, Robot
+from cartstiff.cli.declare import Taking
+from cartstiff.cli.options import Load, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say, say_unused
 from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
 
