@@ -265,7 +265,7 @@ def test_deflections_are_the_laws_own(law):
     x, verdict = deflection_for(law, tape.input("torque", 0))
     program = tape.program({"x": np.array([x, verdict], object)}, [])
     out = {"x": np.empty((len(torques), 2))}
-    kernel = PortableKernel(program).workspace(len(torques))
+    kernel = PortableKernel(program)
     kernel.run({"torque": torques[:, None]}, out, len(torques))
     known = out["x"][:, 1] == 0.0
     assert known.mean() > 0.6

@@ -32,7 +32,7 @@ FUSED = 1e-11
 
 def run(kernel, inputs, count, **options):
     outputs = {name: aligned_empty(count, len(s)) for name, s in kernel.program.outputs.items()}
-    kernel.workspace(count).run(inputs, outputs, count, **options)
+    kernel.run(inputs, outputs, count, **options)
     return outputs
 
 
@@ -246,9 +246,8 @@ class TestWaysToRun:
         kernel = CompiledKernel(program)
         one = run(kernel, inputs, count)
         outputs = {name: np.full_like(array, np.nan) for name, array in one.items()}
-        workspace = kernel.workspace(count, 4)
         for _ in range(20):
-            workspace.run(inputs, outputs, count)
+            kernel.run(inputs, outputs, count, threads=4)
             for name, array in one.items():
                 np.testing.assert_array_equal(outputs[name], array)
                 outputs[name][:] = np.nan

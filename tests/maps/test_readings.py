@@ -257,7 +257,7 @@ def _on_tape(function, matrices):
     program = tape.program({"found": np.array(values, object)}, [])
     out = {"found": np.empty((len(matrices), len(values)))}
     rows = matrices.reshape(len(matrices), -1)
-    PortableKernel(program).workspace(len(matrices)).run({"m": rows}, out, len(matrices))
+    PortableKernel(program).run({"m": rows}, out, len(matrices))
     return out["found"]
 
 

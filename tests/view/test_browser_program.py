@@ -315,7 +315,7 @@ def test_every_operation_is_that_of_numpy():
     rows = np.concatenate([draw.normal(size=(20, 2)), [[0.0, -0.0], [-0.0, 1.0], [1e300, 1e-300]]])
     out = {"a": np.empty((len(rows), 5)), "b": np.empty((len(rows), 11))}
     inputs = {"x": rows, "k": np.array([[7.0]])}
-    PortableKernel(program).workspace(len(rows)).run(inputs, out, len(rows))
+    PortableKernel(program).run(inputs, out, len(rows))
     source, places = javascript(program)
     assert places == {"a": (0, 5), "b": (5, 16)}
     given = json.dumps(rows.tolist())

@@ -31,11 +31,6 @@ def zeros(*shape: int) -> Array:
     return np.full(shape, 0.0, object)
 
 
-def in_pairs(values: Array) -> Array:
-    """Values (n,), the first once more where n is odd: records are written by pairs."""
-    return np.append(values, values[: len(values) % 2])
-
-
 def cross(a: Array, b: Array) -> Array:
     """Cross product of two vectors."""
     crossed = np.empty(3, object)

@@ -69,7 +69,6 @@ from cartstiff.many.algebra import (
     cross,
     equilibrated_squares,
     holds_soft_directions,
-    in_pairs,
     is_zero,
     largest,
     limited,
@@ -865,7 +864,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
         "pose": chain.pose(),
         "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
-        "looked_at": in_pairs(np.array(looked_at, object)),
+        "looked_at": np.array(looked_at, object),
     }
     W, verdict = chain.load(), chain.verdict
     if W is not None:

@@ -57,7 +57,6 @@ from cartstiff.many.algebra import (
     below,
     congruence,
     cross,
-    in_pairs,
     inverse,
     is_zero,
     largest,
@@ -72,7 +71,6 @@ from cartstiff.many.algebra import (
     upper_inverse,
     zeros,
 )
-from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.chains import (
     ChainCase,
     ChainNumbers,
@@ -485,24 +483,28 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
     left = np.array([largest(np.concatenate(every)), long, length, verdict], object)
     moved = q + step
-    return {"next": in_pairs(moved), "left": left}
+    return {"next": moved, "left": left}
+
+
+#: Runs a program over rows: inputs by name to outputs by name.
+Step = Callable[[Mapping[str, Array]], dict[str, Array]]
 
 
 def close(
-    ways: Sequence[Callable[[], Any]], q: Array
+    ways: Sequence[Callable[[], Step]], q: Array
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Coordinates that close the chain from q (N, n), where they do, and where none do.
 
-    `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways` on as many rows.
+    `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways`.
     Where the engine would go on, or end elsewhere, the coordinates stay those given; where it would
     go on in vain, by these ways, is told.
     """
     closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
-    for workspace in ways:
+    for way in ways:
         if not which.size:
             break
         at, done, is_vain = q[which], np.zeros(len(which), bool), np.zeros(len(which), bool)
-        _close(workspace(), at, done, is_vain)
+        _close(way(), at, done, is_vain)
         closed[which[done]], is_closed[which[done]] = at[done], True
         which = which[is_vain]
     return closed, is_closed, np.isin(np.arange(len(q)), which) & bool(ways)
@@ -521,15 +523,13 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
 
 
 def _close(
-    workspace: Any, q: Array, is_closed: NDArray[np.bool_], is_vain: NDArray[np.bool_]
+    step_on: Step, q: Array, is_closed: NDArray[np.bool_], is_vain: NDArray[np.bool_]
 ) -> None:
     """Take steps from q, in place; where they close the chain, and where they end in vain."""
-    n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
+    which, before = np.arange(len(q)), np.full(len(q), np.inf)
     best, futile = before, np.zeros(len(q), int)
     for taken in range(LAST_STEP):
-        moved = {"next": aligned_empty(len(which), n + n % 2), "left": aligned_empty(len(which), 4)}
-        at = q if len(which) == len(q) else q[which]
-        workspace.run({"q": np.ascontiguousarray(at)}, moved, len(which))
+        moved = step_on({"q": q if len(which) == len(q) else q[which]})
         size, step, length, doubt = moved["left"].T
         done = is_shut(size, step, length, before)
         is_closed[which[done]] = taken < STEPS
@@ -544,7 +544,7 @@ def _close(
         best = np.minimum(best[goes_on], before)
         if not which.size:
             return
-        q[which] = moved["next"][goes_on, :n]
+        q[which] = moved["next"][goes_on]
     is_vain[which] = True
 
 
@@ -615,14 +615,14 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     moved = largest(step / sizes)
     settled = chain.q + step * pick(moved, LONGEST, 1.0, LONGEST / moved)
     return {
-        "settled": in_pairs(settled),
+        "settled": settled,
         "moved": np.array([moved, verdict], object),
         "load": W,
     }
 
 
 def settle(
-    workspace: Any,
+    step: Step,
     evaluate: Evaluate,
     inputs: Mapping[str, Array],
     q: Array,
@@ -634,7 +634,7 @@ def settle(
     a few of these steps is the engine's: how it ends there is not looked into, and its steps, which
     are others on the way, may end elsewhere. The loads (N, 6) are in M.
     """
-    n, rest = q.shape[1], list[NDArray[np.intp]]()
+    rest = list[NDArray[np.intp]]()
     loads, moved = np.full((len(q), 6), np.nan), np.zeros(0)
     for _ in range(_FEW):
         at = np.ascontiguousarray(q[which])
@@ -642,15 +642,10 @@ def settle(
         own = {**inputs, "q": at, **more}
         if len(inputs["wrench"]) > 1:
             own["wrench"] = np.ascontiguousarray(inputs["wrench"][which])
-        outputs = {
-            "settled": aligned_empty(len(at), n + n % 2),
-            "moved": aligned_empty(len(at), 2),
-            "load": aligned_empty(len(at), 6),
-        }
-        workspace.run(own, outputs, len(at))
+        outputs = step(own)
         moved, verdict = outputs["moved"].T
         stands = (verdict == PLAIN) & np.isfinite(moved) & (doubts == PLAIN)
-        q[which[stands]] = outputs["settled"][stands, :n]
+        q[which[stands]] = outputs["settled"][stands]
         loads[which] = outputs["load"]
         is_last = moved <= LAST
         rest.append(which[stands & is_last])

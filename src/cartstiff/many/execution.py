@@ -1,14 +1,9 @@
-"""A program as machine code for one posture at a time.
+"""Running a recorded program: over rows of arrays, on one posture, or in a browser.
 
-Running a program without machine code: over NumPy arrays, and in a browser.
-
-Over arrays there is one call per operation on a chunk that stays in cache. As JavaScript or Python
-it is one straight-line function: the order of every operation is kept, so that sums, products,
-quotients and roots are the same to the last bit. Sines and cosines are those of the language.
-
-Running a program as machine code made by llvmlite.
-
-A program that is run again and again, on stacks of any length.
+As Python or JavaScript a program is one straight-line function: the order of every operation is
+kept, so that sums, products, quotients and roots are the same to the last bit. The same Python runs
+on numbers, or over NumPy's arrays, chunk by chunk so that they stay in the cache. Sines and cosines
+are those of the language. Machine code is made by llvmlite.
 """
 
 from __future__ import annotations
@@ -17,7 +12,7 @@ import ctypes
 import json
 import math
 import os
-from collections import defaultdict
+import re
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -34,129 +29,6 @@ from cartstiff.many.vector_code import LONGEST, input_arrays, scratch_size, vect
 
 #: Postures per chunk: long enough to hide the cost of a call, short enough for the cache.
 CHUNK = 768
-
-
-def _larger(x: Array, y: Array, out: Array) -> None:
-    np.maximum(x, y, out=out)
-
-
-_CALLS: dict[str, Callable[..., Any]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "neg": np.negative,
-    "sqrt": np.sqrt,
-    "abs": np.absolute,
-    "max": _larger,
-    "copysign": np.copysign,
-    "sin": np.sin,
-    "cos": np.cos,
-}
-
-
-class PortableKernel:
-    """A program as a list of NumPy calls on reused buffers."""
-
-    def __init__(self, program: Program) -> None:
-        self.program = program
-        self._slots, self._count = _assigned(program)
-
-    def workspace(self, length: int, threads: int = 1) -> PortableBuffers:  # noqa: ARG002
-        """Buffers and calls for chunks of `length` postures; threads would wait for Python."""
-        return PortableBuffers(self.program, self._slots, self._count, length)
-
-
-def _assigned(program: Program) -> tuple[list[int], int]:
-    """Buffer of every operation, reused when nothing later reads it; and how many there are."""
-    last = [-1] * len(program.operations)
-    for step, operation in enumerate(program.operations):
-        if operation.name != "input":
-            for argument in operation.arguments:
-                last[argument] = step
-    slots, free, count = [-1] * len(program.operations), list[int](), 0
-    for step, operation in enumerate(program.operations):
-        if operation.name in ("input", "constant"):
-            continue
-        ending = [slots[a] for a in set(operation.arguments) if last[a] == step and slots[a] >= 0]
-        # `pick` writes its result before it has read all of its arguments.
-        if operation.name != "pick":
-            free += ending
-        if free:
-            slots[step] = free.pop()
-        else:
-            slots[step], count = count, count + 1
-        if operation.name == "pick":
-            free += ending
-        if last[step] < 0:
-            free.append(slots[step])
-    return slots, count
-
-
-class PortableBuffers:
-    """The program bound to buffers of one length."""
-
-    def __init__(self, program: Program, slots: list[int], count: int, length: int) -> None:
-        self.length = length
-        buffers = np.empty((count, length))
-        mask = np.empty(length, bool)
-        used = {o.arguments[0] for o in program.operations if o.name == "input"}
-        self._inputs: dict[str, list[tuple[int, Array]]] = {}
-        constants: dict[int, Array] = {}
-        for i in used:
-            array, index = program.inputs[i]
-            constants[i] = np.empty(() if array in program.shared else length)
-            self._inputs.setdefault(array, []).append((index, constants[i]))
-        self.staged = {name: np.empty((length, len(s))) for name, s in program.outputs.items()}
-        columns: dict[int, list[Array]] = {}
-        for name, steps in program.outputs.items():
-            for c, step in enumerate(steps):
-                columns.setdefault(step, []).append(self.staged[name][:, c])
-
-        calls: list[tuple[Callable[..., Any], tuple[Any, ...]]] = []
-        values: list[Array] = []
-        for step, (name, arguments, value) in enumerate(program.operations):
-            if name == "constant":
-                values.append(np.array(value))  # NumPy is quickest with arrays of no dimension
-            elif name == "input":
-                values.append(constants[arguments[0]])
-            else:
-                read = [values[a] for a in arguments]
-                out = buffers[slots[step]]
-                values.append(out)
-                if name == "pick":
-                    calls.append((np.less, (read[0], read[1], mask)))
-                    calls.append((_choose, (out, read[2], read[3], mask)))
-                else:
-                    calls.append((_CALLS[name], (*read, out)))
-            for column in columns.get(step, ()):
-                calls.append((np.copyto, (column, values[step])))
-        self._calls = calls
-
-    def run(self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int) -> None:
-        """Compute `count` rows, not more than `length`: rows of inputs to rows of outputs.
-
-        Every array has two dimensions; shared inputs have one row.
-        """
-        for name, targets in self._inputs.items():
-            rows = inputs[name]
-            for index, target in targets:
-                if target.ndim == 0:
-                    target[()] = rows[0, index]
-                else:
-                    target[:count] = rows[:, index]
-                    target[count:] = rows[-1, index]
-        with np.errstate(all="ignore"):
-            for call, arguments in self._calls:
-                call(*arguments)
-        for name, staged in self.staged.items():
-            np.copyto(outputs[name][:count], staged[:count])
-
-
-def _choose(out: Array, yes: Array, no: Array, mask: Array) -> None:
-    np.copyto(out, no)
-    np.copyto(out, yes, where=mask)
-
 
 # -- as source ---------------------------------------------------------------------------------
 
@@ -216,8 +88,15 @@ _PYTHON = _Language(
         "pick": "({2} if {0}<{1} else {3})",
     },
     lambda value: f"({value!r})" if math.isfinite(value) else f"float({str(value)!r})",
-    " {}={}",
+    "{}={}",
 )
+_NUMPY = _PYTHON._replace(words={**_PYTHON.words, "pick": "where({}<{},{},{})"})
+#: What these call beside what Python has itself.
+_ON_NUMBERS = {name: getattr(math, name) for name in ("sqrt", "copysign", "sin", "cos")}
+_ON_ARRAYS = {
+    **{name: getattr(np, name) for name in (*_ON_NUMBERS, "abs", "where")},
+    "max": np.maximum,
+}
 
 
 class _Source(NamedTuple):
@@ -285,14 +164,87 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
     return f"(i,o)=>{{{head}{''.join(lines)}{ends}}}", places
 
 
-def _python(program: Program) -> tuple[Callable[..., list[float]], list[str], dict[str, slice]]:
+def _python(
+    program: Program, language: _Language, functions: Mapping[str, Any]
+) -> tuple[Callable[..., list[Any]], list[str], dict[str, slice]]:
     """A function of lists in Python, the names of these, and where in its list outputs stand."""
-    lines, outputs, places, arrays = _written(program, _PYTHON)
-    head = f"def record({','.join(arrays.values())}):"
-    source = "\n".join([head, *lines, f" return [{','.join(outputs)}]"])
-    known = {name: getattr(math, name) for name in ("sqrt", "copysign", "sin", "cos")}
+    lines, outputs, places, arrays = _written(program, language)
+    if language is _NUMPY:  # what nothing reads any more gives its memory back
+        last = {name: i for i, line in enumerate(lines) for name in re.findall(r"\bv\d+", line)}
+        for name in last.keys() - set(re.findall(r"\bv\d+", " ".join(outputs))):
+            lines[last[name]] += f";del {name}"
+    body = [*lines, f"return [{','.join(outputs)}]"]
+    known = dict(functions)
+    source = "\n ".join([f"def record({','.join(arrays.values())}):", *body])
     exec(compile(source, "<recorded posture>", "exec"), known)
     return known["record"], list(arrays), {name: slice(*ends) for name, ends in places.items()}
+
+
+class Kernel:
+    """A program that runs over rows of arrays.
+
+    Attributes
+    ----------
+    program : Program
+    """
+
+    program: Program
+
+    def run(
+        self,
+        inputs: Mapping[str, Array],
+        outputs: Mapping[str, Array],
+        count: int,
+        threads: int = 1,
+        stream: bool = False,
+    ) -> None:
+        """Compute `count` rows: rows of inputs to rows of outputs, all of them contiguous.
+
+        Every array has two dimensions; shared inputs have one row. With `stream` outputs are
+        written past the cache, where that is possible.
+        """
+        raise NotImplementedError
+
+    def __call__(self, inputs: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
+        """Outputs (N, ...) of inputs (N, ...) by name; of those that are shared (1, ...)."""
+        rows = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
+        count = len(next(a for name, a in rows.items() if name not in self.program.shared))
+        outputs = {
+            name: aligned_empty(count, len(own)) for name, own in self.program.outputs.items()
+        }
+        self.run(rows, outputs, count, threads)
+        return outputs
+
+
+class PortableKernel(Kernel):
+    """A program over NumPy's arrays; threads would wait for Python."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._function, self._arrays, self._places = _python(program, _NUMPY, _ON_ARRAYS)
+
+    def run(
+        self,
+        inputs: Mapping[str, Array],
+        outputs: Mapping[str, Array],
+        count: int,
+        threads: int = 1,  # noqa: ARG002
+        stream: bool = False,  # noqa: ARG002
+    ) -> None:
+        """As `Kernel.run`."""
+        shared = self.program.shared
+        for start in range(0, count, CHUNK):
+            part = slice(start, min(start + CHUNK, count))
+            columns = [
+                inputs[name][0] if name in shared else np.ascontiguousarray(inputs[name][part].T)
+                for name in self._arrays
+            ]
+            with np.errstate(all="ignore"):
+                values = self._function(*columns)
+            for name, place in self._places.items():
+                rows = outputs[name][part]
+                for column, value in enumerate(values[place]):
+                    rows[:, column] = value
 
 
 #: Bytes of output beyond which writing past the cache pays.
@@ -319,8 +271,18 @@ def lanes() -> int:
     return 4 if features.get("avx") else 2
 
 
-class CompiledKernel:
-    """A program as machine code; keeps the engines that own it."""
+@lru_cache(maxsize=4)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-many")
+
+
+if hasattr(os, "register_at_fork"):
+    # A forked process has none of its parent's threads.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+class CompiledKernel(Kernel):
+    """A program as machine code; keeps the engines that own it, and memory that it works in."""
 
     def __init__(self, program: Program, width: int | None = None, longest: int = LONGEST) -> None:
         self.program = program
@@ -329,6 +291,7 @@ class CompiledKernel:
         self.scratch = scratch_size(program, self.block, longest)
         self._longest = longest
         self._made: dict[bool, tuple[Any, Any]] = {}
+        self._free: list[Array] = []
 
     def entry(self, stream: bool) -> Any:
         """The function that writes through the cache or, with `stream`, past it."""
@@ -349,71 +312,63 @@ class CompiledKernel:
         engine.finalize_object()
         return engine, _SIGNATURE(engine.get_function_address("kernel"))
 
-    def workspace(self, length: int, threads: int = 1) -> Buffers:  # noqa: ARG002
-        """Scratch memory for some threads."""
-        return Buffers(self, threads)
-
-
-@lru_cache(maxsize=4)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-many")
-
-
-if hasattr(os, "register_at_fork"):
-    # A forked process has none of its parent's threads.
-    os.register_at_fork(after_in_child=_pool.cache_clear)
-
-
-class Buffers:
-    """A kernel with scratch memory for each thread."""
-
-    def __init__(self, kernel: CompiledKernel, threads: int) -> None:
-        self._kernel = kernel
-        self._scratch = [aligned_empty(kernel.scratch) for _ in range(threads)]
-        for scratch in self._scratch:
+    def memory(self) -> Array:
+        """Scratch memory of one thread; `run` takes it from what has been given back."""
+        try:
+            return self._free.pop()
+        except IndexError:
+            scratch = aligned_empty(self.scratch)
             # The first round works on what is here: no surprises for the processor.
             scratch[:] = 0.0
+            return scratch
 
     def run(
         self,
         inputs: Mapping[str, Array],
         outputs: Mapping[str, Array],
         count: int,
+        threads: int = 1,
         stream: bool = False,
     ) -> None:
-        """Compute `count` rows: rows of inputs to rows of outputs, all of them contiguous."""
-        block, program = self._kernel.block, self._kernel.program
+        """As `Kernel.run`."""
+        block, shared = self.block, self.program.shared
         whole = count - count % block
         if whole:
-            self._run(inputs, outputs, whole // block, stream)
+            self._run(inputs, outputs, whole // block, threads, stream)
         if whole < count:
             # The last rows, in buffers of a whole block.
             padded = {}
-            for name in self._kernel.arrays:
+            for name in self.arrays:
                 rows = inputs[name]
-                if name not in program.shared:
+                if name not in shared:
                     rows = rows[whole:count]
                     rows = np.concatenate([rows, np.repeat(rows[-1:], block - len(rows), axis=0)])
                 padded[name] = np.ascontiguousarray(rows)
-            arrays = {name: aligned_empty(block, len(s)) for name, s in program.outputs.items()}
-            self._run(padded, arrays, 1, stream)
+            arrays = {n: aligned_empty(block, len(s)) for n, s in self.program.outputs.items()}
+            self._run(padded, arrays, 1, 1, stream)
             for name, rows in arrays.items():
                 outputs[name][whole:count] = rows[: count - whole]
 
     def _run(
-        self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], blocks: int, stream: bool
+        self,
+        inputs: Mapping[str, Array],
+        outputs: Mapping[str, Array],
+        blocks: int,
+        threads: int,
+        stream: bool,
     ) -> None:
-        read = [address_of(inputs[name]) for name in self._kernel.arrays]
-        written = [address_of(outputs[name]) for name in self._kernel.program.outputs]
-        entry = self._kernel.entry(stream and not any(address % 64 for address in written))
-        pointers = (ctypes.c_void_p * len(read))(*read), (ctypes.c_void_p * len(written))(*written)
+        read = [address_of(inputs[name]) for name in self.arrays]
+        written = [address_of(outputs[name]) for name in self.program.outputs]
+        entry = self.entry(stream and not any(address % 64 for address in written))
+        pointers = pointers_to(read), pointers_to(written)
         progress = (ctypes.c_int64 * 2)()
 
         def share(scratch: Array, held: object = (inputs, outputs)) -> None:  # noqa: ARG001
             # An interrupt may end this thread's call: what the others write to is held until then.
             entry(blocks, *pointers, address_of(scratch), progress)
+            self._free.append(scratch)
 
-        own, *others = self._scratch[:blocks]
+        own, *others = [self.memory() for _ in range(min(threads, blocks))]
         shares = [_pool(len(others)).submit(share, scratch) for scratch in others]
         share(own)
         for other in shares:
@@ -422,8 +377,9 @@ class Buffers:
             other.cancel()  # one that has not begun would find nothing left
 
 
-#: Least rows that buffers of NumPy's calls are made for.
-_LEAST = 64
+def pointers_to(addresses: list[int]) -> Any:
+    """An array of pointers."""
+    return (ctypes.c_void_p * len(addresses))(*addresses)
 
 
 _ROWS, _COLUMNS = np.tril_indices(6)
@@ -441,46 +397,13 @@ def from_triangles(rows: Array) -> Array:
     return matrices
 
 
-class StackedProgram:
-    """A program as machine code, or over NumPy's arrays, with the memory that it works in.
-
-    Memory is taken and given back, so that threads do not share any while they work.
-    """
-
-    def __init__(self, program: Program, compiled: bool) -> None:
-        self._compiled = compiled
-        self._widths = {name: len(own) for name, own in program.outputs.items()}
-        self._free: dict[int, list[Any]] = defaultdict(list)
-        if compiled:
-            self._kernel: Any = CompiledKernel(program)
-        else:
-            self._kernel = PortableKernel(program)
-
-    def __call__(self, inputs: Mapping[str, Array]) -> dict[str, Array]:
-        """Outputs (N, ...) of rows of inputs (N, ...)."""
-        count = len(next(iter(inputs.values())))
-        outputs = {name: aligned_empty(count, width) for name, width in self._widths.items()}
-        size = count
-        if not self._compiled:  # buffers are made in few sizes: that takes longer than one run
-            size = min(CHUNK, max(_LEAST, 1 << (count - 1).bit_length()))
-        kept = self._free[0 if self._compiled else size]
-        try:
-            workspace = kept.pop()
-        except IndexError:
-            workspace = self._kernel.workspace(size)
-        for start in range(0, count, max(size, 1)):
-            part = slice(start, min(start + size, count))
-            workspace.run(
-                {name: np.ascontiguousarray(array[part]) for name, array in inputs.items()},
-                {name: array[part] for name, array in outputs.items()},
-                part.stop - start,
-            )
-        kept.append(workspace)
-        return outputs
+def compiled_or_portable(program: Program, compiled: bool) -> Kernel:
+    """A kernel of machine code, or over arrays."""
+    return CompiledKernel(program) if compiled else PortableKernel(program)
 
 
-class OnePosture:
-    """All outputs of a program, one after the other.
+class OnePosture(Kernel):
+    """One posture after the other, by machine code or by Python on numbers.
 
     Attributes
     ----------
@@ -491,23 +414,33 @@ class OnePosture:
     at: dict[str, slice]
 
     def record(self, **given: Array) -> Array:
-        """What the program finds from inputs (n,), or (1, n), by name; those it does not read."""
+        """All outputs, one after the other, of inputs (n,), or (1, n), by name.
+
+        Inputs that the program does not read are left aside.
+        """
         raise NotImplementedError
 
-    def run(self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int) -> None:
-        """`record` as rows (1, ...) of outputs, as what computes many postures gives them."""
+    def run(
+        self,
+        inputs: Mapping[str, Array],
+        outputs: Mapping[str, Array],
+        count: int,
+        threads: int = 1,  # noqa: ARG002
+        stream: bool = False,  # noqa: ARG002
+    ) -> None:
+        """As `Kernel.run`, for one row."""
         if count != 1:
             raise ValueError("one posture at a time")
         record = self.record(**inputs)
         for name, row in outputs.items():
-            row[0, : self.at[name].stop - self.at[name].start] = record[self.at[name]]
+            row[0] = record[self.at[name]]
 
 
 class PrintedPosture(OnePosture):
     """One posture by straight-line Python, where no machine code can be made."""
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
-        self._function, self._names, self.at = _python(program)
+        self._function, self._names, self.at = _python(program, _PYTHON, _ON_NUMBERS)
         self._shared = {name: rows.ravel().tolist() for name, rows in shared.items()}
         self._nothing = np.full(max(place.stop for place in self.at.values()), np.nan)
 
@@ -531,51 +464,39 @@ class CompiledPosture(OnePosture):
         for name, own in program.outputs.items():
             self.at[name] = slice(len(steps), len(steps) + len(own))
             steps += own
-        steps += steps[-1:] * (len(steps) % 2)  # records are written by pairs
         self._kernel = CompiledKernel(replace(program, outputs={"record": tuple(steps)}), width=2)
         self._entry, self._shared = self._kernel.entry(False), shared
-        self._free: list[_Memory] = []
+        self._free: list[tuple[Any, ...]] = []
 
     def record(self, **given: Array) -> Array:
         """As `OnePosture.record`."""
         try:
-            memory = self._free.pop()
+            memory = self._free.pop()  # as much is made as is used at the same time
         except IndexError:
-            memory = _Memory(self._kernel, self._shared)
-        for name, place in memory.inputs.items():
+            memory = self._memory()
+        inputs, written, progress, arguments, _ = memory
+        for name, place in inputs.items():
             place[:] = given[name]
-        memory.progress[:] = [0, 0]
-        self._entry(*memory.arguments)
-        record = memory.record.copy()
+        progress[:] = [0, 0]
+        self._entry(*arguments)
+        record: Array = written[0].copy()
         self._free.append(memory)
         return record
 
-
-class _Memory:
-    """What one call reads and writes; as many are made as are used at the same time."""
-
-    def __init__(self, kernel: Any, shared: Mapping[str, Array]) -> None:
-        program = kernel.program
-        widths = dict.fromkeys(kernel.arrays, 0)
+    def _memory(self) -> tuple[Any, ...]:
+        """What one call reads, writes and counts, its arguments, and what these point to."""
+        kernel, program = self._kernel, self._kernel.program
+        widths: dict[str, int] = {}
         for array, component in program.inputs:
             widths[array] = max(widths.get(array, 0), component + 1)
-        self.inputs = {
+        own = {
             name: np.empty((1 if name in program.shared else kernel.block, widths[name]))
             for name in kernel.arrays
-            if name not in shared
+            if name not in self._shared
         }
+        inputs, scratch = {**self._shared, **own}, kernel.memory()
         written = aligned_empty(kernel.block, len(program.outputs["record"]))
-        scratch = aligned_empty(kernel.scratch)
-        scratch[:] = 0.0
-        self.record = written[0]
-        self.progress = (ctypes.c_int64 * 2)()
-        inputs = {**shared, **self.inputs}
-        read = [address_of(inputs[name]) for name in kernel.arrays]
-        self.arguments = (
-            1,
-            (ctypes.c_void_p * len(read))(*read),
-            (ctypes.c_void_p * 1)(address_of(written)),
-            address_of(scratch),
-            self.progress,
-        )
-        self._held = inputs, written, scratch
+        read = pointers_to([address_of(inputs[name]) for name in kernel.arrays])
+        progress = (ctypes.c_int64 * 2)()
+        arguments = 1, read, pointers_to([address_of(written)]), address_of(scratch), progress
+        return own, written, progress, arguments, (inputs, scratch)

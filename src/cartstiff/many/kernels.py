@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from typing import Any, Literal
 
@@ -189,21 +189,20 @@ class _Standing:
         self,
         taken: TracedModel,
         compiled: bool,
-        rows: int,
         threads: int = 1,
         dead_load_at: tuple[float, float, float] | None = None,
     ) -> None:
         make = _compiled_kernel if compiled else _portable_kernel
-        case, workers, self._home = taken.case, _workers(threads, rows), taken.home
+        case, self._home = taken.case, taken.home
         ways = case.ways if isinstance(case, ClosedCase) else ()
         self._closing = [
-            cache(lambda way=way: make(way, CLOSING).workspace(rows, workers)) for way in ways
+            lambda way=way: partial(make(way, CLOSING), threads=threads) for way in ways
         ]
         self._settling: Any = None
         self._evaluate = partial(taken.untraced.derivatives, compiled=compiled)
         if taken.settles and isinstance(case, ChainCase):
             case = replace(case, dead_load_at=dead_load_at)
-            self._settling = make(case, SETTLING).workspace(rows, workers)
+            self._settling = partial(make(case, SETTLING), threads=threads)
 
     def __bool__(self) -> bool:
         return bool(self._closing) or self._settling is not None
@@ -263,7 +262,7 @@ def bent(
         return q, nowhere
     is_compiled = path == "compiled" or (path == "auto" and _compiles(len(q)))
     rows = min(len(q), EVALUATED_CHUNK)
-    standing = _Standing(taken, is_compiled, rows, threads, dead_load_at=at)
+    standing = _Standing(taken, is_compiled, _workers(threads, rows), at)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     moved = q.copy()
     for start in range(0, len(q), rows):
@@ -293,7 +292,7 @@ class Closer:
         taken = "" if path == "engine" or not rows else plan(elastic, "none")
         self._standing: _Standing | None = None
         if not isinstance(taken, str) and taken.is_closed:
-            self._standing = _Standing(taken, path == "compiled", self._rows)
+            self._standing = _Standing(taken, path == "compiled")
 
     def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Coordinates from q (N, n), where they close the chain, and where none close it.
@@ -334,22 +333,21 @@ def run(
             if name not in exists:
                 array[...] = np.nan
         is_compiled = not isinstance(kernel, PortableKernel)
-        length, options = size or CHUNK, {}
+        length, is_streamed = size or (COMPILED_CHUNK if is_compiled else CHUNK), False
         if is_compiled:
-            length = size or COMPILED_CHUNK
-            options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
+            is_streamed = sum(arrays[name].nbytes for name in exists) > STREAMED
             with timed(MAKING):
-                kernel.entry(options["stream"])
+                kernel.entry(is_streamed)
         if taken.has_derivatives:
             length = min(length, EVALUATED_CHUNK)
         if taken.is_closed:
             length = min(length, CLOSED_CHUNK)
         length = min(length, count)
-        standing = _Standing(taken, is_compiled, length, threads)
+        workers = _workers(threads, length)
+        standing = _Standing(taken, is_compiled, workers)
         shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
         if loads is not None and loads.ndim == 1:
             shared["wrench"] = np.ascontiguousarray(loads)[None]
-        workspace = kernel.workspace(length, _workers(threads, length))
         verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
         for start in range(0, count, length):
             stop = min(start + length, count)
@@ -375,7 +373,7 @@ def run(
                 else:
                     chunk[name] = np.empty((rows, width))
                     copies.append((part, chunk[name]))
-            workspace.run(inputs, chunk, rows, **options)
+            kernel.run(inputs, chunk, rows, workers, is_streamed)
             for part, values in copies:
                 part[...] = values.reshape(part.shape)
             verdicts[start:stop] = verdict[:rows, 0]

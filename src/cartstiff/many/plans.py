@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import in_pairs, shared_inputs
+from cartstiff.many.algebra import shared_inputs
 from cartstiff.many.chains import ChainCase, Line, chain_arrays, is_recorded
 from cartstiff.many.closed_chains import (
     ClosedCase,
@@ -109,7 +109,7 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     if readings is not None and readings.exist_beside(arrays):
         values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
-        arrays["readings"] = in_pairs(values)
+        arrays["readings"] = values
         outputs = ("pose", "readings")
     kept = {name: arrays[name] for name in (*outputs, "verdict") if name in arrays}
     return tape.program(kept, shared_inputs(case.wrench))

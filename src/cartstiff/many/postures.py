@@ -642,8 +642,7 @@ def tensions_of_many(
         loads = wrench
         if loads is not None:
             loads = loads_in_body(elastic, q, loads, kind, axes, "auto", 1)
-        is_compiled = has_package("llvmlite") and len(legs) % 2 == 0  # records are written by pairs
-        kernel = kernel_for(taken.case, ("tensions",), count, is_compiled)
+        kernel = kernel_for(taken.case, ("tensions",), count, has_package("llvmlite"))
         verdicts = np.zeros(count, np.uint8)
         run(taken, kernel, q, loads, {"tensions": tensions}, verdicts, 1, None)
         known = (verdicts == PLAIN) & np.isfinite(tensions).all(axis=1)

@@ -18,7 +18,6 @@ from cartstiff.many.algebra import (
     rotation_vector,
     zeros,
 )
-from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.chains import chain_motion
 from cartstiff.many.execution import CompiledKernel
 from cartstiff.many.kernels import has_package
@@ -44,7 +43,7 @@ class QuickPoses(JointPoses):
         if has_package("llvmlite") and isinstance(mechanism, Chain) and self.movable.all():
             constants = chain_constants(mechanism)
             self._constants = None if isinstance(constants, str) else constants
-        self._known: dict[str, Any] = {}
+        self._known: dict[str, CompiledKernel] = {}
 
     def _errors(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array]:
         constants = self._constants
@@ -52,13 +51,7 @@ class QuickPoses(JointPoses):
             return super()._errors(q, T_wanted, free)
         count, n = q.shape
         kernel = self._kernel("errors", lambda: _error_program(constants, self.length, self.sizes))
-        arrays = {
-            "e": aligned_empty(count, 6),
-            "jacobian": aligned_empty(count, 6 * n),
-            "verdict": aligned_empty(count, 1),
-        }
-        inputs = {"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)}
-        kernel.run({name: np.ascontiguousarray(a) for name, a in inputs.items()}, arrays, count)
+        arrays = kernel({"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)})
         e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
         turned = np.flatnonzero(arrays["verdict"][:, 0] != PLAIN)
         if turned.size:
@@ -71,7 +64,6 @@ class QuickPoses(JointPoses):
         count, n = q.shape
         is_limited = bool(np.isfinite([self.lower, self.upper]).any())
         kernel = self._kernel(f"step {is_limited}", lambda: _step_program(self.sizes, is_limited))
-        arrays = {"step": aligned_empty(count, n + n % 2)}
         inputs = {
             "q": q,
             "e": e,
@@ -80,12 +72,11 @@ class QuickPoses(JointPoses):
             "lower": self.lower[None],
             "upper": self.upper[None],
         }
-        kernel.run({name: np.ascontiguousarray(a) for name, a in inputs.items()}, arrays, count)
-        return arrays["step"][:, :n]
+        return kernel(inputs)["step"]
 
-    def _kernel(self, key: str, program: Callable[[], Program]) -> Any:
+    def _kernel(self, key: str, program: Callable[[], Program]) -> CompiledKernel:
         if key not in self._known:
-            self._known[key] = CompiledKernel(program()).workspace(self.rows_at_once)
+            self._known[key] = CompiledKernel(program())
         return self._known[key]
 
 
@@ -121,8 +112,7 @@ def _step_program(sizes: Array, is_limited: bool) -> Program:
     for x, size in zip(step, sizes, strict=True):
         largest = larger(largest, absolute(x * (1.0 / size)))
     step = step * pick(largest, LONGEST_STEP, 1.0, LONGEST_STEP / largest)
-    # Written by pairs.
-    return tape.program({"step": np.append(step, step[: n % 2])}, ["lower", "upper"])
+    return tape.program({"step": step}, ["lower", "upper"])
 
 
 def _damped(J: Array, e: Array, damping: Scalar) -> Array:

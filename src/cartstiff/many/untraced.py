@@ -39,7 +39,6 @@ from cartstiff.many.algebra import (
     below,
     congruence,
     cross,
-    in_pairs,
     inverse,
     largest,
     limited,
@@ -52,7 +51,9 @@ from cartstiff.many.algebra import (
 from cartstiff.many.chains import curvature_of
 from cartstiff.many.closed_chains import cotangent_series
 from cartstiff.many.execution import (
-    StackedProgram,
+    CompiledKernel,
+    Kernel,
+    compiled_or_portable,
     from_triangles,
     lower_triangle,
 )
@@ -98,17 +99,17 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, FALLBACK))
     energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
     return {
-        "energy": in_pairs(energy),
+        "energy": energy,
         "gradient": gradient[0],
-        "hessian": in_pairs(lower_triangle(hessian[0])),
-        "verdict": in_pairs(np.array([verdict], object)),
+        "hessian": lower_triangle(hessian[0]),
+        "verdict": np.array([verdict], object),
     }
 
 
 @lru_cache(maxsize=16)
-def _segment_program(length: float, section: Section, compiled: bool) -> StackedProgram:
+def _segment_program(length: float, section: Section, compiled: bool) -> Kernel:
     tape, beam = Tape(), Beam(np.arange(6), length, section)
-    return StackedProgram(tape.program(_segment(tape, beam), []), compiled)
+    return compiled_or_portable(tape.program(_segment(tape, beam), []), compiled)
 
 
 def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[Array, Array, Array]:
@@ -225,9 +226,7 @@ class _Strut:
         numbers = tape.vector("numbers", _NUMBERS)
         slide, made = numbers[13], numbers[14]
         n = len(self.free)
-        before = {
-            name: tape.vector(name, size + size % 2)[:size] for name, size in _state(n).items()
-        }
+        before = {name: tape.vector(name, size) for name, size in _state(n).items()}
         self.x, self.W, self.rest = before["q"], before["W"], before["rest"][0]
         if stepped:  # the step before, and its answer to what the rest length became longer
             by = tape.input("shift", 0)
@@ -294,9 +293,8 @@ def _step(alike: _Alike) -> Program:
         "more_W": more_W,
         "rest": np.array([strut.rest], object),
     }
-    outputs = {name: in_pairs(values) for name, values in state.items()}
-    outputs["seen"] = np.array([strut.now, strut.verdict, strut.near, strut.whole], object)
-    return tape.program(outputs, [])
+    seen = np.array([strut.now, strut.verdict, strut.near, strut.whole], object)
+    return tape.program({**state, "seen": seen}, [])
 
 
 def _condensed(alike: _Alike) -> Program:
@@ -313,9 +311,9 @@ def _condensed(alike: _Alike) -> Program:
     energy = (strut.k * strut.stretched) @ strut.stretched * 0.5
     return tape.program(
         {
-            "energy": in_pairs(np.array([energy], object)),
+            "energy": np.array([energy], object),
             "wrench": back @ strut.W,
-            "stiffness": in_pairs(lower_triangle(K)),
+            "stiffness": lower_triangle(K),
         },
         [],
     )
@@ -341,8 +339,8 @@ def _coupling(alike: _Alike) -> Program:
 
 
 @lru_cache(maxsize=24)
-def _strut_program(written: Callable[[_Alike], Program], alike: _Alike) -> StackedProgram:
-    return StackedProgram(written(alike), compiled=True)
+def _strut_program(written: Callable[[_Alike], Program], alike: _Alike) -> Kernel:
+    return CompiledKernel(written(alike))
 
 
 class _Search:
@@ -365,7 +363,7 @@ class _Search:
         numbers[..., 9:12] = wanted[..., :3, 3]
         numbers[..., 12], numbers[..., 13] = struts.bars, struts.slides
         numbers[..., 14] = struts.made
-        rows = {name: np.zeros((N * m, size + size % 2)) for name, size in _state(n).items()}
+        rows = {name: np.zeros((N * m, size)) for name, size in _state(n).items()}
         rows["rest"][:, 0] = (rest - struts.made).reshape(-1)
         rows["q"][:, self.alike.free.index(SLIDE)] = rows["rest"][:, 0]
         self.rows = {"numbers": numbers.reshape(N * m, -1), **rows, "shift": np.zeros((N * m, 1))}

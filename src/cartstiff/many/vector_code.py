@@ -234,13 +234,20 @@ def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -
             pieces.append(writer.lines)
             continue
         piece = 4 if size % 4 == 0 and width >= 4 else 2
-        how = f"align {8 * piece}, !nontemporal !0" if stream else "align 8"
-        for lane, first in product(range(0, width, 2), range(0, size, piece)):
+        how = f"align {8 * piece}, !nontemporal !0" if stream and size % 2 == 0 else "align 8"
+        for lane, first in product(range(0, width, 2), range(0, size - size % 2, piece)):
             writer = Writer(width, {}, f"r{i}.{lane}.{first}.")
             both = _exchanged(writer, [kept[s] for s in steps[first : first + piece]], lane)
             for half, start in zip(both, (lane * size, (lane + 1) * size), strict=True):
                 at = writer.address(f"%out{i}", start + first)
                 writer.lines.append(f"  store <{piece} x double> {half}, ptr {at}, {how}")
+            pieces.append(writer.lines)
+        for lane in range(width * (size % 2)):  # the last entry of an odd number
+            writer = Writer(width, {}, f"r{i}.{lane}.last.")
+            address = writer.address("%written", width * kept[steps[-1]] + lane)
+            value = writer.new(f"load double, ptr {address}")
+            at = writer.address(f"%out{i}", lane * size + size - 1)
+            writer.lines.append(f"  store double {value}, ptr {at}")
             pieces.append(writer.lines)
     return pieces
 
