@@ -20,11 +20,17 @@ from cartstiff import (
     optimise_path,
 )
 from cartstiff.errors import InputError
+from cartstiff.many import vibrations
+from cartstiff.many.vibrations import ManyModes
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.optimise import criteria
 from cartstiff.vibration.chatter import Milling, limiting_depth, limiting_depths
-from cartstiff.vibration.many_modes import ManyModes, moves_as_body
 from cartstiff.vibration.response import Damping, poles
+
+
+@pytest.fixture(autouse=True)
+def _recorded_from_one_posture_on(monkeypatch):
+    monkeypatch.setattr(vibrations, "WORTH_RECORDING", 1)
 
 
 def test_arrays_equal_single_postures():
@@ -67,15 +73,21 @@ def test_a_body_that_carries_all_mass_swings_by_its_compliance(tmp_path):
         data = compute_map(
             elastic, Trajectory(q), ["frequency_1", "frequency_3"], tmp_path / f"{path.stem}.zarr"
         )
-        found = analyse_many(elastic, q, outputs=["compliance_B"])
-        quick = ManyModes(elastic, found.q, compliances=found["compliance_B"]).frequencies(3)
-        slow = ManyModes(elastic, found.q).frequencies(3)
-        assert moves_as_body(elastic)
+        found = analyse_many(elastic, q).q
+        quick, known = ManyModes(elastic, found)._recorded(3)
+        assert known.all()
+        slow = np.array([modes(elastic, x).frequencies[:3] for x in found])
         assert quick == pytest.approx(slow, rel=1e-10)
         assert data["frequency_3"].values == pytest.approx(slow[:, 2], rel=1e-10)
-        unknown = np.full((4, 6, 6), np.nan)
-        left = ManyModes(elastic, found.q, compliances=unknown, one_by_one=1).frequencies(1)
-        assert np.isfinite(left).ravel().tolist() == [True, False, False, False]
+
+
+def test_of_postures_that_are_not_decided_so_many_are_looked_at():
+    """Postures of a stretched arm are those that the recorded arithmetic does not decide."""
+    elastic = load("ur5")
+    q = np.array([*[np.zeros(6)] * 3, *[elastic.q] * 3])
+    found = ManyModes(elastic, q, one_by_one=1).frequencies(1)
+    assert np.isfinite(found).ravel().tolist() == [True, False, False, True, True, True]
+    assert np.isfinite(ManyModes(elastic, q[:3], one_by_one=1).frequencies(1)).all()
 
 
 def test_a_map_of_frequencies(tmp_path):

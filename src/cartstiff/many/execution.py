@@ -440,6 +440,7 @@ class PrintedPosture(OnePosture):
     """One posture by straight-line Python, where no machine code can be made."""
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
+        self.program = program
         self._function, self._names, self.at = _python(program, _PYTHON, _ON_NUMBERS)
         self._shared = {name: rows.ravel().tolist() for name, rows in shared.items()}
         self._nothing = np.full(max(place.stop for place in self.at.values()), np.nan)
@@ -460,6 +461,7 @@ class CompiledPosture(OnePosture):
     """One posture by machine code."""
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
+        self.program = program
         steps, self.at = list[int](), dict[str, slice]()
         for name, own in program.outputs.items():
             self.at[name] = slice(len(steps), len(steps) + len(own))

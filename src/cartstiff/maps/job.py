@@ -31,6 +31,7 @@ from cartstiff.many.postures import (
     tensions_of_many,
 )
 from cartstiff.many.readings import FREQUENCIES, Readings
+from cartstiff.many.vibrations import ManyModes
 from cartstiff.many.work import each_in_turn, timed
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.quantities import (
@@ -46,7 +47,6 @@ from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits, force_notes, forces_beyond
 from cartstiff.statics.command import analyse_commanded, checked_command, drives
-from cartstiff.vibration.many_modes import ManyModes, moves_as_body, unloaded_compliances
 
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
@@ -147,14 +147,7 @@ class MapJob:
     @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Arrays that are asked of `analyse_many`."""
-        return self._outputs_of(self.quantities)
-
-    def _outputs_of(self, quantities: Sequence[Quantity]) -> tuple[str, ...]:
-        """What quantities need; frequencies follow from a compliance where they can."""
-        needed = needed_outputs(quantities, self.settings)
-        if self.swings and any(q.name.startswith("frequency_") for q in quantities):
-            needed = tuple(sorted({*needed, "compliance_B", "wrench"}))
-        return needed
+        return needed_outputs(self.quantities, self.settings)
 
     @property
     def stores_q(self) -> bool:
@@ -276,7 +269,7 @@ class MapJob:
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
         """What is known of postures (N, n), read from stored matrices."""
-        outputs = self._outputs_of(quantities)
+        outputs = needed_outputs(quantities, self.settings)
         buffers = self._buffers(len(q)) if outputs == self.outputs else None
         result = self._analysed(q, outputs, buffers)
         values = self._values(result, quantities)
@@ -313,7 +306,8 @@ class MapJob:
 
     def _values(self, result: Postures, quantities: Sequence[Quantity]) -> dict[str, Array]:
         """Quantities (N,) by name."""
-        vibrations = self._vibrations(result.q, result.arrays)
+        wrench = None if self.wrench is None else np.asarray(self.wrench, float)
+        vibrations = ManyModes(self.elastic, result.q, wrench, self._acting, self.one_by_one)
         with timed("quantities read from stored matrices", len(result)):
             return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
 
@@ -331,12 +325,6 @@ class MapJob:
             one_by_one=self.one_by_one,
             **self._acting,
         )
-
-    def _vibrations(self, q: Array, arrays: Mapping[str, Array]) -> ManyModes:
-        """Small vibrations of postures under the load, from their arrays where these tell them."""
-        wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        C = unloaded_compliances(arrays) if self.swings else None
-        return ManyModes(self.elastic, q, wrench, self._acting, C, self.one_by_one)
 
     @property
     def _acting(self) -> dict[str, Any]:
@@ -361,7 +349,7 @@ class MapJob:
     def _cost(self, q: Array) -> Array:
         """The first quantity, turned so that less is better."""
         quantity = self.quantities[0]
-        results = self._analysed(q, self._outputs_of([quantity]))
+        results = self._analysed(q, needed_outputs([quantity], self.settings))
         value = self._values(results, [quantity])[quantity.name]
         return value if quantity.better == "smaller" else -value
 
@@ -373,11 +361,6 @@ class MapJob:
             own = (self.outputs, n), with_room(self.outputs, {}, (_ROWS, n))
             _THREAD.buffers = own
         return {name: array[:count] for name, array in own[1].items()}
-
-    @cached_property
-    def swings(self) -> bool:
-        """Whether the compliance of the body tells the frequencies."""
-        return self.wrench is None and moves_as_body(self.elastic)
 
     @cached_property
     def _limits(self) -> Limits:

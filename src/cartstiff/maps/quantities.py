@@ -55,13 +55,13 @@ from cartstiff.analysis.sections import unit_of
 from cartstiff.arrays import plain
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.vibrations import ManyModes
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.vibration.chatter import Milling
-from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.response import Damping
 
 

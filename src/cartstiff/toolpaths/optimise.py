@@ -44,6 +44,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses, distinct
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
 from cartstiff.many.postures import analyse_many
+from cartstiff.many.vibrations import ManyModes
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
@@ -58,7 +59,6 @@ from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
 from cartstiff.vibration.chatter import Milling
-from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.response import Damping
 
 #: What is made small: the worst cost (and after it the sum), or the sum alone.

@@ -1,0 +1,155 @@
+r"""Frequencies of many postures: by recorded arithmetic that knows all masses, or one by one.
+
+With H the Lagrangian Hessian on the motions x, J their twists and D = K^load - K^B,
+
+    K_q = H + J^T D J,    1 / omega^2: eigenvalues of K_q^-1/2 M K_q^-1/2,
+
+where K_q is positive; elsewhere, where a motion costs nothing or grows, `cartstiff.modes` decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.errors import UndefinedError
+from cartstiff.many.algebra import PLAIN
+from cartstiff.many.kernels import WORTH_RECORDING, has_package, kernel_for, run
+from cartstiff.many.plans import given_as, plan
+from cartstiff.many.postures import loads_in_body
+from cartstiff.many.readings import with_masses
+from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.vibration.chatter import Milling, limiting_depth
+from cartstiff.vibration.modes import Modes, modes
+from cartstiff.vibration.response import Damping, poles
+
+# Postures at once: their matrices stay in the cache.
+_ROWS = 2048
+#: What frequencies follow from.
+_OUTPUTS = ("wrench", "kinetic", "lagrangian", "motion")
+
+
+@dataclass(frozen=True, eq=False)
+class ManyModes:
+    """Small vibrations at many postures.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    q : ndarray (N, n)
+        Postures; closures are met.
+    wrenches : ndarray (6,) or (N, 6), optional
+        Load, as in `cartstiff.modes`.
+    load : mapping
+        `load_kind`, `load_at`, `load_axes` of it.
+    one_by_one : int, optional
+        Of the postures that recorded arithmetic does not decide, at most so many are looked at;
+        the others have no number.
+    """
+
+    elastic: ElasticMechanism
+    q: Array
+    wrenches: Array | None = None
+    load: Mapping[str, Any] = field(default_factory=dict)
+    one_by_one: int | None = None
+
+    def frequencies(self, count: int = 6) -> Array:
+        """The lowest ones [Hz], (N, count).
+
+        NaN where a motion grows, where a posture has no modes, and beyond the last mode.
+        """
+        frequencies, known = self._recorded(count)
+        rows = np.flatnonzero(~known)
+        if known.any():
+            rows = rows[: self.one_by_one]
+        frequencies[rows] = self._each(lambda modes: modes.frequencies, count, rows)
+        return frequencies
+
+    def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
+        """Ratio (N, count) of each mode, the slowest first; with dampers those of the poles."""
+        if not (damping.dampers and self.elastic.damping is not None):
+            return self._each(lambda modes: damping.of_modes(modes), count)
+        return self._each(lambda modes: poles(modes, damping)[1], count)
+
+    def limiting_depths(self, milling: Milling, damping: Damping) -> Array:
+        """Depth of cut (N,) that is stable at every speed, by the zeroth-order theory."""
+        return self._each(lambda modes: [limiting_depth(modes, milling, damping)], 1)[:, 0]
+
+    @property
+    def _loads(self) -> Array | None:
+        return self.wrenches if self.wrenches is not None and np.any(self.wrenches) else None
+
+    def _each(
+        self, answer: Callable[[Modes], ArrayLike], count: int, which: Array | None = None
+    ) -> Array:
+        """Of some postures, one after the other."""
+        every = np.arange(len(self.q)) if which is None else which
+        loads, rows = self._loads, np.full((len(every), count), np.nan)
+        for row, i in zip(rows, every, strict=True):
+            wrench = None if loads is None else loads if loads.ndim == 1 else loads[i]
+            load = {} if wrench is None else self.load
+            try:
+                found = modes(self.elastic, self.q[i], wrench=wrench, **load)
+                values = np.asarray(answer(found))[:count]
+            except UndefinedError:
+                continue
+            row[: values.size] = values
+        return rows
+
+    def _recorded(self, count: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Frequencies (N, count) by recorded arithmetic, and which of them are known."""
+        nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
+        loads, axes = self._loads, self.load.get("load_axes", "body")
+        kind = LoadKind(self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at))
+        shape = "each" if loads is not None and loads.ndim == 2 else given_as(loads, axes)
+        taken = "" if len(self.q) < WORTH_RECORDING else plan(self.elastic, shape)
+        case = None if isinstance(taken, str) else with_masses(self.elastic, taken.case)
+        if isinstance(taken, str) or case is None:
+            return nothing
+        kernel = kernel_for(case, _OUTPUTS, len(self.q), has_package("llvmlite"))
+        q, verdicts = self.q.copy(), np.zeros(len(self.q), np.uint8)
+        if loads is not None:
+            loads = loads_in_body(self.elastic, q, loads, kind, axes, "auto", 1)
+        widths = {name: len(own) for name, own in kernel.program.outputs.items()}
+        arrays = {name: np.empty((len(q), widths[name])) for name in _OUTPUTS}
+        run(taken, kernel, q, loads, arrays, verdicts, 1, None)
+        return self._of_matrices(arrays, kind, verdicts == PLAIN, count)
+
+    def _of_matrices(
+        self, arrays: Mapping[str, Array], kind: LoadKind, known: NDArray[np.bool_], count: int
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        length, force = convert_length(Units(), self.elastic.units)
+        n = round(arrays["kinetic"].shape[1] ** 0.5)
+        frequencies = np.full((len(known), max(count, n)), np.nan)
+        for start in range(0, len(known), _ROWS):
+            part = slice(start, start + _ROWS)
+            rows = start + np.flatnonzero(known[part])
+            W, M, H, J = (arrays[name][rows] for name in _OUTPUTS)
+            M, H, J = M.reshape(-1, n, n), H.reshape(-1, n, n), J.reshape(-1, 6, n)
+            D = kind.change(W)
+            added = J.swapaxes(1, 2) @ D @ J
+            K = H + 0.5 * (added + added.swapaxes(1, 2))
+            sizes = np.sqrt(np.maximum(K.diagonal(axis1=1, axis2=2), numerics.TINY))[:, :, None]
+            pairs = sizes * sizes.swapaxes(1, 2)
+            values, axes = np.linalg.eigh(K / pairs)
+            root = axes / sizes / np.sqrt(np.maximum(values, numerics.TINY))[:, None]
+            inverse = np.linalg.eigvalsh(root.swapaxes(1, 2) @ M @ root)[:, ::-1]
+            inverse = inverse * (force / length)
+            # Motions without mass stand last, and have no frequency.
+            least = numerics.EPSILON * n * inverse[:, :1]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                hertz = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
+            frequencies[rows, :n] = np.where(inverse > least, hertz, np.nan)
+            is_plain = values[:, 0] > numerics.LOST_ERROR * values[:, -1]
+            skew = np.abs(added - added.swapaxes(1, 2)) / pairs
+            known[rows] = is_plain & (skew.max(axis=(1, 2)) <= numerics.ROUNDING)
+        return frequencies[:, :count], known
