@@ -89,7 +89,7 @@ from cartstiff.many.twists import (
     ChainConstants,
     ChainKinematics,
     ForceField,
-    TreeKinematics,
+    Kinematics,
     numbers,
 )
 from cartstiff.mechanisms.tree import KinematicTree
@@ -311,7 +311,7 @@ class Bodies:
         return Bodies(*map(numbers, (masses, centres, moments, np.array(tree.model.armature))))
 
 
-def kinetic(bodies: Bodies, kinematics: ChainKinematics | TreeKinematics) -> Array:
+def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     """Masses' matrix (joints, joints) in the joint positions."""
     J, joints = kinematics.J, kinematics.J.shape[1]
     centres = np.reshape(bodies.centres, (joints, 3))
@@ -407,7 +407,7 @@ class ChainCase:
 
 
 def _field_terms(
-    force: Array, kinematics: ChainKinematics | TreeKinematics, beyond: tuple[Array, Array]
+    force: Array, kinematics: Kinematics, beyond: tuple[Array, Array]
 ) -> tuple[Scalar, Array, Array]:
     """Energy, gradient and Hessian in the joint positions."""
     mass, first = beyond
@@ -637,14 +637,6 @@ class ChainNumbers:
         M = kinetic(bodies, self.kinematics)
         return M if self.mimic is None else congruence(self.mimic, M)
 
-    def pose(self) -> Array:
-        """``T_F_M``."""
-        kinematics, T = self.kinematics, zeros(4, 4)
-        T[:3, :3] = kinematics.R_C_F.T @ kinematics.R_C_M
-        T[:3, 3] = kinematics.R_C_F.T @ (kinematics.p_C_M - kinematics.p_C_F)
-        T[3, 3] = 1.0
-        return T
-
 
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = numerics.LOST_ERROR
@@ -836,7 +828,7 @@ def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Arra
 def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
     """Pose (4, 4) and body Jacobian (6, n)."""
     chain = ChainNumbers(tape, ChainCase(constants, None), len(constants.screws) // 6)
-    return chain.pose(), chain.J
+    return chain.kinematics.pose(), chain.J
 
 
 def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
@@ -861,7 +853,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     sizes = chain.columns * chain.columns[:, None]
     looked_at = [*scaled.ravel(), *(chain.gradient * chain.columns), largest(chain.hessian * sizes)]
     arrays = {
-        "pose": chain.pose(),
+        "pose": chain.kinematics.pose(),
         "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
         "looked_at": np.array(looked_at, object),
@@ -879,7 +871,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
 def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     """`chain_arrays` of a chain."""
     arrays: dict[str, Array] = {
-        "pose": chain.pose(),
+        "pose": chain.kinematics.pose(),
         "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
     }

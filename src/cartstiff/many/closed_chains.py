@@ -80,7 +80,7 @@ from cartstiff.many.chains import (
     is_recorded,
 )
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
-from cartstiff.many.twists import Tie, TreeConstants, TreeKinematics
+from cartstiff.many.twists import Tie, TreeConstants, TreeKinematics, numbers
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -318,7 +318,7 @@ class ClosedChainNumbers(ChainNumbers):
         """H_L in all coordinates."""
         (gradient, hessian), way = self._of_joints, self._way
         H = hessian + self._turning(self._multipliers(self.J_q.T @ W - gradient))
-        S = curvature_of(self.kinematics.J[:, way], self.kinematics.from_body(W))
+        S = curvature_of(self.kinematics.J[:, way], self.kinematics.wrench(W))
         H[np.ix_(way, way)] = H[np.ix_(way, way)] - S
         return H
 
@@ -330,11 +330,6 @@ class ClosedChainNumbers(ChainNumbers):
         self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
         self.squared_condition = condition
         return A
-
-    def condition(self, forward: Array, backward: Array) -> Scalar:
-        """Bound on the squared condition number of the scaled Jacobian."""
-        size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
-        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
 
     def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
         """As of an open chain, on whatever orthonormal motions that stay closed.
@@ -367,12 +362,6 @@ class ClosedChainNumbers(ChainNumbers):
         size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
         lost = larger(lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2)
         return np.array([near, lost], object)
-
-    def pose(self) -> Array:
-        """``T_F_M``."""
-        T = zeros(4, 4)
-        T[:3, :3], T[:3, 3], T[3, 3] = self.kinematics.R, self.kinematics.p, 1.0
-        return T
 
 
 def length_of(tree: TreeKinematics) -> Scalar:
@@ -591,7 +580,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
         names, N = tuple(range(chain.n)), np.eye(chain.n)
     W, load = chain.W, LoadKind("follower")
     if case.dead_load_at is not None:
-        load, R = LoadKind("dead", case.dead_load_at), chain.pose()[:3, :3].T
+        load, R = LoadKind("dead", case.dead_load_at), chain.kinematics.pose()[:3, :3].T
         moment, force = R @ W[:3], R @ W[3:]
         W = np.concatenate([moment + cross(np.array(case.dead_load_at), force), force])
     sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
@@ -661,22 +650,18 @@ def settle(
 _SAMPLES, _AWAY = 4, 0.1
 
 
-def _flat(array: Array) -> tuple[float, ...]:
-    return tuple(np.ravel(array).tolist())
-
-
 def tree_constants(chain: Chain) -> TreeConstants:
     """Geometry of a tree with its ties."""
     tree = chain.tree
     places = [(chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
 
     def tie(a: FixedFrame, b: FixedFrame, is_weld: bool) -> Tie:
-        return Tie(a.joint, _flat(a.T_j_f), b.joint, _flat(b.T_j_f), is_weld)
+        return Tie(a.joint, numbers(a.T_j_f), b.joint, numbers(b.T_j_f), is_weld)
 
     return TreeConstants(
-        _flat(np.array(tree.placements())),
-        _flat(tree.screws()),
-        _flat(chain.body.T_j_f),
+        numbers(np.array(tree.placements())),
+        numbers(tree.screws()),
+        numbers(chain.body.T_j_f),
         None,
         None,
         tuple(bool(x) for x in chain.is_length),
@@ -814,9 +799,9 @@ def closed_case(
             others.append(potential)
         elif isinstance(potential, Beam):
             blocks = zip(potential.indices, potential._straight, strict=True)
-            still += [(tuple(map(int, at)), _flat(K)) for at, K in blocks]
+            still += [(tuple(map(int, at)), numbers(K)) for at, K in blocks]
         elif type(potential) is CoupledSprings:
-            still.append((tuple(map(int, potential.indices)), _flat(potential.matrix)))
+            still.append((tuple(map(int, potential.indices)), numbers(potential.matrix)))
         else:
             others.append(potential)
     own = np.zeros(n, bool) if springs is None else ~springs.is_passive

@@ -209,16 +209,68 @@ class Walk:
         self.p = self.p - self.R @ T[:3, 3]
 
 
-class ChainKinematics:
+class Kinematics:
+    """A mechanism at recorded coordinates, seen from a frame C.
+
+    Attributes
+    ----------
+    J : twists of the joints in C (6, joints).
+    R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
+    beyond : mass and first moment in C beyond each joint, for each field.
+    roots, outward : joints that hang on the ground; of each joint itself and those behind it.
+    """
+
+    J: Array
+    R_C_M: Array
+    p_C_M: Array
+    R_C_F: Array
+    p_C_F: Array
+    beyond: list[tuple[Array, Array]]
+    roots: Sequence[int]
+    outward: list[Sequence[int]]
+
+    def behind(self, joint: int) -> tuple[Array, Array]:
+        """R and p in C of a joint's frame behind its motion, joints counted from 0."""
+        raise NotImplementedError
+
+    def pose(self) -> Array:
+        """``T_F_M``."""
+        T = zeros(4, 4)
+        T[:3, :3] = self.R_C_F.T @ self.R_C_M
+        T[:3, 3] = self.R_C_F.T @ (self.p_C_M - self.p_C_F)
+        T[3, 3] = 1.0
+        return T
+
+    def frames(self) -> Array:
+        """``T_F_joint`` behind each joint's motion, without the last row (joints, 3, 4)."""
+        frames = zeros(self.J.shape[1], 3, 4)
+        for joint, frame in enumerate(frames):
+            R, p = self.behind(joint)
+            frame[:, :3] = self.R_C_F.T @ R
+            frame[:, 3] = self.R_C_F.T @ (p - self.p_C_F)
+        return frames
+
+    def wrench(self, W: Array) -> Array:
+        """A wrench given in M, in C."""
+        force = self.R_C_M @ W[3:]
+        return np.concatenate([self.R_C_M @ W[:3] + cross(self.p_C_M, force), force])
+
+    def adjoint(self) -> Array:
+        """``Ad(T_C_M)``."""
+        adjoint = zeros(6, 6)
+        adjoint[:3, :3] = adjoint[3:, 3:] = self.R_C_M
+        for i in range(3):
+            adjoint[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
+        return adjoint
+
+
+class ChainKinematics(Kinematics):
     """A chain in C, the frame of joint `middle` before its motion, or M where no joint is left.
 
     Attributes
     ----------
-    J, J_M : twists of the joints in C and in M (6, joints).
-    R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
+    J_M : twists of the joints in M (6, joints).
     size, reach : longest way along the links to M, from F and from the first axis.
-    beyond : mass and first moment in C beyond each joint, for each field.
-    roots, outward : joints that hang on the ground; of each joint itself and those behind it.
     """
 
     def __init__(
@@ -278,28 +330,6 @@ class ChainKinematics:
         R, p = self._places[joint]
         return R @ self._turns[joint].T, p
 
-    def frames(self) -> Array:
-        """``T_F_joint`` behind each joint's motion, without the last row (joints, 3, 4)."""
-        frames = zeros(len(self._places), 3, 4)
-        for joint, frame in enumerate(frames):
-            R, p = self.behind(joint)
-            frame[:, :3] = self.R_C_F.T @ R
-            frame[:, 3] = self.R_C_F.T @ (p - self.p_C_F)
-        return frames
-
-    def wrench(self, W: Array) -> Array:
-        """A wrench given in M, in C."""
-        force = self.R_C_M @ W[3:]
-        return np.concatenate([self.R_C_M @ W[:3] + cross(self.p_C_M, force), force])
-
-    def adjoint(self) -> Array:
-        """``Ad(T_C_M)``."""
-        adjoint = zeros(6, 6)
-        adjoint[:3, :3] = adjoint[3:, 3:] = self.R_C_M
-        for i in range(3):
-            adjoint[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
-        return adjoint
-
 
 def _sums_to_the_end(rows: Array) -> Array:
     return np.cumsum(rows[::-1], axis=0)[::-1]
@@ -349,15 +379,12 @@ class TreeConstants(ChainConstants):
         return [*((j, -1.0) for j in reversed(up)), *((j, 1.0) for j in down)]
 
 
-class TreeKinematics:
-    """A tree at recorded coordinates.
+class TreeKinematics(Kinematics):
+    """A tree at recorded coordinates; C is F.
 
     Attributes
     ----------
-    J : twists of the joints in F (6, joints).
-    R, p : pose of M in F.
     size : sum of the links' lengths to the body.
-    roots, outward, beyond, R_C_F, p_C_F : as in `ChainKinematics`, C being F.
     """
 
     def __init__(
@@ -376,7 +403,7 @@ class TreeKinematics:
             self._behind.append(walk)
         body = copy(self._behind[constants.carrier])
         body.outward(joints)
-        self.R, self.p = body.R, body.p
+        self.R_C_M, self.p_C_M = body.R, body.p
         self.size = sum(links.lengths[j] for j in constants.support(constants.carrier))
         self.size += links.lengths[joints]
         self.R_C_F, self.p_C_F = np.eye(3), np.zeros(3)
@@ -415,14 +442,9 @@ class TreeKinematics:
         """Twists (6, k) in F as twists in M."""
         turned = zeros(*twists.shape)
         for a, twist in enumerate(twists.T):
-            turned[:3, a] = self.R.T @ twist[:3]
-            turned[3:, a] = self.R.T @ (twist[3:] + cross(twist[:3], self.p))
+            turned[:3, a] = self.R_C_M.T @ twist[:3]
+            turned[3:, a] = self.R_C_M.T @ (twist[3:] + cross(twist[:3], self.p_C_M))
         return turned
-
-    def from_body(self, W: Array) -> Array:
-        """A wrench given in M, in F."""
-        force = self.R @ W[3:]
-        return np.concatenate([self.R @ W[:3] + cross(self.p, force), force])
 
     def tied(self, tie: Tie, about: Array | None) -> Array:
         """Relative twist of b against a (6, joints), about the origin of F or a point."""
