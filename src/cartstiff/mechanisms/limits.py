@@ -120,6 +120,10 @@ class Limits:
 
     def holds(self, q: Array, pose: Array) -> bool:
         """Whether everything is within its limits at one posture, to the last digit."""
+        if self.legs is None and self._rods is None:  # a few comparisons, no arrays
+            own = q.tolist()
+            each = zip(self.columns.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
+            return all(low <= own[j] <= high for j, low, high in each)
         return not len(self) or bool(self._within(self.values(q, pose)))
 
     def leaving_out(self, sides: Array) -> Limits:
