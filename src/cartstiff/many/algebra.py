@@ -443,20 +443,13 @@ def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:
     return stiffness * pick(stretch, 0.0, 0.0, 1.0)
 
 
-def unsymmetric_part(W: Array) -> Array:
-    """``K^A - K^B``, which the wrench alone makes."""
-    moment, force = skew(W[:3] * 0.5), skew(W[3:] * 0.5)
-    total = zeros(6, 6)
-    total[:3, :3], total[:3, 3:], total[3:, :3] = moment, force, force
-    return total
+#: What makes ``K^X - K^B`` (6, 6) of the wrench: X = A, K, and load, a dead one at M's origin.
+FROM_B_TO_A, _FROM_B_TO_K, _FROM_B_TO_LOAD = np.moveaxis(DEAD_AT_ORIGIN.changes(np.eye(6)), 0, -1)
 
 
 def connections(K_B: Array, W: Array) -> dict[str, Array]:
     """K^A, K^B and K^K from K^B and the wrench."""
-    D_A = unsymmetric_part(W)
-    D_K = zeros(6, 6)
-    D_K[:3, 3:], D_K[3:, :3] = D_A[:3, 3:], -D_A[3:, :3]
-    return {"A": K_B + D_A, "B": K_B, "K": K_B + D_K}
+    return {"A": K_B + FROM_B_TO_A @ W, "B": K_B, "K": K_B + _FROM_B_TO_K @ W}
 
 
 def add_compliances(
@@ -504,7 +497,6 @@ def changed_compliance(
 #: Of a dead load at M's origin: K^load, its inverse, that of its symmetric part, and whether both
 #: hold.
 UNDER_LOAD = ("dead_stiffness", "dead_compliance", "dead_symmetric", "dead_verdict")
-_DEAD = np.moveaxis(DEAD_AT_ORIGIN.change(np.eye(6)), 0, -1)
 
 
 def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Scalar) -> None:
@@ -512,7 +504,7 @@ def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Sc
     is_wanted = "dead_stiffness" in wanted and {"stiffness_B", "compliance_B"} <= arrays.keys()
     if not is_wanted or all(is_zero(w) for w in arrays["wrench"]):
         return
-    C, D = arrays["compliance_B"], _DEAD @ arrays["wrench"]
+    C, D = arrays["compliance_B"], _FROM_B_TO_LOAD @ arrays["wrench"]
     arrays["dead_stiffness"] = arrays["stiffness_B"] + D
     arrays["dead_compliance"], doubt = changed_compliance(C, D, length)
     arrays["dead_symmetric"], other = changed_compliance(C, (D + D.T) * 0.5, length)

@@ -56,6 +56,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     FALLBACK,
+    FROM_B_TO_A,
     JACOBIAN_CONDITION,
     LARGEST_ANGLE,
     PLAIN,
@@ -80,7 +81,6 @@ from cartstiff.many.algebra import (
     solution,
     symmetric_product,
     taut_stiffness,
-    unsymmetric_part,
     upper_inverse,
     zeros,
 )
@@ -114,13 +114,7 @@ def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Energy, torque and tangent stiffness at a deflection."""
     if isinstance(law, TabulatedLaw):
         return law.on_piece(_piece(law, x, law.deflections), x)
-    energy: Scalar = 0.0
-    torque: Scalar = 0.0
-    stiffness: Scalar = 0.0
-    for power, c in reversed(list(enumerate(_coefficients(law), start=1))):
-        energy, torque = (energy + c / (power + 1)) * x, (torque + c) * x
-        stiffness = stiffness * x + c * power
-    return energy * x, torque, stiffness
+    return law.evaluate(x)
 
 
 def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
@@ -131,19 +125,15 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     """
     if isinstance(law, TabulatedLaw):
         return _in_table(law, torque)
-    c = np.array(_coefficients(law))
+    if not isinstance(law, PolynomialLaw):
+        raise TypeError(law)
+    c = np.array(law.coefficients, float)
     turning = np.polynomial.polynomial.Polynomial(c * np.arange(1, len(c) + 1)).roots()
     real = np.abs(turning[np.abs(turning.imag) <= numerics.CLOSE * (1.0 + np.abs(turning))])
     x, verdict = _found(law, torque, torque * (1.0 / c[0]) if c[0] else np.nan)
     if real.size:
         verdict = larger(verdict, pick(absolute(x), _RISING * float(real.min()), PLAIN, FALLBACK))
     return x, verdict
-
-
-def _coefficients(law: SpringLaw) -> tuple[float, ...]:
-    if not isinstance(law, PolynomialLaw):
-        raise TypeError(law)
-    return tuple(map(float, law.coefficients))
 
 
 def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scalar]:
@@ -670,7 +660,7 @@ def _six(chain: ChainNumbers) -> tuple[Array, Array, Array]:
     K_F = congruence(A, chain.hessian)
     if chain.mimic is not None:
         return W, congruence(A, chain.lagrangian(W)), K_F
-    return W, symmetric_product(A.T, -_curved(chain, A, W), K_F + unsymmetric_part(W)), K_F
+    return W, symmetric_product(A.T, -_curved(chain, A, W), K_F + FROM_B_TO_A @ W), K_F
 
 
 def _curved(chain: ChainNumbers, A: Array, W: Array) -> Array:

@@ -75,13 +75,12 @@ class PolynomialLaw(SpringLaw):
             )
 
     def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
-        """Energy, torque and tangent stiffness at a deflection, or at each of (N,)."""
+        """Energy, torque and tangent stiffness at a deflection, each of (N,), or a number."""
         energy = torque = stiffness = 0.0
-        for power, c in enumerate(self.coefficients, start=1):
-            energy = energy + c * x ** (power + 1) / (power + 1)
-            torque = torque + c * x**power
-            stiffness = stiffness + power * c * x ** (power - 1)
-        return energy, torque, stiffness
+        for power, c in reversed(list(enumerate(self.coefficients, start=1))):
+            energy, torque = (energy + c / (power + 1)) * x, (torque + c) * x
+            stiffness = stiffness * x + c * power
+        return energy * x, torque, stiffness
 
     def in_units(self, size: float, effort: float) -> PolynomialLaw:
         """The same law in other units."""

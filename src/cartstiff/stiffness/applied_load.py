@@ -74,12 +74,12 @@ class LoadKind:
         return LOAD_KINDS[self.kind]
 
     def changes(self, wrench: Array) -> Array:
-        """``K^X - K^B`` (3, 6, 6) for X = A, K, load in M under a wrench W (6,) about M's origin.
+        """``K^X - K^B`` (..., 3, 6, 6), X = A, K, load, under wrenches (..., 6) in M.
 
         ``K^A = K^B - 1/2 [W]`` with the bracket form [W] that K^A is asymmetric by, and K^X is K^A
         less the wrench term of its connection, here ``Ad^T R Ad``.
         """
-        return np.asarray(wrench.dot(self._from_b).reshape(3, 6, 6))
+        return np.asarray(wrench.dot(self._from_b).reshape(*wrench.shape[:-1], 3, 6, 6))
 
     def change(self, wrench: Array) -> Array:
         """The last of `changes` (..., 6, 6), under wrenches (..., 6)."""
