@@ -1494,19 +1494,19 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         _add_frame(tree, frame, part.prefix + end, se3.inverse(grip))
     q = default_posture(tree, _of_all(parts, lambda part: part.entry.q), facts=facts)
     start = 0
-    for i, (leg, (_, part, T_F_root)) in enumerate(zip(legs, trees, strict=True)):
-        own = slice(start, start + part.n)
-        start += part.n
+    for i, (leg, (_, arm, T_F_root)) in enumerate(zip(legs, trees, strict=True)):
+        own = slice(start, start + arm.n)
+        start += arm.n
         if file.pose is None or leg.drawing is not None:
             continue  # it was drawn there
         virtual = virtual_joints(leg.flexible)
         q[own] = leg_at_pose(
-            part,
+            arm,
             ends[i],
             se3.inverse(grips[i]),
             se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
             q[own],
-            [j for j, n in enumerate(_names(part)) if n in virtual],
+            [j for j, n in enumerate(_names(arm)) if n in virtual],
             f"leg {i + 1}",
         )
 

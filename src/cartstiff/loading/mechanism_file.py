@@ -153,8 +153,8 @@ def _evaluated(
         ) from None
     values: dict[str, float] = {}
     for name in [*order, *entries]:
-        formula = asked.get(name, formulas[name])
-        values[name] = formula.value(values) if isinstance(formula, Expression) else formula
+        own = asked.get(name, formulas[name])
+        values[name] = own.value(values) if isinstance(own, Expression) else own
     return {name: values[name] for name in entries}, set().union(*needed.values())
 
 

@@ -223,13 +223,13 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
             )
             robot.attempt(name, _limit, made, parts["limit"], what, refuse)
         robot.attempt(name, _mimic, mimics, robot, name, joint, parts["mimic"])
-        words = [*reader.extensions.get(name, ()), *reader.dynamics.get(name, ())]
-        robot.attempt(name, _dynamics, robot, name, joint, parts["dynamics"], words, springs)
+        said = [*reader.extensions.get(name, ()), *reader.dynamics.get(name, ())]
+        robot.attempt(name, _dynamics, robot, name, joint, parts["dynamics"], said, springs)
         for tag in reader.mechanical.get(name, ()):
             expected = f"in a mechanism file: springs: {{{name}: {{stiffness: ...}}}}"
             robot.leave_out(name, refuse(f"{what}: <{tag}> cannot be read", expected=expected))
-    for name, error in reader.faults:
-        robot.leave_out(name, error)
+    for name, fault in reader.faults:
+        robot.leave_out(name, fault)
     notes += _doubts(joints)
     _check_tree(robot)
     _leave_out_rings(robot, mimics)
