@@ -57,29 +57,27 @@ class Elements:
         coordinates = elastic.mechanism.coordinates
         springs = elastic.springs
         ideal_joints_only(springs, "sensitivities to springs")
-        if isinstance(springs, JointSprings):
-            own = np.flatnonzero(~springs.is_passive)
-            own = own[[j not in springs.laws and j not in springs.rigid for j in own]]
-            self._parts.append((-1, own, 0))
-            names += [coordinates[j].name for j in own]
-            lengths += [coordinates[j].is_length for j in own]
-        elif springs is not None:
-            self._parts.append((-1, np.arange(len(springs.stiffness)), 0))
-            names += list(elastic.spring_names)
-            lengths += [True] * len(springs.stiffness)
         lines = 0
-        for i, potential in enumerate(elastic.potentials):
-            if isinstance(potential, (CoupledSprings, Beam)):
-                indices = np.asarray(potential.indices, int).reshape(-1)
-                self._parts.append((i, indices, len(names)))
-                names += [coordinates[j].name for j in indices]
-                lengths += [coordinates[j].is_length for j in indices]
-            elif isinstance(potential, LineSprings):
-                m = len(potential.stiffness)
-                self._parts.append((i, np.arange(m), len(names)))
-                names += [f"line{lines + k + 1}" for k in range(m)]
-                lengths += [True] * m
-                lines += m
+        for part, potential in enumerate((springs, *elastic.potentials), start=-1):
+            if isinstance(potential, LineSprings):
+                own = np.arange(len(potential.stiffness))
+                of_lines = [f"line{lines + k + 1}" for k in own]
+                lines += 0 if part < 0 else len(own)
+                each, slides = elastic.spring_names if part < 0 else of_lines, [True] * len(own)
+            elif isinstance(potential, (JointSprings, CoupledSprings, Beam)):
+                if isinstance(potential, JointSprings):
+                    own = np.flatnonzero(~potential.is_passive)
+                    held = potential.laws.keys() | potential.rigid
+                    own = own[[j not in held for j in own.tolist()]]
+                else:
+                    own = np.asarray(potential.indices, int).reshape(-1)
+                each = [coordinates[j].name for j in own]
+                slides = [coordinates[j].is_length for j in own]
+            else:
+                continue
+            self._parts.append((part, own, len(names)))
+            names += each
+            lengths += slides
         self.names = tuple(names)
         self.is_length = np.array(lengths, bool)
 

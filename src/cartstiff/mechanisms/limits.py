@@ -65,7 +65,7 @@ class Limits:
     columns : ndarray of int (m,)
         Coordinates, or legs, that are limited.
     are_angles : ndarray of bool (m,)
-        Of a platform: which are angles of joints of its legs.
+        Which are angles: of joints that turn, and of joints of a platform's legs.
     legs : Platform or None
         Whose legs are limited.
     left_out : ndarray of int (m,)
@@ -76,29 +76,25 @@ class Limits:
         self, mechanism: Mechanism, ignore: bool = False, *, contacts: bool = False
     ) -> None:
         self.legs = mechanism if isinstance(mechanism, Platform) else None
-        names = list(mechanism.bounds)
-        pairs = np.array(list(mechanism.bounds.values()), float).reshape(-1, 2)
-        finite = np.isfinite(pairs).any(axis=1)
-        self.columns = np.flatnonzero(finite & (not ignore))
-        self.names = tuple(names[j] for j in self.columns)
-        self.left_out = np.zeros(len(self.columns), int)
-        self.lower = pairs[self.columns, 0]
-        self.upper = pairs[self.columns, 1]
-        self.are_angles = np.zeros(len(self.columns), bool)
-        self._more = None if self.legs is None or contacts or ignore else self.legs.leg_limits
-        self._rods = None
-        rows: list[tuple[str, float, float, bool]] = []
-        if self.legs is not None and self._more is not None:
-            rows = self._more.rows(self.legs.anchors, self.legs.points)
+        turns = {c.name: c.type == "revolute" for c in mechanism.coordinates}
+        bounds = [(name, *pair, turns.get(name, False)) for name, pair in mechanism.bounds.items()]
+        are_finite = [not ignore and bool(np.isfinite(pair).any()) for _, *pair, _ in bounds]
+        self.columns = np.flatnonzero(are_finite)
+        rows = [bounds[j] for j in self.columns]
+        self._more, self._rods = None, None
+        if self.legs is not None and not (contacts or ignore):
+            self._more = self.legs.leg_limits
         rods = mechanism.legs if isinstance(mechanism, Chain) and not (contacts or ignore) else ()
+        if self.legs is not None and self._more is not None:
+            rows += self._more.rows(self.legs.anchors, self.legs.points)
         if any(leg.diameter for leg in rods):
             self._rods = RodLimits(rods)
-            rows = self._rods.rows()
-        if rows:
-            self.names += tuple(name for name, *_ in rows)
-            self.lower = np.append(self.lower, [low for _, low, _, _ in rows])
-            self.upper = np.append(self.upper, [high for _, _, high, _ in rows])
-            self.are_angles = np.append(self.are_angles, [angle for *_, angle in rows])
+            rows += self._rods.rows()
+        self.names = tuple(name for name, *_ in rows)
+        self.lower = np.array([low for _, low, _, _ in rows], float)
+        self.upper = np.array([high for _, _, high, _ in rows], float)
+        self.are_angles = np.array([is_angle for *_, is_angle in rows], bool)
+        self.left_out = np.zeros(len(self.columns), int)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -208,17 +204,10 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     values = limits.values(posture.q, posture.pose)
     sides = limits.side(values)
     if sides.any():
-        angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}
-        if limits.legs is not None:
-            angles |= dict(zip(limits.names, limits.are_angles.tolist(), strict=True))
         units, degrees = {True: "rad", False: mechanism.units.length}, False
         beyond = list[_Beyond]()
         for i in np.flatnonzero(sides):
-            name, x, is_angle = (
-                limits.names[i],
-                float(values[i]),
-                angles.get(limits.names[i], False),
-            )
+            name, x, is_angle = limits.names[i], float(values[i]), bool(limits.are_angles[i])
             beyond.append((name, x, units[is_angle], limits.lower[i], limits.upper[i]))
             degrees |= is_angle and abs(x) > _TURN
         notes.append(_note_beyond(what, beyond, _DEGREES * degrees, code="beyond-limits"))

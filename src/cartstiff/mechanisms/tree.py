@@ -97,35 +97,31 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
         For a joint type that cannot be expanded.
     """
     short = joint.shortname()
+    parts: list[tuple[str, str, Any]] = []
     if short in PLAIN:
-        return [(name, PLAIN[short], joint, np.eye(4))]
-    if short in _UNBOUNDED:
-        return [(name, "revolute", primitive(_UNBOUNDED[short]), np.eye(4))]
-    if short == "JointModelRevoluteUnboundedUnaligned":
-        return [(name, "revolute", pin.JointModelRevoluteUnaligned(_axis(joint)), np.eye(4))]
-    if short in _EXPANSIONS:
-        return [
-            (
-                f"{name}.{suffix}",
-                "revolute" if kind.startswith("R") else "prismatic",
-                primitive(kind),
-                np.eye(4),
-            )
-            for suffix, kind in _EXPANSIONS[short]
-        ]
-    if short == "JointModelUniversal":
+        parts = [("", PLAIN[short], joint)]
+    elif short in _UNBOUNDED:
+        parts = [("", "revolute", primitive(_UNBOUNDED[short]))]
+    elif short == "JointModelRevoluteUnboundedUnaligned":
+        parts = [("", "revolute", pin.JointModelRevoluteUnaligned(_axis(joint)))]
+    elif short in _EXPANSIONS:
+        for suffix, kind in _EXPANSIONS[short]:
+            turns = kind.startswith("R")
+            parts.append((f".{suffix}", "revolute" if turns else "prismatic", primitive(kind)))
+    elif short == "JointModelUniversal":
         concrete = joint.extract()
-        return [
-            (f"{name}.{i}", "revolute", pin.JointModelRevoluteUnaligned(np.array(axis)), np.eye(4))
-            for i, axis in enumerate((concrete.axis1, concrete.axis2), start=1)
-        ]
+        for i, axis in enumerate((concrete.axis1, concrete.axis2), start=1):
+            turn = pin.JointModelRevoluteUnaligned(np.array(axis))
+            parts.append((f".{i}", "revolute", turn))
+    if parts:
+        return [(name + suffix, kind, part, np.eye(4)) for suffix, kind, part in parts]
     if short == "JointModelComposite":
         concrete = joint.extract()
-        parts: list[tuple[str, str, Any, Array]] = []
+        every = []
         for i, (part, at) in enumerate(zip(concrete.joints, concrete.jointPlacements, strict=True)):
-            for j, (sub_name, kind, sub, T) in enumerate(expansion(part, f"{name}.{i + 1}")):
-                parts.append((sub_name, kind, sub, at.homogeneous @ T if j == 0 else T))
-        return parts
+            first, *others = expansion(part, f"{name}.{i + 1}")
+            every += [(*first[:3], at.homogeneous @ first[3]), *others]
+        return every
     raise InputError(
         f"joint {name!r} has a type that is not supported",
         expected="revolute, continuous, prismatic, helical, universal, spherical, planar, "
