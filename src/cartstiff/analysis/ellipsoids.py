@@ -12,10 +12,9 @@ stiffness are the same at every point of the body; the other two depend on the p
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -134,6 +133,17 @@ def _choice(freedom: str, others: str) -> tuple[slice, bool]:
     return _BLOCKS[freedom], others == "held"
 
 
+def _in_frame(matrix: ArrayLike, T: ArrayLike | None, is_stiffness: bool) -> Array:
+    """A stiffness or a compliance, checked, in frame N."""
+    if T is None:
+        return checked_matrix(matrix, "stiffness" if is_stiffness else "compliance")
+    return (move_stiffness if is_stiffness else move_compliance)(matrix, T)
+
+
+def _block(m: Array, keep: slice, is_eliminated: bool) -> Array:
+    return eliminate(m, keep) if is_eliminated else m[keep, keep].copy()
+
+
 def stiffness_block(
     stiffness: ArrayLike,
     freedom: Freedom,
@@ -162,8 +172,7 @@ def stiffness_block(
         Code ``"singular"`` if free is asked and the other freedoms have no balance.
     """
     keep, held = _choice(freedom, others)
-    K = checked_matrix(stiffness) if T_m_n is None else move_stiffness(stiffness, T_m_n)
-    return K[keep, keep].copy() if held else eliminate(K, keep)
+    return _block(_in_frame(stiffness, T_m_n, True), keep, not held)
 
 
 def compliance_block(
@@ -183,12 +192,7 @@ def compliance_block(
         Code ``"singular"`` if held is asked and no reaction can hold the other freedoms.
     """
     keep, held = _choice(freedom, others)
-    C = (
-        checked_matrix(compliance, "compliance")
-        if T_m_n is None
-        else move_compliance(compliance, T_m_n)
-    )
-    return eliminate(C, keep) if held else C[keep, keep].copy()
+    return _block(_in_frame(compliance, T_m_n, False), keep, held)
 
 
 def stiffness_ellipsoid(
@@ -207,7 +211,7 @@ def stiffness_ellipsoid(
     UndefinedError
         As `stiffness_block`; code ``"ill-conditioned"`` where neither knows a principal value.
     """
-    return _of_pair(stiffness_block, stiffness, compliance_block, inverse, freedom, others, T_m_n)
+    return _of_pair(True, stiffness, inverse, freedom, others, T_m_n)
 
 
 def compliance_ellipsoid(
@@ -222,36 +226,35 @@ def compliance_ellipsoid(
     The inverse, the stiffness (6, 6), gives what the compliance has no digits for. The errors are
     those of `stiffness_ellipsoid`.
     """
-    return _of_pair(compliance_block, compliance, stiffness_block, inverse, freedom, others, T_m_n)
-
-
-def _moved(block: Callable[..., Array], matrix: ArrayLike, T: ArrayLike) -> Array:
-    return move_stiffness(matrix, T) if block is stiffness_block else move_compliance(matrix, T)
+    return _of_pair(False, compliance, inverse, freedom, others, T_m_n)
 
 
 def _of_pair(
-    block: Callable[..., Array],
+    is_stiffness: bool,
     matrix: ArrayLike,
-    block_of_inverse: Callable[..., Array],
     inverse: ArrayLike | None,
-    *choice: Any,
+    freedom: Freedom,
+    others: Others,
+    T_m_n: ArrayLike | None,
 ) -> Ellipsoid:
     """Ellipsoid of a block of a matrix; the same block of the inverse matrix is its inverse."""
-    if inverse is None:
-        return _of_one(block, matrix, *choice)
-    freedom, others = choice[:2]
     keep, held = _choice(freedom, others)
     # Of the two blocks one is eliminated: for a stiffness held that of C, free that of K.
-    is_eliminated = held != (block is stiffness_block)
+    is_eliminated = held != is_stiffness
+    own = _in_frame(matrix, T_m_n, is_stiffness)
+    size = float(np.abs(own[keep, keep]).max())
+    if inverse is None:
+        return _without_rounding(ellipsoid(_block(own, keep, is_eliminated)), size)
     if not is_eliminated:
-        alone = ellipsoid(block(matrix, *choice))
+        alone = ellipsoid(own[keep, keep])
         if numerics.hold_all_digits(alone.eigenvalues):
             return alone
+    other = _in_frame(inverse, T_m_n, not is_stiffness)
     blocks: list[Array | None] = []
     failures = []
-    for function, whole in ((block, matrix), (block_of_inverse, inverse)):
+    for whole, eliminated in ((own, is_eliminated), (other, not is_eliminated)):
         try:
-            blocks.append(function(whole, *choice))
+            blocks.append(_block(whole, keep, eliminated))
         except UndefinedError as error:
             blocks.append(None)
             failures.append(error)
@@ -262,24 +265,13 @@ def _of_pair(
     if m is None:
         raise failures[0]
     if c is None:
-        return _of_one(block, matrix, *choice)
-    T = choice[2]
-    if T is not None:
-        matrix, inverse = _moved(block, matrix, T), _moved(block_of_inverse, inverse, T)
-    loss = loss_of_elimination(matrix if is_eliminated else inverse, keep)
+        return _without_rounding(ellipsoid(m), size)
+    loss = loss_of_elimination(own if is_eliminated else other, keep)
     losses = (loss, 1.0) if is_eliminated else (1.0, loss)
     axes, radii, values, sign = _principal(
         symmetric_part(m).tobytes(), symmetric_part(c).tobytes(), losses
     )
     return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
-
-
-def _of_one(block: Callable[..., Array], matrix: ArrayLike, *choice: Any) -> Ellipsoid:
-    """Ellipsoid of a block of a matrix whose inverse does not help."""
-    T = np.eye(4) if choice[2] is None else choice[2]
-    keep = _choice(*choice[:2])[0]
-    size = float(np.abs(_moved(block, matrix, T)[keep, keep]).max())
-    return _without_rounding(ellipsoid(block(matrix, *choice)), size)
 
 
 def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
