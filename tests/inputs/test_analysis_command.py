@@ -183,8 +183,8 @@ def test_a_target_with_translation_first_is_noticed(refused, workplace):
     np.savetxt(workplace / "b.csv", K[::-1, ::-1], delimiter=",")
     assert "(angular-linear by default)" in run("analyse cubic --target b.csv")
     (workplace / "c.json").write_text(wanted(order="linear-angular"))
-    option = ("--target", "c.json", "--target-order", "angular-linear")
-    refused("analyse cubic", *option, words=("--target-order", "expected linear-angular"))
+    option = "--target c.json --target-order angular-linear"
+    refused("analyse cubic", option, words=("--target-order", "expected linear-angular"))
 
 
 @pytest.mark.parametrize("suffix", [".json", ".csv", ".npy"])

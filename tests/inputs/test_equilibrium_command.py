@@ -154,12 +154,12 @@ def test_a_held_displacement_has_a_reaction():
 
 
 def test_limits_stop_unless_they_are_left_out():
-    push = ["hexapod", "--load", "0,0,0,0,0,-9e6", "--world"]
-    data = answer("equilibrium", *push)
+    push = "hexapod --load 0,0,0,0,0,-9e6 --world"
+    data = answer("equilibrium", push)
     assert "limit-contact" in _codes(data)
     assert data["reactions"]["limits"]
     assert set(data["reactions"]["limits"]) <= {f"leg{i}" for i in range(1, 7)}
-    free = answer("equilibrium", *push, "--no-limits")
+    free = answer("equilibrium", push, "--no-limits")
     assert free["reactions"]["limits"] == {}
     assert "limit-contact" not in _codes(free)
 
@@ -174,11 +174,11 @@ def _table(path: str) -> tuple[list[str], np.ndarray]:
 
 @needs_plots
 def test_a_curve_with_its_files(workplace):
-    push = ["five-bar", "--load", "0,0,0,0,-1000,0", "--world", "--curve", "1"]
-    text = run("equilibrium", *push, "--csv curve.csv --plot curve.png")
+    push = "five-bar --load 0,0,0,0,-1000,0 --world --curve 1"
+    text = run("equilibrium", push, "--csv curve.csv --plot curve.png")
     assert "x m" in text
     assert "Critical load: limit at factor 0.4521544917" in text
-    data = answer("equilibrium", *push)
+    data = answer("equilibrium", push)
     header, table = _table("curve.csv")
     assert header[0] == "factor"
     assert header[1:5] == [f"{name} [rad]" for name in cartstiff.load("five-bar").names]
@@ -204,9 +204,9 @@ def test_other_pictures(ending, start):
 
 @pytest.mark.parametrize("axes", ["body", "world"])
 def test_a_curve_keeps_what_is_held(axes):
-    push = ["five-bar", "--load", "0,0,0,0,-100,0", "--curve", "1"]
-    push += ["--world"] if axes == "world" else []
-    free, held = answer("equilibrium", *push), answer("equilibrium", *push, "--hold x=0")
+    push = "five-bar --load 0,0,0,0,-100,0 --curve 1"
+    push += " --world" * (axes == "world")
+    free, held = answer("equilibrium", push), answer("equilibrium", push, "--hold x=0")
     R = cartstiff.analyse(cartstiff.load("five-bar")).pose[:3, :3]
     x, other = (R[:, 0], np.eye(3)[0]) if axes == "body" else (np.eye(3)[0], R[:, 0])
     np.testing.assert_allclose(np.array(held["displacement"])[:, 3:] @ x, 0, atol=1e-12)
@@ -233,13 +233,13 @@ def _write(name: str, rows: Any, head: str = "") -> None:
 
 def test_a_path_of_postures():
     _write("path.csv", POSES, "# a comment, and an empty line\n\n")
-    push = ["hexapod", "--load", "0,0,0,10,0,-300", "--path", "path.csv"]
-    text = run("equilibrium", *push, "--csv commands.csv")
+    push = "hexapod --load 0,0,0,10,0,-300 --path path.csv"
+    text = run("equilibrium", push, "--csv commands.csv")
     assert "along 2 postures" in text
     legs = [line for line in text.splitlines() if line.startswith("  leg")]
     assert len(legs) == 6
     assert all(line.endswith(" m") for line in legs)
-    data = answer("equilibrium", *push)
+    data = answer("equilibrium", push)
     assert data["springs"] == [f"leg{i}" for i in range(1, 7)]
     header, table = _table("commands.csv")
     assert header[:2] == ["command_leg1 [m]", "command_leg2 [m]"]
@@ -315,9 +315,7 @@ def test_a_payload_without_gravity_weighs_alike_everywhere():
 
 # -- refusals -------------------------------------------------------------------------------------
 
-LOAD = ["--load", "0,0,0,0,0,-10"]
-CURVE = [*LOAD, "--curve", "1"]
-PATH = [*LOAD, "--path", "path.csv"]
+LOAD = "--load 0,0,0,0,0,-10"
 BAD = commands("equilibrium: options")
 
 
@@ -339,5 +337,5 @@ def test_bad_options(name, refused):
 
 
 def test_bad_mechanism(refused):
-    refused("equilibrium hexapot", *LOAD, words=("unknown mechanism",))
+    refused("equilibrium hexapot", LOAD, words=("unknown mechanism",))
     refused("equilibrium", words=("MECHANISM",))

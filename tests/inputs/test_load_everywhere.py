@@ -138,17 +138,10 @@ def test_designs_carry_tool_weight_and_load(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text(json.dumps(STUDY))
     words = (
-        "--tcp",
-        "0,0,0.1,0.2,0,0",
-        "--payload",
-        "400,0,0,0.2",
-        "--load",
-        "0,0,0,50,0,-9000",
-        "--world",
-        "--load-at",
-        "0,0.1,0",
+        "--tcp 0,0,0.1,0.2,0,0 --payload 400,0,0,0.2 --load 0,0,0,50,0,-9000 --world "
+        "--load-at 0,0.1,0"
     )
-    told = answer("design", str(path), *words)
+    told = answer("design", str(path), words)
     assert told["weighed"] == [{"name": "platform", "mass": 400.0}]
     for one in told["designs"]:
         elastic = cartstiff.load(
@@ -168,19 +161,10 @@ def test_designs_carry_tool_weight_and_load(tmp_path):
         moved = (result.tangent_compliance @ W)[3:]
         assert one["values"]["moves"] == pytest.approx(np.linalg.norm(moved), rel=1e-9)
     in_mm = (
-        "--tcp",
-        f"0,0,100,{np.degrees(0.2)},0,0",
-        "--payload",
-        "400,0,0,200",
-        "--load",
-        "0,0,0,50,0,-9000",
-        "--world",
-        "--load-at",
-        "0,100,0",
-        "--units",
-        "mm,deg",
+        f"--tcp 0,0,100,{np.degrees(0.2)},0,0 --payload 400,0,0,200 --load 0,0,0,50,0,-9000 "
+        "--world --load-at 0,100,0 --units mm,deg"
     )
-    other = answer("design", str(path), *in_mm)
+    other = answer("design", str(path), in_mm)
     for one, two in zip(told["designs"], other["designs"], strict=True):
         assert two["values"]["moves"] == pytest.approx(1e3 * one["values"]["moves"], rel=1e-9)
     assert other["objectives"][0]["unit"] == "mm"

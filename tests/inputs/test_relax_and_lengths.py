@@ -76,8 +76,8 @@ def test_weight_along_a_self_motion_says_what_to_do(tmp_path, capsys, load):
     weighs = ["delta", "--gravity", "0,0,-9.81", *load]
     code, analysed, _ = outcome("analyse", *weighs)
     assert code == 0
-    where = ["--cartesian", "x=0:0.05:2", "--branches", "1", "--quantity", "condition"]
-    code, mapped, _ = outcome("map", *weighs, *where, "-o", str(tmp_path / "delta.zarr"))
+    where = "--cartesian x=0:0.05:2 --branches 1 --quantity condition"
+    code, mapped, _ = outcome("map", *weighs, where, "-o", str(tmp_path / "delta.zarr"))
     assert code == 0
     for text in (analysed, mapped):
         assert ("unbalanced" in text) == (load == ())
@@ -107,16 +107,16 @@ def test_lengths_give_the_pose(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["ur5", "--lengths", "1,1,1,1,1,1"], "--lengths: is for platforms"),
-        (["hexapod", "--lengths", "1,1,1"], "expected 6 numbers"),
-        (["hexapod", "--lengths", f"1,1,1,1,1,{math.nan}"], "not a finite number"),
-        (["hexapod", "--lengths", "1,1,1,1,1,-1"], "positive"),
-        (["hexapod", "--lengths", "1,1,1,1,1,1", "--pose", "0,0,1,0,0,0"], "not both"),
-        (["hexapod", "--lengths", "9,1,1,1,1,1"], "leg lengths"),
+        ("ur5 --lengths 1,1,1,1,1,1", "--lengths: is for platforms"),
+        ("hexapod --lengths 1,1,1", "expected 6 numbers"),
+        (f"hexapod --lengths 1,1,1,1,1,{math.nan}", "not a finite number"),
+        ("hexapod --lengths 1,1,1,1,1,-1", "positive"),
+        ("hexapod --lengths 1,1,1,1,1,1 --pose 0,0,1,0,0,0", "not both"),
+        ("hexapod --lengths 9,1,1,1,1,1", "leg lengths"),
     ],
 )
 def test_lengths_that_cannot_be_used(arguments, words, capsys):
-    code, out, error = outcome("analyse", *arguments)
+    code, out, error = outcome("analyse", arguments)
     assert code in (2, 3)
     assert out == ""
     assert error.count("\n") == 1

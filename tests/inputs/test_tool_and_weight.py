@@ -119,22 +119,22 @@ def test_every_command_takes_them(arm, tmp_path):
     """They put M, the masses and the load at the same place on every command."""
     name = str(arm)
     tool = ["--tcp", ",".join(map(str, TCP)), "--gravity", "0,0,-9.81", "--payload", "2,0,0,0.1"]
-    q = ["--q", "0.1,0.7,-0.9,0.4,0.8,0.2"]
-    load = ["--load", "0,0,0,0,0,-100", "--world", "--load-at", "0,0,0"]
-    first = json.loads(run("analyse", name, *tool, *q, *load, "--json --analysis none"))
-    at_rest = answer("equilibrium", name, *tool, *q, *load)
+    q = "--q 0.1,0.7,-0.9,0.4,0.8,0.2"
+    load = "--load 0,0,0,0,0,-100 --world --load-at 0,0,0"
+    first = json.loads(run("analyse", name, *tool, q, load, "--json --analysis none"))
+    at_rest = answer("equilibrium", name, *tool, q, load)
     assert {part["name"] for part in at_rest["weighed"]} >= {"payload among the loads"}
-    frames = answer("frames", name, *tool, *q)
+    frames = answer("frames", name, *tool, q)
     assert frames["payload"] == 2
     pose = np.array(first["pose"])
     path = tmp_path / "path.csv"
     rpy = se3.roll_pitch_yaw(pose)
     path.write_text(",".join(map(repr, [*pose[:3, 3].tolist(), *rpy.tolist()])))
-    posture = answer("path", name, str(path), *tool, *q, *load, "--singular 0")
+    posture = answer("path", name, str(path), *tool, q, load, "--singular 0")
     assert np.allclose(posture["poses"][0] if "poses" in posture else pose, pose, atol=1e-8)
     pytest.importorskip("zarr")
     grid = ["--grid", "j1=0.1:0.1:1", "--quantity", "deflection", "-o", str(tmp_path / "m.zarr")]
-    found = answer("map", name, *tool, *q, *load, *grid)
+    found = answer("map", name, *tool, q, load, *grid)
     C = np.array(first["compliance"]["K"])
     expected = np.linalg.norm((C @ np.array(first["wrench"]))[3:])
     assert found["quantities"]["deflection"]["mean"] == pytest.approx(expected, rel=1e-9)

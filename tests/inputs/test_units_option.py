@@ -16,8 +16,8 @@ from cartstiff.potentials.loads import DeadForce
 from cartstiff.report.statics import draw_error_along_path
 from cartstiff.statics.toolpath import compensate
 
-SHOWN = ("--units", "mm,deg")
-SI = ("--tcp", "0,0,0.1,0,0,0.5", "--payload", "2,0,0,0.05", "--q", "0.2,-1,1.2,0.3,1,0.1")
+SHOWN = "--units mm,deg"
+SI = "--tcp 0,0,0.1,0,0,0.5 --payload 2,0,0,0.05 --q 0.2,-1,1.2,0.3,1,0.1"
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 OTHER = (
     "--units",
@@ -33,7 +33,7 @@ OTHER = (
 
 def test_analyse():
     """Text is in the units asked for, as another program's users would compute by hand."""
-    si = answer("analyse ur5", *SI, "--load 1,2,3,10,20,30")
+    si = answer("analyse ur5", SI, "--load 1,2,3,10,20,30")
     loaded = (*OTHER, "--load", "1000,2000,3000,10,20,30", "--connection", "B")
     text = run("analyse ur5", *loaded, "--analysis none")
     assert "lengths in mm" in text
@@ -57,11 +57,11 @@ def test_path_and_what_reads_it(tmp_path):
     mm.write_text(
         "x,y,z,roll,pitch,yaw\n" + "".join(f"400,{y},400,{','.join(degrees)}\n" for y in (100, 150))
     )
-    load = ("--load", "0,0,0,0,0,-50")
+    load = "--load 0,0,0,0,0,-50"
     postures = {}
     for name, file, units in (("a", si, ()), ("b", mm, ("--units", "mm,deg"))):
         out = tmp_path / f"{name}.csv"
-        data = answer("path ur5", file, *load, *units, f"--csv {out}")
+        data = answer("path ur5", file, load, *units, f"--csv {out}")
         postures[name] = np.array(data["q"])
         with out.open() as handle:
             rows = list(csv.reader(handle))
@@ -77,11 +77,11 @@ def test_path_and_what_reads_it(tmp_path):
     numbers = [np.array([r.split(",") for r in t.split("\n")[1:] if r], float) for t in tables]
     np.testing.assert_allclose(numbers[1], numbers[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(numbers[2], numbers[0], rtol=1e-9, atol=1e-9)
-    text = run("path ur5", mm, *load, "--units mm,deg")
+    text = run("path ur5", mm, load, "--units mm,deg")
     assert "coordinates in deg" in text
     assert "[mm]" in text
     moved = tmp_path / "commands.csv"
-    run("equilibrium ur5", *load, "--path", tmp_path / "b.csv", f"--csv {moved}", code=2)
+    run("equilibrium ur5", load, "--path", tmp_path / "b.csv", f"--csv {moved}", code=2)
     path, unneeded = f"equilibrium ur5 --path {tmp_path / 'b.csv'}", "not needed here"
     run(path, f"--csv {moved} --units deg", said=unneeded)
     head = moved.read_text(encoding="utf-8").split("\n")[0]
@@ -92,7 +92,7 @@ def test_path_and_what_reads_it(tmp_path):
     turned = float(first[names.index("before_rx [deg]")])
     assert np.isclose(np.radians(turned), told["error_before"][0][0], rtol=1e-9)
     curve = tmp_path / "curve.csv"
-    run("equilibrium ur5", *load, f"--curve 1 --csv {curve} --units mm,deg")
+    run("equilibrium ur5", load, f"--curve 1 --csv {curve} --units mm,deg")
     names = curve.read_text().split("\n")[0].split(",")
     assert {"elbow_joint [deg]", "rx [deg]", "z [mm]", "linear_z [mm]"} <= set(names)
     assert "kuka" not in run(f"poses ur5 {moved} --for kuka")
@@ -210,8 +210,8 @@ def test_no_picture_with_a_logarithm_prints_a_formula(scale):
 
 
 def test_what_holds_assembly_modes_has_a_unit():
-    assert "Held: left_motor 126.051 deg, right" in run("assemble five-bar --all", *SHOWN)
-    assert "Held: leg1 836.457 mm, leg2" in run("assemble hexapod", *SHOWN)
+    assert "Held: left_motor 126.051 deg, right" in run("assemble five-bar --all", SHOWN)
+    assert "Held: leg1 836.457 mm, leg2" in run("assemble hexapod", SHOWN)
 
 
 def test_help_of_every_command_names_it():
@@ -223,10 +223,10 @@ def test_help_of_every_command_names_it():
 
 
 def test_how_far_the_body_turns_is_told_in_degrees():
-    words = ["analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full"]
+    words = "analyse ur5 --load 0,0,0,0,0,-100 --analysis full"
     found = {}
     for units in ("rad", "deg"):
-        line = next(x for x in run(*words, f"--units mm,{units}").splitlines() if "turns (" in x)
+        line = next(x for x in run(words, f"--units mm,{units}").splitlines() if "turns (" in x)
         assert f") {units} (all" in line
         found[units] = np.array(line[line.index("(") + 1 : line.index(")")].split(","), float)
     np.testing.assert_allclose(found["deg"], np.degrees(found["rad"]), rtol=1e-3)

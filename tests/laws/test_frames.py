@@ -113,7 +113,7 @@ def test_offsets_need_sessions(robots, tmp_path):
 
 
 def test_every_output_says_where_m_and_the_base_are(robots):
-    tool = ["--tcp", "0,0,0.1,0,0.5,0"]
+    tool = "--tcp 0,0,0.1,0,0.5,0"
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("y", 0.5).as_matrix()
     T[2, 3] = 0.1
@@ -124,11 +124,11 @@ def test_every_output_says_where_m_and_the_base_are(robots):
         ("modes",),
         ("equilibrium", "--load", "0,0,0,0,0,-10"),
     ):
-        data = answer(name, robots[2], *tool, *more)
+        data = answer(name, robots[2], tool, *more)
         assert data["frame"] == "tool0"
         assert np.array(data["frame_offset"]) == pytest.approx(T)
         assert np.array(data["base_pose"]) == pytest.approx(base)
-        text = run(name, robots[2], *tool, *more)
+        text = run(name, robots[2], tool, *more)
         assert "(0, 0, 0.1) m, turned by roll, pitch, yaw (0, 28.6479, 0) deg in 'tool0'" in text
     platform = answer("analyse stewart-gough --tcp 0,0,5")
     assert np.array(platform["frame_offset"])[:3, 3] == pytest.approx([0, 0, 5])

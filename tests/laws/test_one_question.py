@@ -206,8 +206,8 @@ def test_a_loop(tmp_path, seed, named, loaded):
     if named == "by the spring":
         return
     rest = float(one.turn - one.twist(one.turn) @ _on_coupler(one, loaded) / one.k)
-    at_rest = ["--rest", f"motor={rest!r}", "--q", f"motor={rest!r}"]
-    lying = answer("equilibrium", file, *words, *at_rest)
+    at_rest = f"--rest motor={rest!r} --q motor={rest!r}"
+    lying = answer("equilibrium", file, *words, at_rest)
     close(lying["pose"], one.pose(one.turn), 1e-6)
 
 
@@ -290,8 +290,8 @@ def test_a_loop_with_weight_or_a_slider(loop):
     close(found["pose"], one.pose(one.turn), 1e-9)
     close(found["load"]["compliance"], one.compliance(True), 1e-6)
     millimetres = ["--load", numbers(one.W), "--world", "--load-at", numbers(1e3 * one.at)]
-    degrees = ["--q", f"motor={float(np.degrees(one.turn))!r}", "--units", "mm,deg", "--json"]
-    again = json.loads(run("analyse", file, *millimetres, *degrees))
+    degrees = f"--q motor={float(np.degrees(one.turn))!r} --units mm,deg --json"
+    again = json.loads(run("analyse", file, *millimetres, degrees))
     close(again["load"]["compliance"], one.compliance(True), 1e-6)
     lying = answer("equilibrium", file, *load)
     close(lying["pose"], one.pose(one.at_rest()), 1e-7)
