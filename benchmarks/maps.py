@@ -80,7 +80,6 @@ def maps(quick: bool) -> None:
     for count, options in (
         (whole, ["--grid", grid]),
         (int(few), ["--random", few, "--single", "--chunk", "262144"]),
-        (int(few), ["--random", few, "--workers", "2", "--chunk", "131072"]),
     ):
         with tempfile.TemporaryDirectory() as folder:
             print(one_map(count, options, Path(folder)), flush=True)

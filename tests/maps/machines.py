@@ -66,37 +66,39 @@ def start_map(file: Path, *more: str, **environment: str) -> subprocess.Popen[st
     return start("-m", "cartstiff", *COMMAND, "-o", str(file), *more, **environment)
 
 
-# The command, held at the N-th part: it says so, and waits for a line before it goes on.
+# The command, held before the mark of the N-th part, or where a scheduler's workers compute at the
+# N-th that is counted: it says so, and waits for a line before it goes on.
 _HELD = """
 import signal, sys
-from cartstiff.maps import run
+from contextlib import contextmanager
+from cartstiff.maps import run, store
 from cartstiff.cli.main import main
 
 # A shell starts what runs in the background with interrupts ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-bar, seen = run._bar, []
+seen = []
 
-def held(total, done, progress):
-    context = bar(total, done, progress)
-    class Held:
-        def __enter__(self):
-            advance = context.__enter__()
+def held(function):
+    def hold(*arguments):
+        seen.append(arguments)
+        if len(seen) == PARTS:
+            print("held", file=sys.stderr, flush=True)
+            sys.stdin.readline()
+        return function(*arguments)
 
-            def count(postures):
-                advance(postures)
-                seen.append(postures)
-                if len(seen) == PARTS:
-                    print("held", file=sys.stderr, flush=True)
-                    sys.stdin.readline()
+    return hold
 
-            return count
+if "--scheduler" in sys.argv:
+    bar = run._bar
 
-        def __exit__(self, *error):
-            return context.__exit__(*error)
+    @contextmanager
+    def held_bar(*arguments):
+        with bar(*arguments) as advance:
+            yield held(advance)
 
-    return Held()
-
-run._bar = held
+    run._bar = held_bar
+else:
+    store.MapFile._checksums = held(store.MapFile._checksums)
 if __name__ == "__main__":
     main(sys.argv[1:])
 """
@@ -116,8 +118,5 @@ def start_held_map(file: Path, parts: int, *more: str, **environment: str) -> su
 
 def marks(file: Path) -> dict[str, tuple[int, int]]:
     """The parts of a map that are done, with the identity and time of their marks."""
-    folder = file / "done" / "c"
-    if not folder.is_dir():
-        return {}
-    found = [p for p in folder.iterdir() if p.name.isdigit()]
-    return {p.name: (p.stat().st_ino, p.stat().st_mtime_ns) for p in found}
+    found = (file / "parts" / "checksum" / "c").glob("*/0")
+    return {p.parent.name: (p.stat().st_ino, p.stat().st_mtime_ns) for p in found}

@@ -6,16 +6,16 @@ import contextlib
 import json
 import signal
 import time
-from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 from tests.maps.machines import arm, marks, start, start_held_map, start_map
 
+import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.maps import RandomPostures, compute_map, open_map
-from cartstiff.maps.run import _require_folder
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, open_map
+from cartstiff.maps.run import packed, part_elsewhere, prepare_map
+from cartstiff.maps.store import CHECKSUM
 from cartstiff.potentials.functions import JointFunction
 
 
@@ -88,6 +88,10 @@ def worker(scheduler, tmp_path):
         _end(process)
 
 
+def _few(elastic):
+    return RandomPostures(8, 1, elastic.q - 0.1, elastic.q + 0.1)
+
+
 def _same(file, expected):
     found = open_map(file).load()
     assert found.attrs["chunks_done"] == found.attrs["chunks"]
@@ -110,45 +114,42 @@ def test_a_killed_worker_costs_its_chunks_only(whole, scheduler, worker, tmp_pat
     _same(file, whole[0])
 
 
-def test_processes_of_this_machine_listen_to_nobody_and_one_that_dies_costs_its_chunk(
-    whole, tmp_path
-):
-    file = tmp_path / "m.zarr"
-    process = start_held_map(file, 2, "--workers", "2")
-    own = psutil.Process(process.pid)
-    everyone = [own, *own.children(recursive=True)]
-    listening = [
-        c
-        for one in everyone
-        for c in one.net_connections("all")
-        if c.status == "LISTEN" or (c.family.name == "AF_UNIX" and c.laddr)
-    ]
-    computing = [one for one in own.children() if "spawn_main" in " ".join(one.cmdline())]
-    assert len(computing) == 2
-    computing[0].kill()
-    kept = marks(file)
-    answer = _finished(process, "\n")
-    assert listening == []
-    assert answer["parts"]["computed"] == answer["parts"]["total"]
-    assert len(kept) >= 2
-    _same(file, whole[0])
+def test_a_client_of_ones_own(whole, scheduler, worker, tmp_path):
+    """Two workers give the bytes of one process; the client stays open."""
+    from distributed import Client
 
-
-def test_processes_end_with_the_one_that_started_them(tmp_path):
-    process = start_held_map(tmp_path / "m.zarr", 2, "--workers", "1")
-    workers = psutil.Process(process.pid).children(recursive=True)
-    assert workers
-    process.send_signal(signal.SIGKILL)
-    process.communicate(timeout=600)
-    _, alive = psutil.wait_procs(workers, timeout=600)
-    assert not alive
+    worker(), worker()
+    elastic = cartstiff.load("delta")
+    grid = Grid({elastic.names[0]: Axis(0.3, 0.5, 6)}, elastic.names, elastic.q)
+    asked = elastic, grid, ["compliance_translation_free_max"]
+    with Client(scheduler, set_as_default=False) as client:
+        client.wait_for_workers(2)
+        there = compute_map(*asked, tmp_path / "m.zarr", scheduler=client, chunk=1)
+        assert client.status == "running"
+    here = compute_map(*asked, tmp_path / "n.zarr", chunk=1)
+    for name in ("state", *asked[2]):
+        for path in (tmp_path / "n.zarr" / name).rglob("c/*"):
+            if path.is_file():
+                other = tmp_path / "m.zarr" / path.relative_to(tmp_path / "n.zarr")
+                assert path.read_bytes() == other.read_bytes()
+    np.testing.assert_array_equal(here["q"], there["q"])
 
 
 def test_what_cannot_be_sent(tmp_path):
     elastic = arm().with_potential(JointFunction(energy=lambda q: 0.0))
-    sampling = RandomPostures(8, 1, elastic.q - 0.1, elastic.q + 0.1)
+    job, _ = prepare_map(elastic, _few(elastic), ["condition"], tmp_path / "m.zarr")
     with pytest.raises(InputError, match="cannot be sent to other processes; expected functions"):
-        compute_map(elastic, sampling, ["condition"], tmp_path / "m.zarr", workers=1)
+        packed(job)
+
+
+def test_processes_are_those_of_a_scheduler(tmp_path):
+    process = start_map(tmp_path / "m.zarr", "--workers", "2")
+    _, error = process.communicate(timeout=600)
+    assert process.returncode == 2
+    assert error.startswith("cartstiff: --workers: is no option any more; expected --scheduler")
+    elastic = arm()
+    with pytest.raises(InputError, match="an address, or a client of Dask"):
+        compute_map(elastic, _few(elastic), ["condition"], tmp_path / "n.zarr", scheduler=2)
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path):
@@ -161,10 +162,14 @@ def test_a_scheduler_that_does_not_answer(tmp_path):
     assert error.count("\n") == 1
 
 
-def test_a_worker_that_does_not_see_the_folder():
-    class Blind:
-        def run(self, function, *arguments):
-            return {"tcp://10.0.0.7:1": function(*arguments), "tcp://10.0.0.8:1": True}
-
-    with pytest.raises(InputError, match=r"does not see the map's folder.*10\.0\.0\.7"):
-        _require_folder(Blind(), Path("/nowhere/at/all"))
+def test_a_worker_that_does_not_see_the_folder(tmp_path):
+    elastic = arm()
+    job, file = prepare_map(elastic, _few(elastic), ["condition"], tmp_path / "m.zarr")
+    data = packed(job)
+    for path, identity in ((tmp_path / "none.zarr", ""), (file.path, "of another map")):
+        with pytest.raises(InputError, match=r"does not see the map's folder"):
+            part_elsewhere(data, (), str(path), identity, 0)
+    part = part_elsewhere(data, (), str(file.path), file.attributes[CHECKSUM], 0)
+    assert part[:3] == (0, True, None)
+    # A worker that died has done it before it could say so.
+    assert part_elsewhere(data, (), str(file.path), file.attributes[CHECKSUM], 0)[1] is False

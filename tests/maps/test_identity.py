@@ -16,7 +16,7 @@ import cartstiff
 from cartstiff import version
 from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_folder
-from cartstiff.maps.run import _elastic_from, prepare_map
+from cartstiff.maps.run import part_elsewhere, prepare_map
 from cartstiff.mechanisms.identity import _PARTS, identity_of
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
@@ -89,7 +89,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
 def test_a_worker_with_another_pinocchio_is_named():
     data = pickle.dumps(cartstiff.load("stewart-gough"))
     with pytest.raises(InputError, match=r"another version of pin; expected 3\.0\.0"):
-        _elastic_from(data, (("pin", "3.0.0"),))
+        part_elsewhere(data, (("pin", "3.0.0"),), "", "", 0)
 
 
 def test_every_field_with_numbers_is_compared():

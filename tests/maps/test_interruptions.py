@@ -21,7 +21,7 @@ def test_killed_map_goes_on(tmp_path, whole):
     process.communicate(timeout=600)
     assert process.returncode == -signal.SIGKILL
     done = marks(file)
-    assert 1 <= len(done) <= 3  # a part is counted before its files are written, beside the next
+    assert len(done) == 2
 
     partial = open_map(file).load()  # valid as it stands
     computed = partial["state"].values != 255
@@ -78,7 +78,7 @@ def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
     quantities = ["translation_free_min", "condition"]
     whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     assert whole.attrs["numerical_path"] == "compiled"
-    (tmp_path / "m.zarr" / "done" / "c" / "1").unlink()
+    (tmp_path / "m.zarr" / "parts" / "checksum" / "c" / "1" / "0").unlink()
     monkeypatch.setattr(kernels, "_compiled", {})
     resumed = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     for name in quantities:

@@ -250,6 +250,15 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     context.exit()
 
 
+def _refuse_workers(context: click.Context, _: click.Parameter, given: str | None) -> None:
+    if given is not None and not context.resilient_parsing:
+        raise InputError(
+            "is no option any more",
+            where="--workers",
+            expected="--scheduler ADDRESS of 'dask scheduler' and 'dask worker'",
+        )
+
+
 @dataclass(frozen=True)
 class Held(Reading):
     """What the map holds.
@@ -342,7 +351,7 @@ class Shown:
         "random cartesian": "seed",
         "picture": "kind by",
     },
-    apart=("load rest", "below above", "workers scheduler"),
+    apart=("load rest", "below above"),
     more=(
         click.Option(
             ["--list-quantities"],
@@ -352,6 +361,7 @@ class Shown:
             callback=_list_quantities,
             help="Print the names and end; with --json as one object.",
         ),
+        click.Option(["--workers"], hidden=True, expose_value=False, callback=_refuse_workers),
     ),
 )
 def command(
@@ -376,7 +386,6 @@ def command(
     progress: bool | None = None,
     profile: bool = False,
     threads: Processes = None,
-    workers: Processes = None,
     scheduler: str | None = None,
 ) -> None:
     r"""Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
@@ -413,8 +422,6 @@ def command(
         machine.
     threads : N
         Threads of this process; default one for every core.
-    workers : N
-        Use N processes of this machine, for mechanisms without a compiled path.
     scheduler : ADDRESS
         Use the workers of a running Dask scheduler.
 
@@ -434,11 +441,11 @@ def command(
     cartstiff map panda --trajectory path.csv --quantity deflection \
         --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
     """
-    if profile and (workers is not None or scheduler is not None):
+    if profile and scheduler is not None:
         raise InputError(
             "the time of other processes is not counted",
             where="--profile",
-            expected="neither --workers nor --scheduler",
+            expected="no --scheduler",
         )
     quantities = reading.quantities
     if not quantities:
@@ -450,7 +457,7 @@ def command(
     level = level_of(shown.below or shown.above, f"--{side}", quantities[0], elastic)
 
     from cartstiff.many.work import describe, explained, watched
-    from cartstiff.maps.reading import places_of, slice_map, summary, summary_of_file
+    from cartstiff.maps.reading import places_of, slice_map, summary
     from cartstiff.maps.run import prepare_map, run_map
     from cartstiff.maps.store import open_map
 
@@ -469,18 +476,11 @@ def command(
         milling=vibration.cutter,
         told=told,
     )
-    facts: dict[int, dict[str, Any]] = {}
     start, spent = time.perf_counter(), time.process_time()
     try:
         with watched() as work:
-            computed, damaged = run_map(
-                job,
-                file,
-                threads=threads,
-                workers=workers or 0,
-                scheduler=scheduler,
-                progress=progress,
-                facts=facts,
+            computed, damaged, facts = run_map(
+                job, file, threads=threads, scheduler=scheduler, progress=progress
             )
     except KeyboardInterrupt:
         say(
@@ -509,7 +509,7 @@ def command(
     dataset = whole
     if shown.single_branch:
         dataset = one_branch(whole, quantities[0], level, side == "below")
-    summed = summary(dataset) if is_part else summary_of_file(file, facts)
+    summed = summary(dataset) if is_part else summary(file, facts)
     answer = _answer(file, output, computed, seconds, summed)
     answer |= {"slice": places_of(whole, cuts)}
     for which, count in (("best", shown.best), ("worst", shown.worst)):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import ctypes
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -88,24 +87,6 @@ def timed(what: str, postures: int = 0, program: Program | None = None) -> Itera
                     share.operations = program.size
                     share.bytes = 8 * sum(map(len, program.outputs.values()))
         _thread.inside = outer + seconds
-
-
-def each_in_turn(
-    work: Callable[[Any], int],
-    parts: Sequence[Any],
-    threads: int,
-    advance: Callable[[int], None] | None = None,
-) -> None:
-    """Work on parts in threads, and tell how many postures of each are done, in order."""
-    with ThreadPoolExecutor(threads) if threads > 1 and len(parts) > 1 else nullcontext() as pool:
-        try:
-            for done in map(work, parts) if pool is None else pool.map(work, parts):
-                if advance is not None:
-                    advance(done)
-        except BaseException:
-            if pool is not None:
-                pool.shutdown(wait=True, cancel_futures=True)
-            raise
 
 
 def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:

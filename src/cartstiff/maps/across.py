@@ -89,28 +89,21 @@ def compare_maps(
     _check_axes(x, y)
     if (ux := x.attrs.get("units")) != (uy := y.attrs.get("units")):
         raise InputError(f"units of {quantity} differ between the maps", expected=ux, got=uy)
+    words = str(x.attrs.get("long_name", quantity))
     if state_names(a) != state_names(b):
         raise InputError("names of states differ between the maps", expected="maps of one version")
-    u, v = np.asarray(x.values, float), np.asarray(y.values, float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = u / v if how == "ratio" else u - v
-    values = np.where(np.isfinite(values), values, np.nan)
-    state = np.where(np.isfinite(u), b["state"].values, a["state"].values)
-    words = str(x.attrs.get("long_name", quantity))
+    import xarray
+
+    # Axes are those of the first map, and of the second to rounding.
+    u, v = x.astype(float), y.astype(float).variable
+    values = u / v if how == "ratio" else u - v
     names = _names(first, second)
     title = f"{words}: {names[0]} {'over' if how == 'ratio' else 'less'} {names[1]}"
-    difference = a[[quantity, "state"]].copy()
-    difference[quantity] = (
-        x.dims,
-        values,
-        {
-            "units": "1" if how == "ratio" else ux,
-            "long_name": title,
-            "comparison": how,
-            **({"better": x.attrs["better"]} if "better" in x.attrs else {}),
-        },
-    )
-    difference["state"] = x.dims, state, a["state"].attrs
+    about = {"units": "1" if how == "ratio" else ux, "long_name": title, "comparison": how}
+    about |= {key: x.attrs[key] for key in ("better",) if key in x.attrs}
+    state = a["state"].where(~np.isfinite(u), b["state"].variable).assign_attrs(a["state"].attrs)
+    values = values.where(np.isfinite(values)).assign_attrs(about)
+    difference = xarray.Dataset({quantity: values, "state": state}).load()
     ours, theirs = _said(first, quantity), _said(second, quantity)
     difference.attrs = {
         **first.attrs,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import prod
+from threading import Lock
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -35,6 +36,8 @@ PLACES_AT_ONCE = 200
 _MUCH = 20_000
 # Combinations of legs' solutions among which the nearest, or best, are chosen.
 _LISTED = 64
+# Machine code of a search works in memory of its own: one search at a time.
+_SEARCH = Lock()
 
 
 class CartesianGrid(Sampling):
@@ -98,7 +101,7 @@ class CartesianGrid(Sampling):
                 raise UnknownNameError(what, value, known)
         posture = elastic.mechanism.closed(base)
         place = posture.pose[:3, 3]
-        self._axes = {
+        self.axes = {
             name: as_axis(name, axes.get(name, (place[i], place[i], 1)))
             for i, name in enumerate(_NAMES)
         }
@@ -113,14 +116,9 @@ class CartesianGrid(Sampling):
         #: Legs that are searched one by one; 0 where the mechanism is searched as a whole.
         self.legs = len(legs_of(elastic) or ())
         self.dims = (*_NAMES, "branch")
-        self.shape = (*(axis.count for axis in self._axes.values()), self.branches)
+        self.shape = (*(axis.count for axis in self.axes.values()), self.branches)
         self._starts: Array | None = None
         self._quick: tuple[ElasticMechanism, JointPoses | None] | None = None
-
-    @property
-    def axes(self) -> Mapping[str, Axis]:
-        """Values by direction."""
-        return self._axes
 
     def starts(self, elastic: ElasticMechanism) -> Array:
         """Starts of the inverse kinematics (1 + starts, n): the base posture, then random ones."""
@@ -153,19 +151,19 @@ class CartesianGrid(Sampling):
 
     def solve(
         self,
-        boxes: Sequence[tuple[slice, ...]],
+        box: tuple[slice, ...],
         elastic: ElasticMechanism,
         cost: Callable[[Array], Array] | None = None,
-    ) -> list[tuple[Array, Array]]:
-        """For each box postures (cells * branches, n), NaN where there is none, and their number.
+    ) -> tuple[Array, Array]:
+        """Postures of a box (cells * branches, n), NaN where there is none, and their number.
 
         Many places at once are quicker, and have the same postures as one by one. `cost` gives the
         number that is to be small for "best".
         """
-        values = [axis.values for axis in self._axes.values()]
-        indices = [grid_indices(box[:3]) for box in boxes]
-        cells = [np.concatenate(parts) for parts in zip(*indices, strict=True)]
-        places = np.stack([v[i] for v, i in zip(values, cells, strict=True)], axis=1)
+        values = [axis.values for axis in self.axes.values()]
+        places = np.stack(
+            [v[i] for v, i in zip(values, grid_indices(box[:3]), strict=True)], axis=1
+        )
         poses = np.tile(se3.pose(self.orientation), (len(places), 1, 1))
         poses[:, :3, 3] = places
         q = np.full((len(places), self.branches, len(self.base)), np.nan)
@@ -181,7 +179,7 @@ class CartesianGrid(Sampling):
 
         for first in range(0, len(places), PLACES_AT_ONCE):
             some = list(poses[first : first + PLACES_AT_ONCE])
-            with timed("inverse kinematics of the places", len(some)):
+            with _SEARCH, timed("inverse kinematics of the places", len(some)):
                 part = inverse_kinematics(
                     elastic,
                     some,
@@ -198,23 +196,19 @@ class CartesianGrid(Sampling):
                     len(solutions) if solutions.search is None else solutions.search.found
                 )
                 q[cell, : len(order)] = solutions[order]
-        ends = np.cumsum([len(first) for first, *_ in indices])[:-1]
-        return [
-            (part.reshape(-1, len(self.base)), number)
-            for part, number in zip(np.split(q, ends), np.split(counts, ends), strict=True)
-        ]
+        return q.reshape(-1, len(self.base)), counts
 
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
         """Coordinates (m, n) of a box; NaN rows where there is no such branch."""
         if elastic is None:
             raise InputError("a Cartesian grid has no postures without its mechanism")
-        return self.solve([box], elastic)[0][0]
+        return self.solve(box, elastic)[0]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "kind": "cartesian",
-            "axes": {name: axis.as_list() for name, axis in self._axes.items()},
+            "axes": {name: axis.as_list() for name, axis in self.axes.items()},
             "orientation": self.orientation.tolist(),
             "base": self.base.tolist(),
             "branches": self.branches,
@@ -241,12 +235,7 @@ class AtPoses(Sampling):
     stores_q = is_closed = True
 
     def __init__(self, poses: Sampling) -> None:
-        self.poses, self.dims, self.shape = poses, poses.dims, poses.shape
-
-    @property
-    def axes(self) -> Mapping[str, Axis]:
-        """Values along the dimensions that have some."""
-        return self.poses.axes
+        self.poses, self.dims, self.shape, self.axes = poses, poses.dims, poses.shape, poses.axes
 
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
         """Coordinates (m, n) of a box; NaN rows where the body does not get."""

@@ -5,7 +5,7 @@ Maps of what comes of commands: the stiffness where the machine is at rest after
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -32,7 +32,7 @@ from cartstiff.many.postures import (
 )
 from cartstiff.many.readings import FREQUENCIES, Readings
 from cartstiff.many.vibrations import ManyModes
-from cartstiff.many.work import each_in_turn, timed
+from cartstiff.many.work import timed
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.quantities import (
     MapRows,
@@ -81,10 +81,6 @@ STATES = (
 _ROWS = 8192
 _FEW = 128
 _THREAD = local()
-
-
-#: Postures of a box, and how many branches reach each place of a Cartesian grid.
-Solved = tuple[Array, Array | None]
 
 
 @dataclass(frozen=True)
@@ -139,10 +135,13 @@ class MapJob:
 
     @property
     def usual_chunk(self) -> int:
-        """Postures of a chunk: what keeps two threads busy, or what is soon computed."""
-        is_quick = self.in_stacks and self.path != "engine" and not self.moves
-        is_quick = is_quick and not isinstance(self.sampling, CartesianGrid)
-        return usual_chunk(self.sampling.size, 2 * _ROWS if is_quick else None)
+        """Postures of a part: what is worth the work for each part, and is soon computed."""
+        least = None
+        if isinstance(self.sampling, CartesianGrid):
+            least = PLACES_AT_ONCE * self.sampling.branches
+        elif self.in_stacks and self.path != "engine" and not self.moves:
+            least = _ROWS
+        return usual_chunk(self.sampling.size, least)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
@@ -155,44 +154,21 @@ class MapJob:
         return self.sampling.stores_q or bool(self._closures)
 
     @property
+    def times(self) -> Array | None:
+        """When the postures of a trajectory are taken."""
+        return getattr(self.sampling, "time", None)
+
+    @property
     def _closures(self) -> tuple[Any, ...]:
         return getattr(self.elastic.mechanism, "closures", ())
 
-    def solved(self, boxes: Sequence[tuple[slice, ...]]) -> Iterator[Solved]:
-        """The postures in each box; those of a Cartesian grid for several boxes at a time."""
-        if not isinstance(self.sampling, CartesianGrid):
-            yield from ((self.sampling.postures(box, self.elastic), None) for box in boxes)
-            return
-        most = max(prod(s.stop - s.start for s in box[:3]) for box in boxes) if boxes else 1
-        at_once = max(1, PLACES_AT_ONCE // most)
-        for i in range(0, len(boxes), at_once):
-            yield from self.sampling.solve(boxes[i : i + at_once], self.elastic, self._cost)
-
-    def compute(
-        self,
-        box: tuple[slice, ...],
-        threads: int = 1,
-        advance: Callable[[int], None] | None = None,
-        solved: Solved | None = None,
-    ) -> dict[str, Array]:
-        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if it is kept.
-
-        Parameters
-        ----------
-        box : tuple of slice
-            Part of the sampling.
-        threads : int
-            How many work at once.
-        advance : callable, optional
-            Called with the number of postures done since the last call.
-        solved : tuple of ndarray, optional
-            What `solved` gives for the box.
-        """
+    def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
+        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if it is kept."""
         shape, counts = tuple(s.stop - s.start for s in box), None
         if isinstance(self.sampling, CartesianGrid):
-            q, counts = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
+            q, counts = self.sampling.solve(box, self.elastic, self._cost)
         else:
-            q = self.sampling.postures(box, self.elastic) if solved is None else solved[0]
+            q = self.sampling.postures(box, self.elastic)
         count = len(q)
         arrays = {name: np.full(count, np.nan) for name in self.names}
         arrays["state"] = np.full(count, STATES.index(UNREACHABLE), np.uint8)
@@ -202,30 +178,18 @@ class MapJob:
             q[there], is_closed = self._assembled(q[there], box)
             there[there] = ~is_closed
             q[there], arrays["state"][there] = np.nan, STATES.index(NOT_ASSEMBLED)
-        # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
-        rows_at_once = _ROWS if self.in_stacks else _FEW
-        threads = threads if self.in_stacks else 1
-        blocks = [slice(i, min(i + rows_at_once, count)) for i in range(0, count, rows_at_once)]
-
-        unread = list[Array]()
-
-        def work(rows: slice) -> int:
-            left = self._compute_rows(q, rows, arrays)
-            unread.append(left)
-            return rows.stop - rows.start - len(left)
-
-        def finish(rows: Array) -> int:
-            self._fill(arrays, rows, self._by_matrices(q[rows], self.quantities))
-            return len(rows)
-
-        each_in_turn(work, blocks, threads, advance)
+        rows = _ROWS if self.in_stacks else _FEW
+        blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
         # What machine code does not read is little: that of all blocks together takes a tenth.
-        rest = np.sort(np.concatenate(unread)) if unread else np.zeros(0, int)
-        parts = [rest[i : i + rows_at_once] for i in range(0, len(rest), rows_at_once)]
-        each_in_turn(finish, parts, threads, advance)
+        unread = [np.zeros(0, int), *(self._compute_rows(q, some, arrays) for some in blocks)]
+        rest = np.concatenate(unread)
+        for some in (rest[i : i + rows] for i in range(0, len(rest), rows)):
+            self._fill(arrays, some, self._by_matrices(q[some], self.quantities))
         arrays = {name: a.reshape(*shape, *a.shape[1:]) for name, a in arrays.items()}
         if self.stores_q:
             arrays["q"] = q.reshape(*shape, -1)
+        if self.times is not None:
+            arrays["time"] = self.times[box[0]]
         if counts is not None:
             arrays["branches"] = counts.astype(np.uint32).reshape(shape[:-1])
         return arrays
@@ -417,14 +381,8 @@ class CommandGrid(Sampling):
         self.base = elastic.mechanism.assembled(elastic.q if base is None else base)
         self.names = tuple(axes)
         self._grid = Grid(axes, names, np.zeros(len(names)))
-        self._columns = [names.index(name) for name in axes]
-        self.dims = tuple(f"command_{name}" for name in self._grid.dims)
-        self.shape = self._grid.shape
-
-    @property
-    def axes(self) -> Mapping[str, Axis]:
-        """Values by dimension."""
-        return dict(zip(self.dims, self._grid.axes.values(), strict=True))
+        self.axes = {f"command_{name}": axis for name, axis in self._grid.axes.items()}
+        self.dims, self.shape = tuple(self.axes), self._grid.shape
 
     def postures(
         self,
@@ -432,11 +390,11 @@ class CommandGrid(Sampling):
         elastic: ElasticMechanism | None = None,  # noqa: ARG002
     ) -> Array:
         """The posture before the commands, as often as there are cells in a box (m, n)."""
-        return np.tile(self.base, (int(np.prod([s.stop - s.start for s in box])), 1))
+        return np.tile(self.base, (prod(s.stop - s.start for s in box), 1))
 
     def commands(self, box: tuple[slice, ...]) -> list[dict[str, float]]:
         """What the drives are told in each cell of a box."""
-        rows = self._grid.postures(box)[:, self._columns].tolist()
+        rows = self._grid.postures(box)[:, self._grid.columns].tolist()
         return [dict(zip(self.names, row, strict=True)) for row in rows]
 
     def as_dict(self) -> dict[str, Any]:
@@ -470,19 +428,13 @@ class CommandedJob(MapJob):
         """The postures are known by equilibria alone."""
         return True
 
-    def compute(
-        self,
-        box: tuple[slice, ...],
-        threads: int = 1,  # noqa: ARG002
-        advance: Callable[[int], None] | None = None,
-        solved: Solved | None = None,
-    ) -> dict[str, Array]:
-        """As `MapJob.compute`; in Python, one after the other."""
+    def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
+        """As `MapJob.compute`, after what the drives are told in the box."""
         job = self
         if isinstance(self.sampling, CommandGrid):
             told = dict(self.told or {})
             job = replace(self, rows=[told | row for row in self.sampling.commands(box)])
-        return super(CommandedJob, job).compute(box, 1, advance, solved)
+        return super(CommandedJob, job).compute(box)
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
         part = replace(self, rows=self.rows[rows]) if self.rows else self

@@ -10,10 +10,7 @@ from __future__ import annotations
 
 import heapq
 import json
-import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -28,7 +25,7 @@ if TYPE_CHECKING:
     import xarray
 
 #: Variables of a map that are no quantities.
-OTHERS = ("state", "position", "q", "branches")
+OTHERS = ("state", "position", "q", "time", "branches")
 
 
 def state_names(dataset: xarray.Dataset) -> dict[int, str]:
@@ -50,20 +47,17 @@ def each_block(
     A few parts are read at a time, and one plan serves all: to plan each part for itself would take
     longer than to read it.
     """
-    arrays = {name: dataset[name] for name in functions}
-    if any(array.chunks is None for array in arrays.values()):
-        return {name: [functions[name](array.values)] for name, array in arrays.items()}
     from dask.base import compute
     from dask.delayed import delayed
     from dask.threaded import get
 
     parts = [
-        [delayed(functions[name])(part) for part in array.data.to_delayed().ravel()]
-        for name, array in arrays.items()
+        [delayed(function)(part) for part in dataset[name].chunk().data.to_delayed().ravel()]
+        for name, function in functions.items()
     ]
     # By name, or without one, a package for clusters would be imported to ask for its client.
     computed = compute(*parts, scheduler=get)  # type: ignore[no-untyped-call]
-    return dict(zip(arrays, computed, strict=True))
+    return dict(zip(functions, computed, strict=True))
 
 
 def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
@@ -177,13 +171,15 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
             raise UnknownNameError("axis of the map", name, axes)
         values = np.asarray(dataset[name].values, float)
         step = values[1] - values[0] if len(values) > 1 else abs(values[0]) or 1.0
-        if not values[0] - step / 2 <= value <= values[-1] + step / 2:
+        try:
+            dataset = dataset.sel({name: value}, method="nearest", tolerance=step / 2)
+        except KeyError:
             raise InputError(
                 f"value of {name} is outside the map",
                 expected=f"{values[0]:g} to {values[-1]:g}",
                 got=f"{value:g}",
-            )
-    return dataset.isel({n: int(np.abs(dataset[n].values - v).argmin()) for n, v in at.items()})
+            ) from None
+    return dataset
 
 
 def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -262,7 +258,7 @@ def unit_label(array: xarray.DataArray) -> str:
 
 
 #: Arrays of a map about which there is nothing to add up.
-_PLACES = ("position", "q")
+_PLACES = ("position", "q", "time")
 
 
 def facts_of(arrays: Mapping[str, Array]) -> dict[str, Any]:
@@ -285,13 +281,17 @@ def finite_range(values: Array) -> tuple[float, float, float, int]:
     return float(values.min()), float(values.max()), float(values.sum()), values.size
 
 
-def summary(dataset: xarray.Dataset) -> dict[str, Any]:
+def summary(
+    dataset: xarray.Dataset | MapFile, facts: Mapping[str, Sequence[Any]] | None = None
+) -> dict[str, Any]:
     """Number of postures in each state, and the range of every quantity.
 
     Parameters
     ----------
-    dataset : xarray.Dataset
-        A whole map, or a part of one.
+    dataset : xarray.Dataset or MapFile
+        A whole map, or a part of one; its file is enough where the facts are known.
+    facts : mapping, optional
+        By name, `facts_of` the parts of the arrays; default read from the dataset.
 
     Returns
     -------
@@ -302,55 +302,16 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
         one by one (0: the whole at once), the most branches "found" at a place, and how many are
         "kept".
     """
-    names = ["state", *quantities_of(dataset), *({"branches"} & dataset.data_vars.keys())]
-    facts = each_block(dataset, {name: partial(_fact, name) for name in names})
-    about = {name: dataset[name].attrs for name in names}
-    return _added_up(facts, about, {n: dataset[n].size for n in names}, dataset.attrs)
-
-
-def summary_of_file(
-    file: MapFile, known: Mapping[int, Mapping[str, Any]] | None = None
-) -> dict[str, Any]:
-    """`summary` of a whole map in its folder.
-
-    Parameters
-    ----------
-    file : MapFile
-        Complete or not.
-    known : mapping, optional
-        `facts_of` the arrays of parts that need not be read, by their number.
-
-    Raises
-    ------
-    InputError
-        If a part that is read is damaged.
-    """
-    names = [name for name in file.attributes["parts"] if name not in _PLACES]
-    known = known or {}
-
-    def facts(chunk: int) -> Mapping[str, Any]:
-        if chunk in known:
-            return known[chunk]
-        return facts_of({name: file.block(name, chunk) for name in names})
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        parts = list(pool.map(facts, range(len(file.boxes))))
-    return _added_up(
-        {name: [part[name] for part in parts] for name in names},
-        {name: file.arrays[name].attrs for name in names},
-        {name: math.prod(file.arrays[name].shape) for name in names},
-        file.attributes,
-    )
-
-
-def _added_up(
-    facts: Mapping[str, Sequence[Any]],
-    about: Mapping[str, Mapping[str, Any]],
-    sizes: Mapping[str, int],
-    attributes: Mapping[str, Any],
-) -> dict[str, Any]:
-    """The summary from facts about parts, and from attributes and sizes of the arrays, by name."""
-    names, counts = named_states(about["state"]), dict[str, int]()
+    arrays: Any
+    if isinstance(dataset, MapFile):
+        arrays, attributes = dataset.arrays, dataset.attributes
+        facts = facts or {}
+    else:
+        arrays, attributes = dataset.data_vars, dataset.attrs
+        if facts is None:
+            own = [str(name) for name in arrays if name not in _PLACES]
+            facts = each_block(dataset, {name: partial(_fact, name) for name in own})
+    names, counts = named_states(arrays["state"].attrs), dict[str, int]()
     every = np.sum(facts["state"], axis=0)
     for code in np.flatnonzero(every).tolist():
         name = names.get(code, str(code))
@@ -360,11 +321,11 @@ def _added_up(
         lows, highs, totals, numbers = zip(*facts[name], strict=True)
         low, high, total, number = min(lows), max(highs), sum(totals), sum(numbers)
         ranges[name] = {
-            "unit": about[name].get("units", ""),
+            "unit": arrays[name].attrs.get("units", ""),
             "smallest": low if number else None,
             "mean": total / number if number else None,
             "largest": high if number else None,
-            "undefined": sizes[name] - number,
+            "undefined": arrays[name].size - number,
         }
     branches = {}
     if "branches" in facts:

@@ -1,50 +1,30 @@
-"""Computing a map: new or gone on with, in this process or on a cluster.
+"""Computing a map: new or gone on with, by threads or the workers of a Dask scheduler.
 
 A map before it is computed: everything checked, the file made or recognised.
 
-Chunks of a map on processes of this machine.
-
-They talk through pipes that nobody else can open: no port, no address. Each writes its chunks
-itself; one that dies costs the chunk that it had in hand.
-
-Chunks of a map on the workers of a Dask scheduler.
-
-A chunk's result does not depend on who computes it or how often. Each worker writes its chunks
-itself; a worker that dies costs the chunks that it had in hand.
+A part's result does not depend on who computes it or how often. Whoever does it writes it; a worker
+that dies costs the parts that it had in hand.
 """
 
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 import pickle
 import platform
-import signal
 import sys
-import time
-import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import asdict, fields, replace
-from functools import lru_cache
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, replace
+from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
-from itertools import islice
 from os import cpu_count
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
@@ -62,11 +42,11 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_READING, Backend, lasting_path
 from cartstiff.many.work import timed
 from cartstiff.maps.cartesian import CartesianGrid
-from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob, Solved
+from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities
 from cartstiff.maps.reading import facts_of
 from cartstiff.maps.sampling import Sampling, dimension_name
-from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile, open_map
+from cartstiff.maps.store import CHECKSUM, NOT_COMPUTED, SCHEMA, Kind, MapFile, open_map
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.identity import identity_of, require_same, require_versions, versions
@@ -79,6 +59,13 @@ from cartstiff.vibration.response import Damping
 
 if TYPE_CHECKING:
     import xarray
+
+#: Packages by name, and their versions.
+Versions = tuple[tuple[str, str], ...]
+
+
+# Settings of a map that stand in its description as they are.
+_SETTINGS = ("connection", "length", "direction", "deflect", "deflect_at", "world")
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
@@ -224,7 +211,7 @@ def prepare_map(
         raise InputError("is a file", where=one_line(str(file)), expected="a map, or nothing")
     if chunk is not None and chunk < 1:
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
-    job = map_job(elastic, sampling, quantities, **asked)
+    job = map_job(checked_elastic(elastic), sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     cartesian = sampling if isinstance(sampling, CartesianGrid) else None
     if cartesian and cartesian.redundancy == "best" and chosen[0].better is None:
@@ -233,22 +220,18 @@ def prepare_map(
             where="redundancy",
             expected="another first quantity, or the nearest posture",
         )
+    told = job.told if isinstance(job, CommandedJob) else None
     options = {
         "joints": list(elastic.names),
         "sampling": sampling.as_dict(),
         "quantities": list(job.names),
-        "connection": settings.connection,
-        "length": settings.length,
-        "direction": settings.direction,
-        "deflect": settings.deflect,
-        "deflect_at": settings.deflect_at,
-        "world": settings.world,
+        **{name: getattr(settings, name) for name in _SETTINGS},
         "load": job.wrench,
         "load_kind": kind.kind,
         "load_at": kind.at,
         "load_axes": job.load_axes,
         **_vibration(settings),
-        "told": job.told if isinstance(job, CommandedJob) and job.told else None,
+        "told": told or None,
         "single": single,
         "states": list(STATES),
     }
@@ -260,7 +243,7 @@ def prepare_map(
         there = json.loads(existing.attributes["description"])
         require_same(there, description, path, "map")
         return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
-    postures = int(np.prod(sampling.shape, dtype=object))
+    postures = sampling.size
     load: Literal["none", "shared", "each"]
     load = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
     path_taken: Backend = "engine"
@@ -290,53 +273,49 @@ def prepare_map(
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
-        **_about_command(job),
+        **({"told": ", ".join(f"{name} by {x:+g}" for name, x in told.items())} if told else {}),
         **_versions(),
         "description": json.dumps(description),
     }
-    variables: dict[str, dict[str, Any]] = {
-        q.name: {"units": q.unit_in(units), "long_name": q.description}
-        | ({} if q.better is None else {"better": q.better})
+    dims, own = sampling.dims, "f4" if single else "f8"
+    arrays = {
+        q.name: Kind(
+            dims,
+            {"units": q.unit_in(units), "long_name": q.description}
+            | ({} if q.better is None else {"better": q.better}),
+            own,
+        )
         for q in chosen
     }
-    variables["state"] = {
+    state = {
         "long_name": "state of the mechanism",
         "flag_values": [*range(len(STATES)), NOT_COMPUTED],
         "flag_meanings": " ".join([*STATES, "not-computed"]),
     }
-    variables["position"] = {
-        "units": units.length,
-        "long_name": "position of the body frame's origin in F",
-    }
+    place = {"units": units.length, "long_name": "position of the body frame's origin in F"}
+    arrays["state"] = Kind(dims, state, "u1", NOT_COMPUTED)
+    arrays["position"] = Kind((*dims, "xyz"), place, own)
     if job.stores_q:
-        variables["q"] = {"long_name": "coordinates of the posture"}
+        arrays["q"] = Kind((*dims, "joint"), {"long_name": "coordinates of the posture"})
+    if job.times is not None:
+        arrays["time"] = Kind(dims, {"units": "s"})
     if cartesian:
-        variables["branches"] = {"long_name": "number of branches found at the place"}
+        found = {"long_name": "number of branches found at the place"}
+        arrays["branches"] = Kind(dims[:-1], found, "u4", 0)
+    joints = {dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates}
     axis_units = {
-        dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates
-    } | dict.fromkeys(cartesian.axes if cartesian else (), units.length)
-    if isinstance(sampling, CommandGrid):
-        axis_units = {
-            name: axis_units.get(name.removeprefix("command_"), units.length)
-            for name in sampling.dims
-        }
+        name: units.length if cartesian else joints.get(name.removeprefix("command_"), units.length)
+        for name in sampling.axes
+    }
     return job, MapFile.create(
         path,
         sampling,
-        variables,
+        arrays,
         attributes,
-        units=axis_units,
-        coordinates=len(elastic.names),
-        single=single,
-        postures_per_chunk=chunk or job.usual_chunk,
+        axis_units,
+        {"xyz": 3, "joint": len(elastic.names)},
+        chunk or job.usual_chunk,
     )
-
-
-def _about_command(job: MapJob) -> dict[str, str]:
-    """What is said of drives that are told the same everywhere."""
-    if not isinstance(job, CommandedJob) or not job.told:
-        return {}
-    return {"told": ", ".join(f"{name} by {x:+g}" for name, x in job.told.items())}
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:
@@ -368,13 +347,89 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-# Chunks in the hands of each process: one that is computed, and one that waits.
-_AHEAD = 2
-_HERE: dict[str, Any] = {}
+class Part(NamedTuple):
+    """What became of a part of a map.
+
+    Attributes
+    ----------
+    number : int
+        Which.
+    is_new : bool
+        Whether it was computed.
+    damage : str, optional
+        What was wrong with the one that was there.
+    facts : dict
+        Of its arrays, for `cartstiff.maps.reading.summary`.
+    """
+
+    number: int
+    is_new: bool
+    damage: str | None
+    facts: dict[str, Any]
+
+
+class Run(NamedTuple):
+    """What was done for a map.
+
+    Attributes
+    ----------
+    computed : int
+        Parts that were computed.
+    damaged : tuple of str
+        What was wrong with those that were made anew.
+    facts : dict
+        By array of the map, of each of its parts.
+    """
+
+    computed: int
+    damaged: tuple[str, ...]
+    facts: dict[str, list[Any]]
+
+
+def part_of(job: MapJob, file: MapFile, number: int) -> Part:
+    """A part as it was written, or computed and written: whoever does it, and however often."""
+    damage = None
+    if file.is_done(number):
+        try:
+            return Part(number, False, None, facts_of(file.part(number)))
+        except InputError as error:
+            damage = str(error)
+            file.forget(number)
+    arrays = job.compute(file.boxes[number])
+    with timed("writing the file"):
+        return Part(number, True, damage, facts_of(file.write(number, arrays)))
+
+
+_LOADING = Lock()
+
+
+def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, number: int) -> Part:
+    """On a worker: `part_of`; data as `packed` gives them."""
+    with _LOADING:
+        job, file = _received(data, known, path, identity)
+    return part_of(job, file, number)
+
+
+@lru_cache(maxsize=4)
+def _received(data: bytes, known: Versions, path: str, identity: str) -> tuple[MapJob, MapFile]:
+    """Once for each worker: what was compiled for the mechanism stays with it."""
+    require_versions(dict(known))  # another Pinocchio does not read it, or not as it was
+    job = pickle.loads(data)
+    if not isinstance(job, MapJob):
+        raise TypeError("not a map")
+    file = MapFile.at(path) if Path(path).is_dir() else None
+    if file is None or file.attributes[CHECKSUM] != identity:
+        raise InputError(
+            "a worker does not see the map's folder",
+            where=one_line(path),
+            expected="a folder that all machines share, under the same path",
+            got=platform.node(),
+        )
+    return job, file
 
 
 def packed(thing: Any) -> bytes:
-    """What other processes get.
+    """What workers get.
 
     Raises
     ------
@@ -391,274 +446,56 @@ def packed(thing: Any) -> bytes:
         ) from None
 
 
-def run_in_processes(
-    job: MapJob,
-    file: MapFile,
-    todo: Sequence[int],
-    advance: Callable[[int], None],
-    workers: int,
-) -> None:
-    """Compute chunks on processes that are started for it and end with it.
-
-    Parameters
-    ----------
-    job : MapJob
-        What is computed.
-    file : MapFile
-        Where it is kept.
-    todo : sequence of int
-        Chunks.
-    advance : callable
-        Called with the number of postures of each finished chunk.
-    workers : int
-        How many processes.
-
-    Raises
-    ------
-    CartstiffError
-        If processes die before any of them has finished a chunk.
-    """
-    data = packed(replace(job))  # less what it has computed for itself
-    waiting = dict.fromkeys(todo)
-    while waiting:
-        before = len(waiting)
-        try:
-            for chunk in _finished(data, file, list(waiting), workers):
-                del waiting[chunk]
-                advance(file.count(chunk))
-        except BrokenProcessPool:
-            if len(waiting) == before:
-                raise CartstiffError(
-                    "the processes that computed the map died before they finished a part; what "
-                    "is done is kept, and the same call goes on. (A script that asks for workers "
-                    "needs its calls under: if __name__ == '__main__')"
-                ) from None
-
-
-def _finished(data: bytes, file: MapFile, todo: list[int], workers: int) -> Iterator[int]:
-    """Chunks in the order in which they are done."""
-    pool = ProcessPoolExecutor(
-        min(workers, len(todo)),
-        multiprocessing.get_context("spawn"),
-        _begin,
-        (data, str(file.path.resolve())),
-    )
-    coming = iter(todo)
-    try:
-        running: set[Future[int]] = {
-            pool.submit(_compute, chunk) for chunk in islice(coming, _AHEAD * workers)
-        }
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {pool.submit(_compute, chunk) for chunk in islice(coming, len(done))}
-            for future in done:
-                yield future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _begin(data: bytes, path: str) -> None:
-    """In a process of the pool: what all its chunks share."""
-    from threadpoolctl import threadpool_limits
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the pool
-    Thread(target=_end_with_parent, daemon=True).start()
-    threadpool_limits(1)
-    _HERE.update(job=pickle.loads(data), file=MapFile.at(path))
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _compute(chunk: int) -> int:
-    file: MapFile = _HERE["file"]
-    file.write(chunk, _HERE["job"].compute(file.boxes[chunk]))
-    return chunk
-
-
-# Chunks that are handed out for each thread of the cluster before one of them comes back.
-_AHEAD_OF_CLUSTER = 3
-# Seconds after which workers are counted again: some may have come.
-_LOOK = 10.0
-_LOADING = Lock()
-
-
-def run_on_cluster(
-    job: MapJob,
-    file: MapFile,
-    todo: Sequence[int],
-    advance: Callable[[int], None],
-    scheduler: str,
-) -> None:
-    """Compute chunks on a running scheduler's workers.
-
-    Parameters
-    ----------
-    job : MapJob
-        What is computed.
-    file : MapFile
-        The workers must see its folder under the same path.
-    todo : sequence of int
-        Chunks.
-    advance : callable
-        Called with the number of postures of each finished chunk.
-    scheduler : str
-        Its address, such as "tls://10.0.0.5:8786". Certificates are those of Dask's configuration.
-
-    Raises
-    ------
-    InputError
-        If the scheduler does not answer, or a worker does not see the folder.
-    CartstiffError
-        If one chunk's workers die again and again.
-    """
-    path = file.path.resolve()
-    elastic, known = packed(job.elastic), tuple(versions().items())
-    rest = {f.name: getattr(job, f.name) for f in fields(job) if f.name != "elastic"}
-    with _client(scheduler) as client, client.as_current():
-        distributed = _distributed()
-        _require_folder(client, path)
-        run, waiting = uuid.uuid4().hex, iter(todo)
-
-        def submit(chunk: int) -> Any:
-            # A trajectory's postures go to the workers chunk by chunk.
-            part, box = job.sampling.part(file.boxes[chunk])
-            return client.submit(
-                _compute_chunk,
-                type(job),
-                elastic,
-                known,
-                {**rest, "sampling": part},
-                str(path),
-                chunk,
-                box,
-                key=f"cartstiff-map-{run}-{chunk}",
-                pure=False,
-            )
-
-        wanted, looked = _wanted(client), time.monotonic()
-        finished = distributed.as_completed([submit(c) for c in islice(waiting, wanted)])
-        for future in finished:
+@contextmanager
+def _client(scheduler: Any) -> Iterator[Any]:
+    """A client of a running scheduler, or the one that is given."""
+    package = "distributed"
+    distributed = imported(package, package, "computing a map with several processes", "maps")
+    with ExitStack() as ours:
+        client, where = scheduler, one_line(str(scheduler))
+        if isinstance(scheduler, str):
             try:
-                chunk = future.result()
-            except (AttributeError, ImportError) as error:
+                client = ours.enter_context(distributed.Client(scheduler, set_as_default=False))
+            except (OSError, ValueError, TypeError) as error:
                 raise InputError(
-                    "a worker has another version of cartstiff",
-                    expected=dict(known)["cartstiff"],
-                    got=one_line(str(error), 100),
+                    "no scheduler answers",
+                    where=where,
+                    expected="the address of a running Dask scheduler, such as tls://10.0.0.5:8786",
+                    got=type(error).__name__,
                 ) from None
-            except distributed.KilledWorker as error:
-                raise CartstiffError(
-                    "the workers that computed a chunk died one after the other: "
-                    + one_line(str(error), 200)
-                ) from None
-            advance(file.count(chunk))
-            future.release()
-            if time.monotonic() - looked > _LOOK:
-                wanted, looked = _wanted(client), time.monotonic()
-            for following in islice(waiting, max(0, wanted - finished.count())):
-                finished.add(submit(following))
-
-
-def _wanted(client: Any) -> int:
-    """How many chunks are to be in the workers' hands."""
-    return _AHEAD_OF_CLUSTER * max(1, sum(client.nthreads().values()))
-
-
-@lru_cache(maxsize=4)
-def _elastic_from(data: bytes, versions: tuple[tuple[str, str], ...]) -> ElasticMechanism:
-    """The mechanism, once for each worker: what was compiled for it stays with it."""
-    require_versions(dict(versions))  # another Pinocchio does not read it, or not as it was
-    elastic = pickle.loads(data)
-    if not isinstance(elastic, ElasticMechanism):
-        raise TypeError("not a mechanism")
-    return elastic
-
-
-@lru_cache(maxsize=4)
-def _file(path: str) -> MapFile:
-    """The map, checked once for each worker."""
-    return MapFile.at(path)
-
-
-def _compute_chunk(
-    kind: type[MapJob],
-    elastic: bytes,
-    versions: tuple[tuple[str, str], ...],
-    rest: dict[str, Any],
-    path: str,
-    chunk: int,
-    box: tuple[slice, ...],
-) -> int:
-    """On a worker: compute a chunk and write it; returns its number."""
-    file = _file(path)
-    if file.is_done(chunk):  # by a worker that died before it could say so
-        return chunk
-    with _LOADING:
-        mechanism = _elastic_from(elastic, versions)
-    arrays = kind(elastic=mechanism, **rest).compute(box)
-    file.write(chunk, arrays)
-    return chunk
-
-
-def _distributed() -> Any:
-    return imported("distributed", "distributed", "computing a map with several processes", "maps")
+        checked_kind(client, distributed.Client, "scheduler", "an address, or a client of Dask")
+        if not client.nthreads():
+            raise InputError("the scheduler has no workers", where=where, expected="at least one")
+        try:
+            yield client
+        except (AttributeError, ImportError) as error:
+            raise InputError(
+                "a worker has another version of cartstiff",
+                expected=versions()["cartstiff"],
+                got=one_line(str(error), 100),
+            ) from None
+        except distributed.KilledWorker as error:
+            raise CartstiffError(
+                "the workers that computed a part died one after the other: "
+                + one_line(str(error), 200)
+            ) from None
 
 
 @contextmanager
-def _client(scheduler: str) -> Iterator[Any]:
-    """A client of a running scheduler."""
-    try:
-        client = _distributed().Client(scheduler, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(
-            "no scheduler answers",
-            where=one_line(scheduler),
-            expected="the address of a running Dask scheduler, such as tls://10.0.0.5:8786",
-            got=type(error).__name__,
-        ) from None
-    with client:
-        if not client.nthreads():
-            raise InputError(
-                "the scheduler has no workers", where=one_line(scheduler), expected="at least one"
-            )
-        yield client
-
-
-def _require_folder(client: Any, path: Path) -> None:
-    """Refuse workers that would write somewhere else."""
-    answers = client.run(_sees, str(path))
-    blind = [str(worker) for worker, sees in answers.items() if not sees]
-    if blind:
-        raise InputError(
-            "a worker does not see the map's folder",
-            where=one_line(str(path)),
-            expected="a folder that all machines share, under the same path",
-            got=", ".join(blind),
-        )
-
-
-def _sees(path: str) -> bool:
-    return (Path(path) / "zarr.json").is_file()
-
-
-class Run(NamedTuple):
-    """What was done for a map.
-
-    Attributes
-    ----------
-    computed : int
-        Chunks that were computed.
-    damaged : tuple of str
-        Files that were missing or did not agree with their checksums; they were made anew.
-    """
-
-    computed: int
-    damaged: tuple[str, ...]
+def _workers(
+    job: MapJob, file: MapFile, threads: int, scheduler: Any
+) -> Iterator[Callable[[int], Future[Part]]]:
+    """Who computes a part: threads, or the workers of a scheduler."""
+    if scheduler is None:
+        with numerics.one_thread(), ThreadPoolExecutor(threads) as pool:
+            yield lambda number: pool.submit(part_of, job, file, number)
+        return
+    data = packed(replace(job))  # less what it has computed for itself
+    known, path = tuple(versions().items()), str(file.path.resolve())
+    with _client(scheduler) as client, client.as_current():
+        there = client.submit(bytes, data, pure=False)  # sent once, computed again if it is lost
+        pool = client.get_executor(pure=False)
+        yield partial(pool.submit, part_elsewhere, there, known, path, file.attributes[CHECKSUM])
 
 
 @checked
@@ -684,8 +521,7 @@ def compute_map(
     single: bool = False,
     chunk: int | None = None,
     threads: int | None = None,
-    workers: int = 0,
-    scheduler: str | None = None,
+    scheduler: Any = None,
     progress: bool | None = False,
     command: str = "",
 ) -> xarray.Dataset:
@@ -732,10 +568,9 @@ def compute_map(
         Most postures of a chunk.
     threads : int, optional
         In this process; default one for every core.
-    workers : int
-        Processes on this machine instead; they talk through pipes.
-    scheduler : str, optional
-        Address of a running Dask scheduler, whose workers see the file under the same path.
+    scheduler : str or distributed.Client, optional
+        A running Dask scheduler's address, or its client: its workers compute instead. They see the
+        file under the same path.
     progress : bool or None
         Bar on standard error; None shows it on a terminal only.
     command : str
@@ -753,29 +588,9 @@ def compute_map(
     KeyboardInterrupt
         After Ctrl-C; the file is valid and the same call goes on with it.
     """
-    job, map_file = prepare_map(
-        checked_elastic(elastic),
-        sampling,
-        quantities,
-        file,
-        connection=connection,
-        length=length,
-        direction=direction,
-        deflect=deflect,
-        deflect_at=deflect_at,
-        world=world,
-        wrench=wrench,
-        load_kind=load_kind,
-        load_at=load_at,
-        load_axes=load_axes,
-        damping=damping,
-        milling=milling,
-        told=told,
-        single=single,
-        chunk=chunk,
-        command=command,
-    )
-    run_map(job, map_file, threads=threads, workers=workers, scheduler=scheduler, progress=progress)
+    asked = locals()
+    by = {name: asked.pop(name) for name in ("threads", "scheduler", "progress")}
+    run_map(*prepare_map(**asked), **by)
     return open_map(file)
 
 
@@ -784,101 +599,44 @@ def run_map(
     file: MapFile,
     *,
     threads: int | None = None,
-    workers: int = 0,
-    scheduler: str | None = None,
+    scheduler: Any = None,
     progress: bool | None = False,
-    facts: dict[int, dict[str, Any]] | None = None,
 ) -> Run:
-    """Compute the chunks that are missing or damaged.
-
-    Arguments as in `compute_map`; into `facts` goes what this process knows of the chunks that it
-    has written, for `cartstiff.maps.reading.summary_of_file`.
-    """
-    if workers < 0 or (threads is not None and threads < 1):
-        raise InputError("number of workers or threads cannot be used", got=(workers, threads))
-    if workers and scheduler is not None:
-        raise InputError("give workers or a scheduler, not both")
-    with file.locked():
-        file.remove_leftovers()
-        damaged = file.damaged()
-        for chunk in damaged:
-            file.forget(chunk)
-        axes = file.mend_axes(job.sampling)
-        todo = file.missing()
-        total = int(np.prod(file.shape, dtype=object))
-        done = total - sum(file.count(i) for i in todo)
-        with _bar(total, done, progress) as advance:
-            if todo and scheduler is not None:
-                run_on_cluster(job, file, todo, advance, scheduler)
-            elif todo and workers:
-                run_in_processes(job, file, todo, advance, workers)
-            else:
-                with numerics.one_thread():
-                    written = _run_here(job, file, todo, threads or cpu_count() or 1, advance)
-                if facts is not None:
-                    facts |= written
-    mended = tuple(damaged.values()) + tuple(f"axis {name}" for name in axes)
-    return Run(len(todo), mended)
-
-
-def _run_here(
-    job: MapJob,
-    file: MapFile,
-    todo: Sequence[int],
-    threads: int,
-    advance: Callable[[int], None],
-) -> dict[int, dict[str, Any]]:
-    """In this process: while a chunk is written, which mostly waits, the next one is computed."""
-    boxes, facts = [file.boxes[chunk] for chunk in todo], dict[int, dict[str, Any]]()
-    with ThreadPoolExecutor(1) as pool:
-        writing: Future[None] | None = None
-        every = job.solved(boxes)
-        every = every if isinstance(job.sampling, CartesianGrid) else _ahead(every)
-        for chunk, solved in zip(todo, every, strict=True):
-            arrays = job.compute(file.boxes[chunk], threads, advance, solved)
-            if writing is not None:
-                writing.result()
-            writing = pool.submit(_write, file, chunk, arrays, facts)
-        if writing is not None:
-            writing.result()
-    return facts
-
-
-def _ahead(items: Iterator[Solved]) -> Iterator[Solved]:
-    """Each item is made while the one before is used."""
-    with ThreadPoolExecutor(1) as pool:
-        made = pool.submit(next, items, None)
-        while (item := made.result()) is not None:
-            made = pool.submit(next, items, None)
-            yield item
-
-
-def _write(
-    file: MapFile, chunk: int, arrays: Mapping[str, NDArray[Any]], facts: dict[int, dict[str, Any]]
-) -> None:
-    with timed("writing the file"):
-        file.write(chunk, arrays)
-    facts[chunk] = facts_of(
-        {n: a.astype(file.arrays[n].dtype, copy=False) for n, a in arrays.items()}
+    """Compute the parts that are missing or damaged; arguments as in `compute_map`."""
+    if threads is not None and threads < 1:
+        raise InputError("number of threads cannot be used", expected="1 or more", got=threads)
+    numbers, parts = range(len(file.boxes)), dict[int, Part]()
+    count = (threads or cpu_count() or 1) if job.in_stacks else 1
+    with (
+        file.locked(),
+        _bar(job.sampling.size, progress) as advance,
+        _workers(job, file, min(count, len(numbers)), scheduler) as submit,
+    ):
+        axes = file.mend_axes()
+        futures = [submit(number) for number in numbers]
+        try:
+            for future in as_completed(futures):
+                part = future.result()
+                parts[part.number] = part
+                advance(file.count(part.number))
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+    every = [parts[number] for number in numbers]
+    return Run(
+        sum(part.is_new for part in every),
+        (*(part.damage for part in every if part.damage is not None), *axes),
+        {name: [part.facts[name] for part in every] for name in every[0].facts},
     )
 
 
-def _bar(
-    total: int, done: int, progress: bool | None
-) -> AbstractContextManager[Callable[[int], None]]:
+@contextmanager
+def _bar(total: int, progress: bool | None) -> Iterator[Callable[[int], Any]]:
     """A bar that counts postures, or nothing."""
     if progress is False or (progress is None and not sys.stderr.isatty()):
-        return nullcontext(lambda _: None)
+        yield lambda _: None
+        return
     tqdm = imported("tqdm", package="tqdm", purpose="a progress bar", extra="maps").tqdm
-
-    class Bar(AbstractContextManager[Callable[[int], None]]):
-        def __enter__(self) -> Callable[[int], None]:
-            self.bar = tqdm(
-                total=total, initial=done, unit=" postures", unit_scale=True, file=sys.stderr
-            )
-            return lambda count: self.bar.update(count) and None
-
-        def __exit__(self, *_: object) -> None:
-            self.bar.close()
-
-    return Bar()
+    with tqdm(total=total, unit=" postures", unit_scale=True, file=sys.stderr) as bar:
+        yield bar.update

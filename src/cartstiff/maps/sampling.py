@@ -12,7 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil
+from math import ceil, prod
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -98,16 +99,13 @@ class Sampling(ABC):
     stores_q: bool = False
     #: Whether closures are met by the postures it gives.
     is_closed: bool = False
+    #: Values along the dimensions that have some.
+    axes: Mapping[str, Axis] = MappingProxyType({})
 
     @property
     def size(self) -> int:
         """Number of postures."""
-        return int(np.prod([int(n) for n in self.shape], dtype=object))
-
-    @property
-    def axes(self) -> Mapping[str, Axis]:
-        """Values along the dimensions that have some."""
-        return {}
+        return prod(int(n) for n in self.shape)
 
     @abstractmethod
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
@@ -119,10 +117,6 @@ class Sampling(ABC):
     @abstractmethod
     def as_dict(self) -> dict[str, Any]:
         """Everything that determines the postures, for JSON."""
-
-    def part(self, box: tuple[slice, ...]) -> tuple[Sampling, tuple[slice, ...]]:
-        """A sampling that holds no more than the box needs, and the box in it."""
-        return self, box
 
 
 def dimension_name(coordinate: str) -> str:
@@ -164,26 +158,17 @@ class Grid(Sampling):
             if name not in names:
                 raise UnknownNameError("coordinate", name, names)
         self.names = tuple(names)
-        self._columns = [self.names.index(name) for name in axes]
-        self._axes = {dimension_name(name): as_axis(name, axis) for name, axis in axes.items()}
+        #: Positions of the grid's coordinates in q.
+        self.columns = [self.names.index(name) for name in axes]
+        self.axes = {dimension_name(name): as_axis(name, axis) for name, axis in axes.items()}
         self.base = checked_vector(base, len(self.names), "base")
-        self.dims = tuple(self._axes)
-        self.shape = tuple(axis.count for axis in self._axes.values())
-
-    @property
-    def axes(self) -> Mapping[str, Axis]:
-        """Values by dimension."""
-        return self._axes
-
-    @property
-    def columns(self) -> list[int]:
-        """Positions of the grid's coordinates in q."""
-        return self._columns
+        self.dims = tuple(self.axes)
+        self.shape = tuple(axis.count for axis in self.axes.values())
 
     @cached_property
     def values(self) -> list[Array]:
         """Of each axis."""
-        return [axis.values for axis in self._axes.values()]
+        return [axis.values for axis in self.axes.values()]
 
     def postures(
         self,
@@ -195,7 +180,7 @@ class Grid(Sampling):
         shape = tuple(len(p) for p in parts)
         q = np.empty((*shape, len(self.base)))
         q[...] = self.base
-        for i, (column, part) in enumerate(zip(self._columns, parts, strict=True)):
+        for i, (column, part) in enumerate(zip(self.columns, parts, strict=True)):
             q[..., column] = part.reshape(-1, *[1] * (len(shape) - i - 1))
         return q.reshape(-1, len(self.base))
 
@@ -205,7 +190,7 @@ class Grid(Sampling):
             "kind": "grid",
             "axes": {
                 self.names[i]: axis.as_list()
-                for i, axis in zip(self._columns, self._axes.values(), strict=True)
+                for i, axis in zip(self.columns, self.axes.values(), strict=True)
             },
             "names": list(self.names),
             "base": self.base.tolist(),
@@ -361,11 +346,6 @@ class Trajectory(Sampling):
         """Coordinates (m, n) of a range of postures."""
         return self.q[box[0]].copy()
 
-    def part(self, box: tuple[slice, ...]) -> tuple[Sampling, tuple[slice, ...]]:
-        """Only the postures of the box."""
-        q = self.q[box[0]]
-        return Trajectory(q), (slice(0, len(q)),)
-
     def as_dict(self) -> dict[str, Any]:
         """For JSON: a digest stands for the postures, which are in the file."""
         from hashlib import sha256
@@ -410,7 +390,7 @@ def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, .
     if len(shape) == 1:
         return (min(shape[0], postures),)
     may_split = [i for i, name in enumerate(sampling.dims) if name not in sampling.whole]
-    while int(np.prod(shape, dtype=object)) > postures:
+    while prod(shape) > postures:
         i = max(may_split, key=lambda i: shape[i])
         if shape[i] == 1:
             break
