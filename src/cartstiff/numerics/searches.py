@@ -63,5 +63,5 @@ def least_change(
         is_whole = largest < longest
         if not SMALLEST_STEP < largest < np.inf or (futile >= FUTILE and is_whole):
             break
-        x = moved(x, step * min(1.0, longest / largest))
+        x = moved(x, np.asarray(step * min(1.0, longest / largest), float))
     return kept, best, seen
