@@ -68,6 +68,13 @@ class Analysis(Reading):
     target: Path | None = None
     target_order: Order | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse one draw."""
+        if self.samples == 1:
+            raise InputError(
+                "cannot be used", where="--samples", expected="0, or 2 and more", got="1"
+            )
+
     @cached_property
     def wanted(self) -> Target | None:
         """The desired stiffness as its file has it."""
