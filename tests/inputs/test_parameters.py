@@ -118,6 +118,13 @@ def test_what_is_no_arithmetic_is_refused(text: str) -> None:
         Expression(text, "here")
 
 
+def test_parameters_may_need_each_other_in_a_long_row(tripod: Path) -> None:
+    """Each is one more than the next, which is written after it: the first is their number."""
+    row = ", ".join(f"p{i}: =p{i + 1}+1" for i in range(1999))
+    tripod.write_text(FILE.replace("{r: 0.25", f"{{r: =p0/8000, {row}, p1999: 1"), encoding="utf-8")
+    assert cartstiff.load(tripod).parameters["r"] == 2000 / 8000
+
+
 REFUSALS = {
     "unknown": ("r: 0.25", "r: =q", "line 2, key parameters.r", "unknown parameter"),
     "unknown below": ("=-r/2", "=-q/2", "line 3, key base.3.1", "unknown parameter"),
