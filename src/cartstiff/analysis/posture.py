@@ -194,7 +194,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
         H = H + J.T @ change_from_symmetric(r, name) @ J
         shares = joint_shares(J, H, whole.wrench, whole.point)
-        columns = {
+        columns: dict[str, Iterable[Any]] = {
             "name": [c.name for c in coordinates],
             "motion": shares.motion,
             "is_length": [c.is_length for c in coordinates],
@@ -544,7 +544,9 @@ def _of_stiffness(
 
 
 def _axes(axes: Sequence[CompliantAxis] | None) -> list[Any] | None:
-    return axes and [section("wrench_compliant_axes", axis, axis.screw) for axis in axes]
+    if axes is None:
+        return None
+    return [section("wrench_compliant_axes", axis, axis.screw) for axis in axes]
 
 
 @checked
