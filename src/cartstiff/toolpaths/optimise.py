@@ -54,7 +54,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.numerics import NEAR
 from cartstiff.potentials.line_springs import line_geometry
-from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
+from cartstiff.stiffness.applied_load import LoadKind, checked_load
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
@@ -696,7 +696,7 @@ class PathCost:
         if not count:
             return Judged(q, value, value, ratio, ratio)
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
-        load = self._loads(points, poses) if self.loaded else None
+        load = self.path.wrenches_in_body(points, poses) if self.loaded else None
         answers = analyse_many(
             self.elastic,
             q,
@@ -726,12 +726,6 @@ class PathCost:
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         return Judged(q, value, cost, ratio, side)
-
-    def _loads(self, points: Array, poses: Array) -> Array:
-        """Wrenches (N, 6) in body components, about the point at which they act."""
-        wrenches = np.array([self.path.wrench(i) for i in range(len(self.path))])[points]
-        axes: Literal["body", "world"] = "body" if self.path.turns_with_body else "world"
-        return wrench_in_body(wrenches, poses, (0.0, 0.0, 0.0), axes)
 
     def _regularity(self, jacobian: Array, lengths: Array) -> tuple[Array, Array]:
         scaled = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]
@@ -961,9 +955,7 @@ class OptimisedPath:
         """The path's wrenches (m, 6) about M's origin, along M's axes at each posture."""
         if self.path.wrenches is None:
             return None
-        forces = np.array([self.path.wrench(i) for i in range(len(self.path))])
-        axes: Any = "body" if self.path.turns_with_body else "world"
-        return wrench_in_body(forces, self.poses, self.load.at, axes)
+        return self.path.wrenches_in_body(np.arange(len(self.path)), self.poses, self.load.at)
 
     def as_csv(self) -> str:
         """One line a point: coordinates, wrench, free angle, criterion, distance from singularity.

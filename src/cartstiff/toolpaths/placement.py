@@ -70,8 +70,7 @@ class Placement:
 
     def counts(self) -> dict[str, int]:
         """How many places of the grid cannot be used, by the reason."""
-        codes, numbers = np.unique(self.codes[self.codes != ""], return_counts=True)
-        return {str(code): int(n) for code, n in zip(codes, numbers, strict=True)}
+        return _counted(self.codes)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON; the grid's last axis runs fastest."""
@@ -189,18 +188,20 @@ def best_placement(
         if progress is not None:
             progress(done + 1, total)
     if best is None:
-        names, numbers = np.unique(codes, return_counts=True)
-        shown = ", ".join(f"{n} {c}" for c, n in zip(names, numbers, strict=True))
+        counts = _counted(codes)
+        shown = ", ".join(f"{n} {code}" for code, n in counts.items())
         raise UndefinedError(
             f"the path can be followed from none of the {total} places ({shown})",
             code="no-placement",
-            values={
-                "places": total,
-                "codes": dict(zip(map(str, names), numbers.tolist(), strict=True)),
-            },
+            values={"places": total, "codes": counts},
         )
     place = _around(best, axes, at, halvings)
     return Placement(axes, worst, codes, points, place, at(place, last=True))
+
+
+def _counted(codes: NDArray[np.str_]) -> dict[str, int]:
+    names, numbers = np.unique(codes[codes != ""], return_counts=True)
+    return dict(zip(names.tolist(), numbers.tolist(), strict=True))
 
 
 def _axes(region: Mapping[str, ArrayLike]) -> dict[str, Array]:

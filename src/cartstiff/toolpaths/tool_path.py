@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -13,6 +14,7 @@ from cartstiff.arrays import checked_array, checked_pose, is_pose, read_only
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.applied_load import wrench_in_body
 
 #: Axes in which wrenches and directions are given: those of the path's own poses, of F, or of the
 #: body, which also turns by whatever rotation is left free.
@@ -111,6 +113,16 @@ class ToolPath:
     def wrench(self, point: int) -> Array | None:
         """Wrench at a point, components in F, or in M where it turns with the body."""
         return self._at(self.wrenches, point)
+
+    def wrenches_in_body(
+        self, points: Array, poses: Array, at: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> Array:
+        """Wrenches (N, 6) of points (N,), components in M at poses (N, 4, 4).
+
+        They act at a point of the body; default about the point that they are given for.
+        """
+        wrenches = np.array([self.wrench(i) for i in range(len(self))])[points]
+        return wrench_in_body(wrenches, poses, at, "body" if self.turns_with_body else "world")
 
     def direction(self, point: int) -> Array | None:
         """Direction at a point, components in F, or in M where it turns with the body."""
