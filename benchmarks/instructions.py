@@ -17,10 +17,10 @@ import llvmlite.binding as llvm
 import numpy as np
 
 import cartstiff
-from cartstiff.many.execution import lanes
-from cartstiff.many.plans import plan, program_for
-from cartstiff.many.tape import Program
-from cartstiff.many.vector_code import LONGEST, vector_code
+from cartstiff.batch.execution import lanes
+from cartstiff.batch.plans import plan, program_for
+from cartstiff.batch.tape import Program
+from cartstiff.batch.vector_code import LONGEST, vector_code
 
 OUTPUTS = ("jacobian", "wrench", *(f"stiffness_{c}" for c in "ABKF"))
 REST = [0.1, -0.7, 0.9, 0.2, 0.4, -0.3]

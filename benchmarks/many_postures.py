@@ -30,10 +30,10 @@ import pinocchio as pin
 from machine_limits import cache_size
 
 import cartstiff
+from cartstiff.batch.plans import plan, program_for
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.work import Machine
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.many.plans import plan, program_for
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.work import Machine
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree

@@ -20,8 +20,8 @@ import numpy as np
 from machine_limits import cache_size
 
 import cartstiff
-from cartstiff.many.postures import Reader, analyse_many
-from cartstiff.many.readings import READINGS, Readings
+from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff.batch.readings import READINGS, Readings
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")

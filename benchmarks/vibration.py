@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 import cartstiff
-from cartstiff.many.vibrations import ManyModes
+from cartstiff.batch.vibrations import ManyModes
 from cartstiff.vibration.response import frequency_response
 
 ROUNDS = 9

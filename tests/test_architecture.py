@@ -30,7 +30,7 @@ LAYERS = [
     {"loading"},
     {"analysis", "statics"},
     {"vibration"},
-    {"many"},
+    {"batch"},
     {"maps"},
     {"reach", "toolpaths"},
     {"designs"},

@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
 import cartstiff
+from cartstiff.batch import postures
 from cartstiff.cli.main import command
 from cartstiff.designs.run import Design, Designs, StudyEvaluator, evaluator
 from cartstiff.designs.study import Study, read_study
 from cartstiff.errors import InputError, UndefinedError
-from cartstiff.many import postures
 from cartstiff.report.json_schema import json_schema
 
 HEXAGONS = """\

@@ -13,9 +13,9 @@ import cartstiff
 from cartstiff.analysis.ellipsoids import stiffness_along
 from cartstiff.analysis.matrices import move_stiffness
 from cartstiff.arrays import checked_array, checked_pose, checked_unit, real_array
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.many.postures import analyse_many
 from cartstiff.potentials.loads import DeadForce
 
 DATES = np.array(["NaT"] * 6, "datetime64[s]")

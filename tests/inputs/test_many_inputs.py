@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.batch.postures import OUTPUTS, analyse_many
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.many.postures import OUTPUTS, analyse_many
 
 PATHS = ("engine", "portable", "compiled")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.batch.following import Assembler
 from cartstiff.errors import ConvergenceError
-from cartstiff.many.following import Assembler
 from cartstiff.maps.sampling import Grid
 from cartstiff.mechanisms.chain import Chain
 

@@ -11,11 +11,11 @@ import pytest
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
+from cartstiff.batch.chains import deflection_for
+from cartstiff.batch.execution import PortableKernel
+from cartstiff.batch.postures import OUTPUTS, Postures, analyse_many, tensions_of_many
+from cartstiff.batch.tape import Tape
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.chains import deflection_for
-from cartstiff.many.execution import PortableKernel
-from cartstiff.many.postures import OUTPUTS, Postures, analyse_many, tensions_of_many
-from cartstiff.many.tape import Tape
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.many import kernels
-from cartstiff.many.algebra import (
+from cartstiff.batch import kernels
+from cartstiff.batch.algebra import (
     congruence,
     inverse,
     positive_factor,
@@ -19,11 +19,11 @@ from cartstiff.many.algebra import (
     reflections,
     solution,
 )
-from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.execution import CompiledKernel, PortableKernel
-from cartstiff.many.plans import plan, program_for
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.tape import Number, Tape, cosine, sine
+from cartstiff.batch.arguments import aligned_empty
+from cartstiff.batch.execution import CompiledKernel, PortableKernel
+from cartstiff.batch.plans import plan, program_for
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.tape import Number, Tape, cosine, sine
 
 OUTPUTS = ("jacobian", "wrench", "energy", "stiffness_A", "stiffness_F")
 #: The same operations, fused or not: rounding errors times the condition of ordinary postures.

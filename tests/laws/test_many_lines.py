@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.many import single
-from cartstiff.many.plans import plan
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.single import QuickPosture
+from cartstiff.batch import single
+from cartstiff.batch.plans import plan
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.single import QuickPosture
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness import compute
 

@@ -14,10 +14,10 @@ from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
+from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff.batch.readings import Readings
+from cartstiff.batch.untraced import segments_of_many
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.postures import Reader, analyse_many
-from cartstiff.many.readings import Readings
-from cartstiff.many.untraced import segments_of_many
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import Settings
 from cartstiff.maps.sampling import RandomPostures

@@ -7,9 +7,9 @@ import pytest
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
+from cartstiff.batch.plans import plan
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import InputError
-from cartstiff.many.plans import plan
-from cartstiff.many.postures import analyse_many
 from cartstiff.maps import RandomPostures, compute_map, open_map
 from cartstiff.page.browser_program import browser_program
 

@@ -11,9 +11,9 @@ from tests.mechanisms.machines import joint, write_urdf
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.batch.kernels import WORTH_RECORDING
+from cartstiff.batch.postures import OUTPUTS, analyse_many
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import WORTH_RECORDING
-from cartstiff.many.postures import OUTPUTS, analyse_many
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate, needed_outputs
 from cartstiff.mechanisms.elastic import ElasticMechanism
 

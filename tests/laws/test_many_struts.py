@@ -7,10 +7,10 @@ import pytest
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.untraced import strut_states
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.untraced import strut_states
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.mounted_struts import MountedStruts

@@ -24,8 +24,8 @@ from tests.support import add_frame, log_reference, platform_mechanism, random_p
 import cartstiff
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.many.postures import analyse_many
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.batch.quick_poses import QuickPoses
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import JointPoses
-from cartstiff.many.quick_poses import QuickPoses
 from cartstiff.maps import cartesian
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.sampling import Axis

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.batch import kernels, single
+from cartstiff.batch.execution import PrintedPosture
+from cartstiff.batch.single import QuickPosture
+from cartstiff.batch.tape import Tape, square_root
 from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.many import kernels, single
-from cartstiff.many.execution import PrintedPosture
-from cartstiff.many.single import QuickPosture
-from cartstiff.many.tape import Tape, square_root
 from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")

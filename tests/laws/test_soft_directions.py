@@ -7,8 +7,8 @@ import pytest
 
 import cartstiff
 from cartstiff import numerics
-from cartstiff.many.algebra import PLAIN, holds_soft_directions
-from cartstiff.many.postures import analyse_many
+from cartstiff.batch.algebra import PLAIN, holds_soft_directions
+from cartstiff.batch.postures import analyse_many
 from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
 COUNT = 40

@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 import cartstiff
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.work import BY_REFERENCE, Work, describe, explained, timed, watched
 from cartstiff.cli.main import command
-from cartstiff.many.postures import analyse_many
-from cartstiff.many.work import BY_REFERENCE, Work, describe, explained, timed, watched
 from cartstiff.report.json_schema import json_schema
 
 

@@ -8,7 +8,7 @@ import signal
 import numpy as np
 from tests.maps.machines import arm, marks, start_held_map, start_map
 
-from cartstiff.many import kernels
+from cartstiff.batch import kernels
 from cartstiff.maps import RandomPostures, compute_map, open_map
 
 

@@ -19,8 +19,8 @@ from cartstiff.analysis.indices import indices_of
 from cartstiff.analysis.matrices import stiffnesses_of_motions, symmetric_part, with_angles_times
 from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.posture import analyse_posture, summarise
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.many.postures import analyse_many
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.stiffness import closures, reduction

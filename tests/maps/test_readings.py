@@ -15,10 +15,10 @@ from tests.support import serial_model
 import cartstiff
 from cartstiff import numerics
 from cartstiff.analysis.matrices import loss_of_elimination
-from cartstiff.many.algebra import eliminated
-from cartstiff.many.execution import PortableKernel
-from cartstiff.many.postures import Reader, analyse_many, readable
-from cartstiff.many.readings import (
+from cartstiff.batch.algebra import eliminated
+from cartstiff.batch.execution import PortableKernel
+from cartstiff.batch.postures import Reader, analyse_many, readable
+from cartstiff.batch.readings import (
     FREQUENCIES,
     READINGS,
     Readings,
@@ -28,7 +28,7 @@ from cartstiff.many.readings import (
     largest_eigenvalue,
     principal_values,
 )
-from cartstiff.many.tape import Tape
+from cartstiff.batch.tape import Tape
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.maps.sampling import RandomPostures

@@ -14,7 +14,7 @@ from tests.support import add_frame, random_pose, translation
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.many.postures import analyse_many
+from cartstiff.batch.postures import analyse_many
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -12,7 +12,7 @@ from tests.support import platform_mechanism
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.many.postures import analyse_many
+from cartstiff.batch.postures import analyse_many
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium

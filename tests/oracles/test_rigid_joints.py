@@ -8,8 +8,8 @@ from tests.support import relative_error, robot_file
 from tests.support.commands import answer, run
 
 import cartstiff
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import InputError
-from cartstiff.many.postures import analyse_many
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
 

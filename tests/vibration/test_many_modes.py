@@ -19,9 +19,9 @@ from cartstiff import (
     modes,
     optimise_path,
 )
+from cartstiff.batch import vibrations
+from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import InputError
-from cartstiff.many import vibrations
-from cartstiff.many.vibrations import ManyModes
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.optimise import criteria
 from cartstiff.vibration.chatter import Milling, limiting_depth, limiting_depths

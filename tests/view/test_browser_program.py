@@ -13,11 +13,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.errors import UndefinedError
-from cartstiff.geometry import se3
-from cartstiff.kinematics.following import Follower
-from cartstiff.many.execution import HELPERS, PortableKernel, javascript
-from cartstiff.many.tape import (
+from cartstiff.batch.execution import HELPERS, PortableKernel, javascript
+from cartstiff.batch.tape import (
     Tape,
     absolute,
     copysign,
@@ -27,6 +24,9 @@ from cartstiff.many.tape import (
     sine,
     square_root,
 )
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.kinematics.following import Follower
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_script
 from cartstiff.page.messages import ViewState

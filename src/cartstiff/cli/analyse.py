@@ -296,7 +296,7 @@ class StepTimes:
 
     def explain(self, data: dict[str, Any]) -> list[str]:
         """Adds them to the JSON object, and gives them as lines."""
-        from cartstiff.many.work import Share, Work, describe, explained
+        from cartstiff.batch.work import Share, Work, describe, explained
 
         work = Work({what: Share(postures, spent) for what, postures, spent in self._done})
         wall = time.perf_counter() - self._wall

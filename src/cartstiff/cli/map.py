@@ -456,7 +456,7 @@ def command(
     side = "above" if shown.above else "below"
     level = level_of(shown.below or shown.above, f"--{side}", quantities[0], elastic)
 
-    from cartstiff.many.work import describe, explained, watched
+    from cartstiff.batch.work import describe, explained, watched
     from cartstiff.maps.reading import places_of, slice_map, summary
     from cartstiff.maps.run import prepare_map, run_map
     from cartstiff.maps.store import open_map

@@ -27,6 +27,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff.arrays import checked_number, csv_rows, plain_dict
+from cartstiff.batch.kernels import lasting_path
 from cartstiff.checked_call import checked
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
 from cartstiff.errors import (
@@ -42,7 +43,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.lazily import cached_property
 from cartstiff.loading import file_reader, tool_of
-from cartstiff.many.kernels import lasting_path
 from cartstiff.maps.cartesian import AtPoses
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import QUANTITIES

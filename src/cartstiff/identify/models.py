@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import Measurements, Observations, field_of, observe, wrenches
 from cartstiff.identify.unknowns import Unknowns
-from cartstiff.many.postures import analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements

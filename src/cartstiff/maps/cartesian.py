@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_seed, is_pose
+from cartstiff.batch.quick_poses import QuickPoses
+from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
@@ -19,8 +21,6 @@ from cartstiff.kinematics.at_pose import at_poses
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
-from cartstiff.many.quick_poses import QuickPoses
-from cartstiff.many.work import timed
 from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, grid_indices
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic

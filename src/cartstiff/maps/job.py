@@ -15,13 +15,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.checked_call import checked
-from cartstiff.errors import CartstiffError, InputError, checked_kind
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.arguments import with_room
-from cartstiff.many.following import Assembler, Closed
-from cartstiff.many.kernels import CLOSED_CHUNK, Backend
-from cartstiff.many.postures import (
+from cartstiff.batch.arguments import with_room
+from cartstiff.batch.following import Assembler, Closed
+from cartstiff.batch.kernels import CLOSED_CHUNK, Backend
+from cartstiff.batch.postures import (
     NOT_ASSEMBLED,
     REGULAR,
     Postures,
@@ -30,9 +27,12 @@ from cartstiff.many.postures import (
     readable,
     tensions_of_many,
 )
-from cartstiff.many.readings import FREQUENCIES, Readings
-from cartstiff.many.vibrations import ManyModes
-from cartstiff.many.work import timed
+from cartstiff.batch.readings import FREQUENCIES, Readings
+from cartstiff.batch.vibrations import ManyModes
+from cartstiff.batch.work import timed
+from cartstiff.checked_call import checked
+from cartstiff.errors import CartstiffError, InputError, checked_kind
+from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.quantities import (
     MapRows,

@@ -53,9 +53,9 @@ from cartstiff.analysis.matrices import (
 from cartstiff.analysis.posture import summarise
 from cartstiff.analysis.sections import unit_of
 from cartstiff.arrays import plain
+from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.vibrations import ManyModes
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -347,7 +347,7 @@ class Quantity:
     function : callable
         From `Stacks` to an array (N,).
     needs : tuple of str
-        Outputs of `cartstiff.many.postures.analyse_many`; {connection} stands for the connection,
+        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} stands for the connection,
         {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
         of that needs, "free" for what is read with other freedoms free.
     asks : {"direction", "deflect", "length", "damping", "milling"}, optional

@@ -29,6 +29,8 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_input, checked_unit, checked_vector
+from cartstiff.batch.kernels import WORTH_READING, Backend, lasting_path
+from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
@@ -39,8 +41,6 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import WORTH_READING, Backend, lasting_path
-from cartstiff.many.work import timed
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities

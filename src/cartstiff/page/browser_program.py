@@ -1,6 +1,6 @@
 """What a browser needs to answer by itself: recorded formulas as JavaScript, and words.
 
-The arithmetic of arms and of bodies on line legs is recorded (`cartstiff.many`). Written out as
+The arithmetic of arms and of bodies on line legs is recorded (`cartstiff.batch`). Written out as
 JavaScript it computes pose, Jacobian, load and stiffness of any posture, under any load and with
 any springs, without a server. ``static/program.js`` reads the rest from these. Where the recorded
 verdict is not plain, a posture is refused.
@@ -15,9 +15,9 @@ import numpy as np
 
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import plain
+from cartstiff.batch.execution import HELPERS, javascript
+from cartstiff.batch.plans import plan, program_for
 from cartstiff.choices import LOAD_KINDS
-from cartstiff.many.execution import HELPERS, javascript
-from cartstiff.many.plans import plan, program_for
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import Limits

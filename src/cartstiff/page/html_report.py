@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.arrays import checked_vector
+from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, printable
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.postures import analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads

@@ -13,10 +13,10 @@ from cartstiff.analysis.indices import condition, held_values, spectrum
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
 from cartstiff.analysis.sections import Notes
 from cartstiff.arrays import plain
+from cartstiff.batch.single import QuickPosture
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.single import QuickPosture
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_seed, checked_vector, plain_dict
+from cartstiff.batch.kernels import Closer
 from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -25,7 +26,6 @@ from cartstiff.kinematics.architecture import architecture_of
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import Search
 from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
-from cartstiff.many.kernels import Closer
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.limits import limit_notes

@@ -61,6 +61,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_input, checked_length, plain, plain_dict
+from cartstiff.batch.postures import tensions_of_many
 from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.errors import InputError
@@ -69,7 +70,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of
-from cartstiff.many.postures import tensions_of_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.limits import Limits

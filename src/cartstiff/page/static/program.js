@@ -107,7 +107,7 @@ export class Program {
     return congruence(transposed(m.J), found);
   }
 
-  /** As `cartstiff.many.arithmetic.noteworthy`: what would be told of lost digits is not answered. */
+  /** As `cartstiff.batch.arithmetic.noteworthy`: what would be told of lost digits is not answered. */
   refuseLost(M, other) {
     const sizes = M.map((row, i) => Math.sqrt(Math.abs(row[i])));
     const one = squares(M.map((row, i) => row.map((x, j) => x / sizes[i] / sizes[j])));

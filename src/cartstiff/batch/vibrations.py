@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
+from cartstiff.batch.algebra import PLAIN
+from cartstiff.batch.kernels import WORTH_RECORDING, has_package, kernel_for, run
+from cartstiff.batch.plans import given_as, plan
+from cartstiff.batch.postures import loads_in_body
+from cartstiff.batch.readings import with_masses
 from cartstiff.errors import UndefinedError
-from cartstiff.many.algebra import PLAIN
-from cartstiff.many.kernels import WORTH_RECORDING, has_package, kernel_for, run
-from cartstiff.many.plans import given_as, plan
-from cartstiff.many.postures import loads_in_body
-from cartstiff.many.readings import with_masses
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind

@@ -28,9 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import (
+from cartstiff.batch.algebra import (
     FALLBACK,
     JACOBIAN_CONDITION,
     PLAIN,
@@ -48,16 +46,18 @@ from cartstiff.many.algebra import (
     solution,
     zeros,
 )
-from cartstiff.many.chains import curvature_of
-from cartstiff.many.closed_chains import cotangent_series
-from cartstiff.many.execution import (
+from cartstiff.batch.chains import curvature_of
+from cartstiff.batch.closed_chains import cotangent_series
+from cartstiff.batch.execution import (
     CompiledKernel,
     Kernel,
     compiled_or_portable,
     from_triangles,
     lower_triangle,
 )
-from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.batch.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike

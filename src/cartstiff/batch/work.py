@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.execution import _binding, lanes
-from cartstiff.many.tape import Program
+from cartstiff.batch.arguments import aligned_empty
+from cartstiff.batch.execution import _binding, lanes
+from cartstiff.batch.tape import Program
 from cartstiff.numerics.threads import process_lock
 
 #: The engine's share, by its name.

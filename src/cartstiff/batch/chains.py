@@ -53,8 +53,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import (
+from cartstiff.batch.algebra import (
     FALLBACK,
     FROM_B_TO_A,
     JACOBIAN_CONDITION,
@@ -84,14 +83,15 @@ from cartstiff.many.algebra import (
     upper_inverse,
     zeros,
 )
-from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
-from cartstiff.many.twists import (
+from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.batch.twists import (
     ChainConstants,
     ChainKinematics,
     ForceField,
     Kinematics,
     numbers,
 )
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import BALANCE, ROUNDING
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw

@@ -31,20 +31,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.checked_call import checked
-from cartstiff.errors import (
-    CartstiffError,
-    ConvergenceError,
-    InputError,
-    UndefinedError,
-    UnknownNameError,
-)
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import FALLBACK, PLAIN, UNBALANCED
-from cartstiff.many.arguments import (
+from cartstiff.batch.algebra import FALLBACK, PLAIN, UNBALANCED
+from cartstiff.batch.arguments import (
     OUTPUTS as OUTPUTS,
 )
-from cartstiff.many.arguments import (
+from cartstiff.batch.arguments import (
     aligned_empty,
     arrays_for,
     checked_count,
@@ -55,9 +46,9 @@ from cartstiff.many.arguments import (
     recorded,
     with_room,
 )
-from cartstiff.many.chains import ChainCase
-from cartstiff.many.execution import PortableKernel
-from cartstiff.many.kernels import (
+from cartstiff.batch.chains import ChainCase
+from cartstiff.batch.execution import PortableKernel
+from cartstiff.batch.kernels import (
     ASKED,
     BACKENDS,
     WORTH_RECORDING,
@@ -69,9 +60,9 @@ from cartstiff.many.kernels import (
     reading_kernel,
     run,
 )
-from cartstiff.many.plans import TracedModel, given_as, plan
-from cartstiff.many.platforms import PlatformCase
-from cartstiff.many.readings import (
+from cartstiff.batch.plans import TracedModel, given_as, plan
+from cartstiff.batch.platforms import PlatformCase
+from cartstiff.batch.readings import (
     FREQUENCIES,
     READINGS,
     Readings,
@@ -79,7 +70,16 @@ from cartstiff.many.readings import (
     frequency_name,
     with_masses,
 )
-from cartstiff.many.work import BY_REFERENCE, timed
+from cartstiff.batch.work import BY_REFERENCE, timed
+from cartstiff.checked_call import checked
+from cartstiff.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+)
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import tensions_of

@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import (
+from cartstiff.batch.algebra import (
     FALLBACK,
     JACOBIAN_CONDITION,
     LARGEST_ANGLE,
@@ -48,8 +47,9 @@ from cartstiff.many.algebra import (
     upper_inverse,
     zeros,
 )
-from cartstiff.many.tape import Scalar, Tape, cosine, larger, pick, sine, square_root
-from cartstiff.many.twists import numbers
+from cartstiff.batch.tape import Scalar, Tape, cosine, larger, pick, sine, square_root
+from cartstiff.batch.twists import numbers
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import Struts
 
 

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.joint_poses import LONGEST_STEP, Free, JointPoses
-from cartstiff.many.algebra import (
+from cartstiff.batch.algebra import (
     PLAIN,
     below,
     norm_squared,
@@ -18,12 +16,14 @@ from cartstiff.many.algebra import (
     rotation_vector,
     zeros,
 )
-from cartstiff.many.chains import chain_motion
-from cartstiff.many.execution import CompiledKernel
-from cartstiff.many.kernels import has_package
-from cartstiff.many.plans import chain_constants
-from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick
-from cartstiff.many.twists import ChainConstants
+from cartstiff.batch.chains import chain_motion
+from cartstiff.batch.execution import CompiledKernel
+from cartstiff.batch.kernels import has_package
+from cartstiff.batch.plans import chain_constants
+from cartstiff.batch.tape import Program, Scalar, Tape, absolute, larger, pick
+from cartstiff.batch.twists import ChainConstants
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.joint_poses import LONGEST_STEP, Free, JointPoses
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.batch.algebra import cross, zeros
+from cartstiff.batch.tape import cosine, sine
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import cross, zeros
-from cartstiff.many.tape import cosine, sine
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
 

@@ -11,16 +11,24 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff.batch.algebra import FALLBACK, PLAIN
+from cartstiff.batch.arguments import OUTPUTS, aligned_empty, recorded
+from cartstiff.batch.chains import ChainCase
+from cartstiff.batch.closed_chains import ClosedCase, close, settle
+from cartstiff.batch.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
+from cartstiff.batch.plans import (
+    CLOSING,
+    SETTLING,
+    Case,
+    TracedModel,
+    known_plan,
+    plan,
+    program_for,
+)
+from cartstiff.batch.readings import Readings
+from cartstiff.batch.work import MAKING, timed
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import FALLBACK, PLAIN
-from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
-from cartstiff.many.chains import ChainCase
-from cartstiff.many.closed_chains import ClosedCase, close, settle
-from cartstiff.many.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
-from cartstiff.many.plans import CLOSING, SETTLING, Case, TracedModel, known_plan, plan, program_for
-from cartstiff.many.readings import Readings
-from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.numerics.threads import process_lock
 

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.batch.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 from cartstiff.numerics import EPSILON, NEAR, REPORTED_ERROR
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 

@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, checked_input
+from cartstiff.batch.algebra import PLAIN, UNDER_LOAD
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.many.algebra import PLAIN, UNDER_LOAD
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import force_notes, limit_notes
@@ -44,8 +44,8 @@ from cartstiff.stiffness.posture_notes import near_actuation_singularity, near_s
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
-    from cartstiff.many.execution import OnePosture
-    from cartstiff.many.plans import TracedModel
+    from cartstiff.batch.execution import OnePosture
+    from cartstiff.batch.plans import TracedModel
 
 #: What the code writes down of a posture.
 RECORDED = (
@@ -257,8 +257,8 @@ class PostureCode:
     """Code for a mechanism under a wrench, or under none: machine code, or printed Python."""
 
     def __init__(self, elastic: ElasticMechanism, taken: TracedModel, compiled: bool) -> None:
-        from cartstiff.many.execution import CompiledPosture, PrintedPosture
-        from cartstiff.many.plans import CLOSING, SETTLING, program_for
+        from cartstiff.batch.execution import CompiledPosture, PrintedPosture
+        from cartstiff.batch.plans import CLOSING, SETTLING, program_for
 
         case, self._is_compiled = taken.case, compiled
         one_posture = CompiledPosture if compiled else PrintedPosture
@@ -307,7 +307,7 @@ class PostureCode:
 
     def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
         """Coordinates at which links carry the load; None where the engine would go on."""
-        from cartstiff.many.closed_chains import settle
+        from cartstiff.batch.closed_chains import settle
 
         evaluate = partial(self._untraced.derivatives, compiled=self._is_compiled)
         at = q[None].copy()
@@ -339,7 +339,7 @@ class PostureCode:
     @staticmethod
     def _closed(closing: OnePosture, q: Array) -> Array | None:
         """The steps of `closing.close` for one posture; None where the engine would go on."""
-        from cartstiff.many.closed_chains import STEPS, is_shut
+        from cartstiff.batch.closed_chains import STEPS, is_shut
         from cartstiff.mechanisms.closures import LONGEST_STEP
 
         left, size, best, futile = closing.at["left"], inf, inf, 0
@@ -381,8 +381,8 @@ class _Calls:
 
 def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCode | None:
     """Code of a mechanism, by llvmlite where it is installed; None where the engine goes on."""
-    from cartstiff.many.kernels import LARGEST_PROGRAM, has_package
-    from cartstiff.many.plans import plan, program_for
+    from cartstiff.batch.kernels import LARGEST_PROGRAM, has_package
+    from cartstiff.batch.plans import plan, program_for
 
     chosen = plan(elastic, "shared" if loaded else "none")
     if (

@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cartstiff.batch.arguments import address_of, aligned_empty
+from cartstiff.batch.tape import Program
+from cartstiff.batch.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.arguments import address_of, aligned_empty
-from cartstiff.many.tape import Program
-from cartstiff.many.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 
 #: Postures per chunk: long enough to hide the cost of a call, short enough for the cache.
 CHUNK = 768

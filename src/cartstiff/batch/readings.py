@@ -41,8 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import (
+from cartstiff.batch.algebra import (
     FALLBACK,
     PLAIN,
     below,
@@ -60,10 +59,11 @@ from cartstiff.many.algebra import (
     upper_inverse,
     zeros,
 )
-from cartstiff.many.chains import Bodies, ChainCase
-from cartstiff.many.platforms import LegMasses, PlatformCase
-from cartstiff.many.tape import Scalar, absolute, copysign, larger, pick, square_root
-from cartstiff.many.twists import numbers
+from cartstiff.batch.chains import Bodies, ChainCase
+from cartstiff.batch.platforms import LegMasses, PlatformCase
+from cartstiff.batch.tape import Scalar, absolute, copysign, larger, pick, square_root
+from cartstiff.batch.twists import numbers
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
@@ -327,7 +327,7 @@ class Readings:
     Attributes
     ----------
     names : tuple of str
-        Of `cartstiff.many.readings.READINGS`.
+        Of `cartstiff.batch.readings.READINGS`.
     connection : {"A", "B", "K", "F", "load"}
         The matrix that is read.
     length : float

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.batch.kernels import Backend, Closer, has_package
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import Backend, Closer, has_package
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.elastic import ElasticMechanism

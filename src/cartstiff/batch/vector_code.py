@@ -22,7 +22,7 @@ from itertools import product
 
 import numpy as np
 
-from cartstiff.many.tape import Input, Program
+from cartstiff.batch.tape import Input, Program
 
 # Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
 # their products with a whole number below 2^20 are exact, and the minimax polynomials.

@@ -47,9 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import ConvergenceError
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import (
+from cartstiff.batch.algebra import (
     FALLBACK,
     JACOBIAN_CONDITION,
     PLAIN,
@@ -71,7 +69,7 @@ from cartstiff.many.algebra import (
     upper_inverse,
     zeros,
 )
-from cartstiff.many.chains import (
+from cartstiff.batch.chains import (
     ChainCase,
     ChainNumbers,
     JointSpringNumbers,
@@ -79,8 +77,10 @@ from cartstiff.many.chains import (
     curvature_of,
     is_recorded,
 )
-from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
-from cartstiff.many.twists import Tie, TreeConstants, TreeKinematics, numbers
+from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.batch.twists import Tie, TreeConstants, TreeKinematics, numbers
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism

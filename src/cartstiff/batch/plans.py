@@ -10,10 +10,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import shared_inputs
-from cartstiff.many.chains import ChainCase, Line, chain_arrays, is_recorded
-from cartstiff.many.closed_chains import (
+from cartstiff.batch.algebra import shared_inputs
+from cartstiff.batch.chains import ChainCase, Line, chain_arrays, is_recorded
+from cartstiff.batch.closed_chains import (
     ClosedCase,
     closed_arrays,
     closed_case,
@@ -21,11 +20,12 @@ from cartstiff.many.closed_chains import (
     settles,
     settling_arrays,
 )
-from cartstiff.many.platforms import LegMasses, PlatformCase, platform_arrays
-from cartstiff.many.readings import Readings, read
-from cartstiff.many.tape import Program, Tape, larger
-from cartstiff.many.twists import ChainConstants, ForceField, numbers, read_chain
-from cartstiff.many.untraced import UntracedTerms
+from cartstiff.batch.platforms import LegMasses, PlatformCase, platform_arrays
+from cartstiff.batch.readings import Readings, read
+from cartstiff.batch.tape import Program, Tape, larger
+from cartstiff.batch.twists import ChainConstants, ForceField, numbers, read_chain
+from cartstiff.batch.untraced import UntracedTerms
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import Mechanism
