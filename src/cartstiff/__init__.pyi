@@ -2,6 +2,9 @@
 
 from .analysis.posture import analyse_posture as analyse_posture
 from .analysis.tolerances import Tolerances as Tolerances
+from .batch.postures import Postures as Postures
+from .batch.postures import analyse_many as analyse_many
+from .batch.single import analyse as analyse
 from .designs.run import design as design
 from .errors import CartstiffError as CartstiffError
 from .errors import InputError as InputError
@@ -20,9 +23,6 @@ from .loading import hexapod as hexapod
 from .loading import load as load
 from .loading import parallel as parallel
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
-from .many.postures import Postures as Postures
-from .many.postures import analyse_many as analyse_many
-from .many.single import analyse as analyse
 from .maps.cartesian import CartesianGrid as CartesianGrid
 from .maps.job import CommandGrid as CommandGrid
 from .maps.pictures import draw_map as draw_map

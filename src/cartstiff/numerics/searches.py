@@ -42,6 +42,8 @@ def least_change(
         Bound on the number of points.
     longest : float
         Largest part of one step; longer ones are shortened.
+    enough : float
+        What may be missed where steps no longer halve it.
     rank : float
         Share of the largest singular value of the rates below which directions are left alone.
     weights : ndarray (n,) or float
