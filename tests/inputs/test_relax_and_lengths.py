@@ -110,7 +110,7 @@ def test_lengths_give_the_pose(capsys):
         ("ur5 --lengths 1,1,1,1,1,1", "--lengths: is for platforms"),
         ("hexapod --lengths 1,1,1", "expected 6 numbers"),
         (f"hexapod --lengths 1,1,1,1,1,{math.nan}", "not a finite number"),
-        ("hexapod --lengths 1,1,1,1,1,-1", "positive"),
+        ("hexapod --lengths 1,1,1,1,1,-1", "--lengths: cannot be used; expected above zero"),
         ("hexapod --lengths 1,1,1,1,1,1 --pose 0,0,1,0,0,0", "not both"),
         ("hexapod --lengths 9,1,1,1,1,1", "leg lengths"),
     ],
