@@ -42,7 +42,9 @@ def test_conditions_name_options_that_exist(command: Command) -> None:
 def test_a_value_is_given_once(command: Command) -> None:
     """A second value is never dropped silently."""
     for option in command.params:
-        if isinstance(option, click.Option) and not (option.is_flag or option.multiple or option.hidden):
+        if isinstance(option, click.Option) and not (
+            option.is_flag or option.multiple or option.hidden
+        ):
             word = max(option.opts, key=len)
             with pytest.raises(click.BadParameter, match="given more than once"):
                 command.main([word, "1", word, "1"], standalone_mode=False)

@@ -163,7 +163,7 @@ def _parameter(
         callback=_merged if merges else None,
         required=is_needed,
         show_default=default not in (None, False, 0) and "default" in given,
-        metavar=shape or None,
+        metavar=shape or {int: "N", float: "NUMBER"}.get(hint),
         hidden=shape == "hidden",
         help=text,
         **given,

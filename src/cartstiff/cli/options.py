@@ -526,8 +526,8 @@ class Robot:
         Rest positions of the joints, or rest lengths of the legs; written as for --q.
     actuate
         How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or
-        leg1=0.001 of a platform. The rest positions of their springs shift by so much, and the pose
-        of the new rest is found.
+        leg1=0.001 of a platform. The rest positions of their springs shift by the same amount, and
+        the pose of the new rest is found.
     """
 
     mechanism: str

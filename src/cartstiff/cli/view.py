@@ -162,7 +162,7 @@ def command(
         Other mechanisms.
     port
         Port of this machine; 0 takes a free one.
-    host
+    host : ADDRESS
         Address to listen on. Any other than the default lets in other machines that know the
         printed address; what they exchange is not encrypted.
     no_open
