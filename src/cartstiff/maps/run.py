@@ -613,6 +613,7 @@ def run_map(
         _workers(job, file, min(count, len(numbers)), scheduler) as submit,
     ):
         axes = file.mend_axes()
+        before = set(file.done())
         futures = [submit(number) for number in numbers]
         try:
             for future in as_completed(futures):
@@ -625,7 +626,8 @@ def run_map(
             raise
     every = [parts[number] for number in numbers]
     return Run(
-        sum(part.is_new for part in every),
+        # A worker that died may have written a part before it could say so.
+        sum(part.is_new or part.number not in before for part in every),
         (*(part.damage for part in every if part.damage is not None), *axes),
         {name: [part.facts[name] for part in every] for name in every[0].facts},
     )

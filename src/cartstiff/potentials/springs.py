@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, real_array
+from cartstiff.arrays import checked_array, read_only, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -285,7 +285,7 @@ class JointSprings(Potential):
         energies, diagonal = 0.5 * torque * x, self.stiffness.copy()
         for j, law in self.laws.items():
             energies[j], torque[j], diagonal[j] = law.evaluate(float(x[j]))
-        return Evaluation(float(energies.sum()), torque, np.diag(diagonal))
+        return Evaluation(float(energies.sum()), torque, read_only(np.diag(diagonal)))
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
         """The same springs in other units."""
