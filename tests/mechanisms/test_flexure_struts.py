@@ -256,7 +256,7 @@ def test_other_units_tell_the_same(tmp_path):
         ({"lower": {**LOWER, "offset": 0.2}}, "pass each other"),
         ({"lower": {**LOWER, "axial": 0.0}}, "axial"),
         ({"lower": {"bending": 3.0}}, "torsion"),
-        ({"axial": [1e7, 2e7]}, "6 numbers"),
+        ({"axial": [1e7, 2e7]}, "6, one per leg"),
     ],
 )
 def test_what_is_no_strut_is_refused(tmp_path, change, words):
