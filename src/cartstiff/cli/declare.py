@@ -151,6 +151,7 @@ def _parameter(
         )
     spelling = next((m for m in marks if isinstance(m, str)), f"--{name.replace('_', '-')}")
     is_flag = hint is bool and kind is None
+    numbers = {} if isinstance(kind, OptionType) else {int: "N", float: "NUMBER"}
     if is_flag and default is None:
         spelling = f"{spelling}/--no-{spelling[2:]}"
     merges = isinstance(kind, OptionType) and kind.merges
@@ -163,7 +164,7 @@ def _parameter(
         callback=_merged if merges else None,
         required=is_needed,
         show_default=default not in (None, False, 0) and "default" in given,
-        metavar=shape or {int: "N", float: "NUMBER"}.get(hint),
+        metavar=shape or numbers.get(hint),
         hidden=shape == "hidden",
         help=text,
         **given,
