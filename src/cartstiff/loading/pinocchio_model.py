@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_vector
@@ -303,6 +302,8 @@ def _split(joint: Any, q: Array) -> list[float]:
                 where=f"joint {kind}",
                 got=q[-4:].tolist(),
             )
+        from scipy.spatial.transform import Rotation
+
         return [*q[:-4], *Rotation.from_quat(q[-4:]).as_euler("XYZ")]
     if joint.nq == 2 and joint.nv == 1:  # cosine and sine of an unbounded angle
         return [np.arctan2(q[1], q[0])]

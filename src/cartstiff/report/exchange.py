@@ -21,7 +21,6 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cartstiff import numerics
 from cartstiff.arrays import csv_rows, plain
@@ -402,6 +401,8 @@ def numbers(values: Array) -> str:
 
 def quaternion(R: Array) -> Array:
     """Of a rotation, real part first."""
+    from scipy.spatial.transform import Rotation
+
     return np.roll(np.asarray(Rotation.from_matrix(R).as_quat()), 1)
 
 

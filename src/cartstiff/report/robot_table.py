@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from cartstiff.arrays import checked_array, csv_line
 from cartstiff.errors import check_name
@@ -34,6 +33,8 @@ def orientation_of(R: ArrayLike, controller: str) -> Array:
     UnknownNameError
         For another controller.
     """
+    from scipy.spatial.transform import Rotation
+
     check_name("controller", controller, CONTROLLERS)
     turns = Rotation.from_matrix(checked_array(R, [("N", 3, 3)], "rotations"))
     if controller == "abb":
