@@ -24,7 +24,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.page.messages import ViewState
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.scene.appearance import HeldPair, block_ellipsoid, held_pair
+from cartstiff.scene.appearance import MatrixPair, block_ellipsoid, matrix_pair
 from cartstiff.statics.command import drives
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame
@@ -288,7 +288,7 @@ def shown_numbers(
     """
     T = reference_frame(result, state)
     here = result.at(T)
-    pair = held_pair(here, state.connection)
+    pair = matrix_pair(here, state.connection)
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
     numbers = None if pair is None else _indices(pair)
@@ -410,7 +410,7 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
     return shown
 
 
-def _indices(pair: HeldPair) -> dict[str, Any] | None:
+def _indices(pair: MatrixPair) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
     K, C, length = pair.K, pair.C, pair.length
     try:
@@ -541,7 +541,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         principal = _principal(here, state)
     except UndefinedError:
         principal = None
-    pair = held_pair(here, state.connection)
+    pair = matrix_pair(here, state.connection)
     indices = None if pair is None else _indices(pair)
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]

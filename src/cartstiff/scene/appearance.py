@@ -141,8 +141,8 @@ def why_missing(result: PostureStiffness, look: Appearance) -> str | None:
 _PLACES: dict[Freedom, tuple[int, int]] = {"translation": (0, 3), "rotation": (1, 2)}
 
 
-class HeldPair:
-    """A `StiffnessInFrame.pair` with the other freedoms held, and what is read from it together.
+class MatrixPair:
+    """A `StiffnessInFrame.pair`, and what is read from it together.
 
     Each of these numbers has a function of its own (`cartstiff.analysis.ellipsoids`, `metrics`)
     that takes what one matrix has no digits for from the other. Where a block has all its digits,
@@ -201,8 +201,10 @@ class HeldPair:
             As that function.
         """
         (_, at), (is_whole, values, vectors) = _PLACES[freedom], self._blocks
-        if is_whole[at] and values[at][0] > 0.0:
-            return shape_of(1.0 / values[at][::-1], vectors[at][:, ::-1], "positive")
+        if is_whole[at]:
+            free = 1.0 / values[at]
+            order = np.argsort(free)
+            return shape_of(free[order], vectors[at][:, order], definiteness(free[order]))
         return stiffness_ellipsoid(self.K, freedom, "free", None, self.C)
 
     @cached_property
@@ -234,28 +236,31 @@ def block_ellipsoid(
     UndefinedError
         See `cartstiff.analysis.ellipsoids`.
     """
-    is_stiffness = quantity == "stiffness"
-    if is_stiffness and others != "free":
-        pair = held_pair(here, connection)
-        return None if pair is None else pair.ellipsoid(freedom)
-    how: Others = "free" if others == "block" else others
-    if is_stiffness and (pair := held_pair(here, connection)) is not None and pair.is_symmetric:
-        return pair.free_ellipsoid(freedom)
-    K, C = here.pair(connection, how)
-    if is_stiffness:
-        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C)
-    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K)
+    is_block = others == "block"
+    how: Others = "free" if others == "free" or (is_block and quantity == "compliance") else "held"
+    if quantity == "compliance":
+        K, C = here.pair(connection, how)
+        return None if C is None else compliance_ellipsoid(C, freedom, how, None, K)
+    pair = matrix_pair(here, connection, how)
+    if pair is None:
+        return None
+    return pair.ellipsoid(freedom) if how == "held" else pair.free_ellipsoid(freedom)
 
 
 @lru_cache(maxsize=16)
-def held_pair(here: StiffnessInFrame, connection: str) -> HeldPair | None:
-    """The pair of a connection with the other freedoms held; None without a stiffness."""
-    K, C = here.pair(connection, "held")
+def matrix_pair(
+    here: StiffnessInFrame, connection: str, others: Others = "held"
+) -> MatrixPair | None:
+    """The pair of a connection, the other freedoms held or free; None without a stiffness."""
+    if others == "free":
+        held = matrix_pair(here, connection)
+        if held is not None and held.is_symmetric:
+            return held
+    K, C = here.pair(connection, others)
     if K is None:
         return None
     whole = here.matrices[connection]
-    is_symmetric = whole is not None and bool(numerics.is_about_symmetric(whole))
-    return HeldPair(K, C, is_symmetric)
+    return MatrixPair(K, C, whole is not None and bool(numerics.is_about_symmetric(whole)))
 
 
 #: Notes that say why a stiffness does not exist.

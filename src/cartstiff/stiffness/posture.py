@@ -134,18 +134,19 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     compliances = {**result.compliances, "load": result.tangent_compliance}
     W, load = result.wrench, result.load
     forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
-    matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
-    compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
-    for table in (matrices, compliances):
-        minus = table["A"]
-        table["+"] = None if minus is None else minus.T
+    tables = []
+    for table, motion in ((matrices, forth), (compliances, back.T)):
+        known = {n: M for n, M in table.items() if M is not None}
+        stack = motion.T @ np.array([*known.values()]) @ motion if known else ()
+        turned = {**dict.fromkeys(table), **dict(zip(known, stack, strict=True))}
+        minus = turned["A"]
+        tables.append(NamedArrays({**turned, "+": None if minus is None else minus.T}))
     return StiffnessInFrame(
         read_only(T_M_N),
         read_only(result.pose @ T_M_N),
         None if W is None else read_only(forth.T @ W),
         LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3]))),
-        NamedArrays(matrices),
-        NamedArrays(compliances),
+        *tables,
         partial(getattr, result, "inverse_of_symmetric_tangent"),
     )
 
@@ -353,7 +354,9 @@ class PostureStiffness(ShownInLines):
     def inverse_of_symmetric_tangent(self) -> Array | None:
         """Inverse of the symmetric part of `tangent`; None if there is none."""
         C, change = self.compliances["B"], self.change_by_load
-        return C if C is None else numerics.inverse_of_sum(C, 0.5 * (change + change.T))
+        if C is None or not change.any():
+            return C
+        return numerics.inverse_of_sum(C, 0.5 * (change + change.T))
 
     @property
     def compliance(self) -> Compliance:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartstiff.analysis.ellipsoids import compliance_ellipsoid, stiffness_ellipsoid
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.scene.appearance import HeldPair
+from cartstiff.scene.appearance import MatrixPair
 
 
 @settings(max_examples=150, deadline=None)
@@ -25,7 +25,7 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
     K = (Q * values) @ Q.T
     C = (Q / values) @ Q.T
     K, C = 0.5 * (K + K.T), 0.5 * (C + C.T)
-    pair = HeldPair(K, C, None)
+    pair = MatrixPair(K, C, None)
     for freedom in ("translation", "rotation"):
         ours = pair.ellipsoid(freedom)
         other = stiffness_ellipsoid(K, freedom, "held", None, C)
@@ -35,6 +35,12 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
         block = slice(3, 6) if freedom == "translation" else slice(0, 3)
         size = np.abs(K[block, block]).max()
         np.testing.assert_allclose(ours.matrix, K[block, block], atol=1e-9 * size)
+        free = np.linalg.eigvalsh(np.linalg.inv(C[block, block]))
+        ours = pair.free_ellipsoid(freedom)
+        other = stiffness_ellipsoid(K, freedom, "free", None, C)
+        np.testing.assert_allclose(ours.eigenvalues, other.eigenvalues, rtol=1e-9)
+        np.testing.assert_allclose(ours.eigenvalues, free, atol=1e-9 * np.abs(free).max())
+        assert ours.definiteness == other.definiteness
     length = characteristic_length(K, C)
     assert (pair.length.origin, pair.length.reason) == (length.origin, length.reason)
     assert pair.length.value == pytest.approx(length.value, rel=1e-9)
@@ -47,7 +53,7 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
 def test_a_compliance_is_the_inverse_of_a_stiffness():
     K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
     shape = compliance_ellipsoid(np.linalg.inv(K), "translation", "held", None, K)
-    own = HeldPair(K, np.linalg.inv(K), None).ellipsoid("translation")
+    own = MatrixPair(K, np.linalg.inv(K), None).ellipsoid("translation")
     np.testing.assert_allclose(shape.eigenvalues, 1.0 / own.eigenvalues[::-1], rtol=1e-15)
     # (det S / det K_tt)^(1/6) = (6 / 6000)^(1/6)
-    assert HeldPair(K, np.linalg.inv(K), None).length.value == pytest.approx(10**-0.5, rel=1e-15)
+    assert MatrixPair(K, np.linalg.inv(K), None).length.value == pytest.approx(10**-0.5, rel=1e-15)
