@@ -128,25 +128,28 @@ def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array 
     return (None if inverse is None else inverse.matrix), flexible
 
 
+def _turned(matrices: Mapping[str, Array | None], motion: Array) -> NamedArrays:
+    """``A^T M A`` of each matrix that exists, with the transpose of "A" as "+"."""
+    known = {n: M for n, M in matrices.items() if M is not None}
+    stack = motion.T @ np.array([*known.values()]) @ motion if known else ()
+    turned = {**dict.fromkeys(matrices), **dict(zip(known, stack, strict=True))}
+    minus = turned["A"]
+    return NamedArrays({**turned, "+": None if minus is None else minus.T})
+
+
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:
     """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
     matrices = {**result.matrices, "load": result.tangent}
     compliances = {**result.compliances, "load": result.tangent_compliance}
     W, load = result.wrench, result.load
     forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
-    tables = []
-    for table, motion in ((matrices, forth), (compliances, back.T)):
-        known = {n: M for n, M in table.items() if M is not None}
-        stack = motion.T @ np.array([*known.values()]) @ motion if known else ()
-        turned = {**dict.fromkeys(table), **dict(zip(known, stack, strict=True))}
-        minus = turned["A"]
-        tables.append(NamedArrays({**turned, "+": None if minus is None else minus.T}))
     return StiffnessInFrame(
         read_only(T_M_N),
         read_only(result.pose @ T_M_N),
         None if W is None else read_only(forth.T @ W),
         LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3]))),
-        *tables,
+        _turned(matrices, forth),
+        _turned(compliances, back.T),
         partial(getattr, result, "inverse_of_symmetric_tangent"),
     )
 
