@@ -10,7 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from cartstiff.cli.declare import Command, Taking
+from cartstiff.cli.declare import Command, Overrides
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
 from cartstiff.cli.options import Number, Pairs, Point, declared
@@ -35,7 +35,7 @@ def test_every_option_has_words(command: Command) -> None:
 
 def test_conditions_name_options_that_exist(command: Command) -> None:
     names = {p.name for p in command.params}
-    told = [*command._apart, *command._needs, *command._needs.values()]
+    told = [*command._exclusive, *command._needs, *command._needs.values()]
     assert {name for text in told for name in text.split()} <= names
 
 
@@ -72,9 +72,9 @@ class Thing:
 SEEN: list[object] = []
 
 
-@declared("make", needs={"size parts": "at"}, apart=("size parts",))
+@declared("make", needs={"size parts": "at"}, exclusive=("size parts",))
 def make(
-    thing: Annotated[Thing, Taking("colour", size="How long.")],
+    thing: Annotated[Thing, Overrides("colour", size="How long.")],
     files: tuple[Path, ...] = (),
     *,
     to: Annotated[str, "--for"],

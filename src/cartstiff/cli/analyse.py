@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Level, Order
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     Load,
     Numbers,
@@ -153,14 +153,14 @@ _ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
         "tolerance": "samples",
         "target": "target_order",
     },
-    apart=("load rest",),
+    exclusive=("load rest",),
 )
 def command(
     robot: Robot,
     load: Load,
     reading: Analysis,
-    parameters: Annotated[Parameters, Taking("tolerance")],
-    out: Annotated[Output, Taking("csv plot")],
+    parameters: Annotated[Parameters, Overrides("tolerance")],
+    out: Annotated[Output, Overrides("csv plot")],
     *,
     output: Annotated[Path | None, OutputFile("FILE", *_ENDINGS)] = None,
     relax: bool = False,
@@ -271,7 +271,7 @@ def command(
                 lines.append(f"  {BALANCING}")
         return "\n".join(lines)
 
-    out.tell(data, robot.mechanism, text)
+    out.show(data, robot.mechanism, text)
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"

@@ -5,7 +5,7 @@ command line): its annotation says what text becomes a value, its default is tha
 and its numpydoc paragraph is the help, with the word for the value behind the colon. A parameter
 whose type is a dataclass stands for the fields of that class: one section of the help, the same on
 every command. Metadata in ``Annotated`` are a `click.ParamType`, another spelling ("--range"), or
-`Taking`.
+`Overrides`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
         return value
 
 
-class Taking:
+class Overrides:
     """Which fields of a dataclass a command does not take, and its own words for others."""
 
     def __init__(self, without: str = "", **words: str) -> None:
@@ -98,6 +98,10 @@ def _merged(_: click.Context, parameter: click.Parameter, values: Any) -> dict[s
     for name, value in (item for mapping in values for item in mapping.items()):
         add_once(merged, name, value, parameter.opts[-1])
     return merged or None
+
+
+# What stands in the help for a number whose parameter says nothing else.
+_NUMBERS = {int: "N", float: "NUMBER"}
 
 
 class Documented(NamedTuple):
@@ -151,7 +155,6 @@ def _parameter(
         )
     spelling = next((m for m in marks if isinstance(m, str)), f"--{name.replace('_', '-')}")
     is_flag = hint is bool and kind is None
-    numbers = {} if isinstance(kind, OptionType) else {int: "N", float: "NUMBER"}
     if is_flag and default is None:
         spelling = f"{spelling}/--no-{spelling[2:]}"
     merges = isinstance(kind, OptionType) and kind.merges
@@ -164,7 +167,7 @@ def _parameter(
         callback=_merged if merges else None,
         required=is_needed,
         show_default=default not in (None, False, 0) and "default" in given,
-        metavar=shape or numbers.get(hint),
+        metavar=shape or (None if isinstance(kind, OptionType) else _NUMBERS.get(hint)),
         hidden=shape == "hidden",
         help=text,
         **given,
@@ -185,7 +188,7 @@ class Command(click.Command):
     needs : mapping of str to str
         Options (separated by spaces) of which one must be given, by those that mean something only
         beside them.
-    apart : tuple of str
+    exclusive : tuple of str
         Options of which at most one may be given.
     json_of_file : bool
         Whether lengths of the JSON are in the unit of the mechanism's file.
@@ -198,22 +201,22 @@ class Command(click.Command):
         name: str,
         function: Callable[..., None],
         needs: Mapping[str, str],
-        apart: tuple[str, ...],
+        exclusive: tuple[str, ...],
         json_of_file: bool,
         more: Iterable[click.Parameter],
     ) -> None:
-        told, hints = Documented.of(function), get_type_hints(function, include_extras=True)
+        documented, hints = Documented.of(function), get_type_hints(function, include_extras=True)
         self._function, self._objects = function, dict[str, tuple[Any, list[str]]]()
-        self._needs, self._apart, self.json_of_file = needs, apart, json_of_file
+        self._needs, self._exclusive, self.json_of_file = needs, exclusive, json_of_file
         params: list[click.Parameter] = []
         for key, parameter in inspect.signature(function).parameters.items():
             kind, marks = _split(hints[key])
             if not is_dataclass(kind):
                 section = "Options" if parameter.kind is parameter.KEYWORD_ONLY else None
-                words = told.parameters.get(key, ("", ""))
+                words = documented.parameters.get(key, ("", ""))
                 params.append(_parameter(key, hints[key], parameter.default, words, section))
                 continue
-            taken = next((m for m in marks if isinstance(m, Taking)), Taking())
+            taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
             own = get_type_hints(kind, include_extras=True)
             of_class = Documented.of(kind)
             names = [f for f in fields(kind) if f.name not in taken.without]
@@ -223,13 +226,13 @@ class Command(click.Command):
                 text = taken.words.get(f.name, text)
                 section = None if f.default is MISSING else of_class.about.partition(".")[0]
                 params.append(_parameter(f.name, own[f.name], f.default, (shape, text), section))
-        lines = f"Examples:\n{told.examples}".replace("\n", "\n  ").split("\n  \n")
+        lines = f"Examples:\n{documented.examples}".replace("\n", "\n  ").split("\n  \n")
         super().__init__(
             name,
             callback=self._run,
             params=[*params, *more],
-            help=told.about,
-            epilog="\n\n".join(f"\b\n{part}" for part in lines) if told.examples else None,
+            help=documented.about,
+            epilog="\n\n".join(f"\b\n{part}" for part in lines) if documented.examples else None,
         )
 
     def _run(self, **values: Any) -> None:
@@ -256,7 +259,7 @@ class Command(click.Command):
             for name in [] if given(needed) else given(names):
                 others = " or ".join(spelled[n] for n in needed.split() if n in spelled)
                 raise InputError(f"is for {others}", where=spelled[name])
-        for names in self._apart:
+        for names in self._exclusive:
             if len(both := given(names)) > 1:
                 one, other, *_ = (spelled[name] for name in both)
                 raise InputError(f"give {one} or {other}, not both")

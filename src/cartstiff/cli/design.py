@@ -8,7 +8,7 @@ from typing import Annotated
 
 import click
 
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import Load, Output, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say
 from cartstiff.errors import InputError
@@ -21,15 +21,15 @@ _NOT_OF_STUDIES = (
 @declared("design", needs={"load": "load_at load_kind world"})
 def command(
     study: Path,
-    robot: Annotated[Robot, Taking(_NOT_OF_STUDIES)],
+    robot: Annotated[Robot, Overrides(_NOT_OF_STUDIES)],
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body in its own frame. Every design carries it, instead of the "
             "loads that the study names."
         ),
     ],
-    out: Annotated[Output, Taking(plot="Draw the designs and their Pareto front.")],
+    out: Annotated[Output, Overrides(plot="Draw the designs and their Pareto front.")],
     *,
     output: Annotated[Path | None, OutputFile("FILE.jsonl", ".jsonl")] = None,
     best: Annotated[int, click.IntRange(1, 1000)] = 10,
@@ -102,7 +102,7 @@ def command(
 
     from cartstiff.report.designs import describe_designs, draw_designs
 
-    out.tell(
+    out.show(
         designs.as_dict(),
         str(study),
         lambda: describe_designs(designs, best),

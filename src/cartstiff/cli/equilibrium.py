@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     Load,
     Number,
@@ -32,7 +32,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
         "load path": "load_at load_kind",
         "curve path": "csv plot",
     },
-    apart=(
+    exclusive=(
         "curve path sensitivities",
         "curve path tolerance",
         "curve path no_limits",
@@ -44,13 +44,15 @@ def command(
     robot: Robot,
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in the axes "
             "of the unloaded body frame; see --load-kind."
         ),
     ],
     parameters: Parameters,
-    out: Annotated[Output, Taking(csv="Write the curve or path.", plot="Draw the curve or path.")],
+    out: Annotated[
+        Output, Overrides(csv="Write the curve or path.", plot="Draw the curve or path.")
+    ],
     *,
     follower: bool = False,
     hold: Annotated[
@@ -149,7 +151,7 @@ def command(
         state = equilibrium(elastic, *loads, q0=start, held=held, limits=not no_limits)
         data = state.as_dict()
         more = parameters.add(state, bare, data, lambda e: moved(weighing(e))[0])
-        out.tell(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
+        out.show(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
     if not loads:
         raise InputError("a curve needs a load", expected="--load or --payload")
@@ -158,7 +160,7 @@ def command(
     from cartstiff.statics.continuation import load_curve
 
     result = load_curve(elastic, *loads, to=curve, q0=start, held=held)
-    out.tell(
+    out.show(
         result.as_dict(),
         elastic.name,
         lambda: describe_curve(result),
@@ -211,7 +213,7 @@ def _compensate(
             expected="--load, --payload, or six more columns in the file",
         )
     result = compensate(elastic, postures, loads)
-    out.tell(
+    out.show(
         result.as_dict(),
         elastic.name,
         lambda: describe_path(result, is_written=out.csv is not None),

@@ -7,16 +7,16 @@ from typing import Annotated, Literal
 
 import click
 
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import Csv, Output, Robot, declared
 from cartstiff.cli.output import say, say_unused
 
-_Printed = Annotated[Output, Taking("csv plot")]
+_Printed = Annotated[Output, Overrides("csv plot")]
 
 
 @declared("frames")
 def frames_command(
-    robot: Annotated[Robot, Taking("pose lengths rest actuate")], out: _Printed
+    robot: Annotated[Robot, Overrides("pose lengths rest actuate")], out: _Printed
 ) -> None:
     """Frames of MECHANISM as a tree, with joints, limits, springs and masses.
 
@@ -39,7 +39,7 @@ def frames_command(
     elastic = robot.at_posture()
     answer, angle = frames_of(elastic), elastic.units.shown_angle
     length = elastic.mechanism.at(elastic.q).length
-    out.tell(answer, robot.mechanism, lambda: describe_frames(answer, angle, length))
+    out.show(answer, robot.mechanism, lambda: describe_frames(answer, angle, length))
 
 
 @declared("models")
@@ -84,12 +84,12 @@ def models_command(out: _Printed) -> None:
         f"\nRobots of example-robot-data:{listed}\n",
         "Or a path: a mechanism file (.yaml), .urdf, .xacro, MJCF .xml.",
     ]
-    out.tell(data, "models", lambda: "\n".join(text))
+    out.show(data, "models", lambda: "\n".join(text))
 
 
 @declared("poses")
 def poses_command(
-    robot: Annotated[Robot, Taking("q pose lengths gravity payload stiffness rest actuate")],
+    robot: Annotated[Robot, Overrides("q pose lengths gravity payload stiffness rest actuate")],
     table: Path,
     *,
     controller: Annotated[Literal["kuka", "fanuc", "abb", "ur"], "--for"],

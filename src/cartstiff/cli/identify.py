@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import click
 
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     Amount,
     Axes,
@@ -327,7 +327,7 @@ class Plan:
             beside=partial(beside, elastic, **where),
             level=fit.level,
         )
-        out.tell(
+        out.show(
             chosen.as_dict(),
             mechanism,
             lambda: describe_plan(chosen),
@@ -366,7 +366,7 @@ class Plan:
             "outliers": rows,
         }
         words = f"{len(campaign)} rows" + (f", gross errors in rows {rows}" if rows else "")
-        out.tell(data, mechanism, lambda: words, csv=lambda: table_text(campaign, elastic))
+        out.show(data, mechanism, lambda: words, csv=lambda: table_text(campaign, elastic))
 
 
 @declared(
@@ -376,16 +376,16 @@ class Plan:
         "simulate": "outliers",
         "plan simulate": "csv",
     },
-    apart=("plan simulate", "mass force"),
+    exclusive=("plan simulate", "mass force"),
 )
 def command(
-    robot: Annotated[Robot, Taking("q pose lengths units stiffness rest actuate")],
+    robot: Annotated[Robot, Overrides("q pose lengths units stiffness rest actuate")],
     table: Table,
     fit: Fit,
     plan: Plan,
     out: Annotated[
         Output,
-        Taking(
+        Overrides(
             csv="Write the rows of --plan, to be filled in, or of --simulate.",
             plot="Draw the residuals against load, posture and time.",
         ),
@@ -466,7 +466,7 @@ def command(
     if output is not None:
         name = one_line(data.name)
         write_whole(output, mechanism_file(result, robot.mechanism, robot.frame, output, name))
-    out.tell(
+    out.show(
         result.as_dict(),
         robot.mechanism,
         lambda: describe_identification(result),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
-from cartstiff.cli.declare import Factors, Taking
+from cartstiff.cli.declare import Factors, Overrides
 from cartstiff.cli.options import (
     ANGLE,
     Amount,
@@ -351,7 +351,7 @@ class Shown:
         "random cartesian": "seed",
         "picture": "kind by",
     },
-    apart=("load rest", "below above"),
+    exclusive=("load rest", "below above"),
     more=(
         click.Option(
             ["--list-quantities"],
@@ -365,10 +365,10 @@ class Shown:
     ),
 )
 def command(
-    robot: Annotated[Robot, Taking("actuate")],
+    robot: Annotated[Robot, Overrides("actuate")],
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body at every posture: moment about and force at the point "
             "--load-at, in the body's axes; rest positions are chosen so that the springs balance "
             "it."
@@ -378,7 +378,7 @@ def command(
     reading: Held,
     vibration: Vibration,
     shown: Shown,
-    out: Annotated[Output, Taking("csv plot")],
+    out: Annotated[Output, Overrides("csv plot")],
     *,
     output: Path,
     single: bool = False,
@@ -539,7 +539,7 @@ def command(
         lines = [describe_map(answer, names, weighed, load.load is not None)]
         return "\n".join([*lines, *(describe(profiled) if profiled else [])])
 
-    out.tell(answer, robot.mechanism, text)
+    out.show(answer, robot.mechanism, text)
 
 
 def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, float]) -> None:
@@ -604,7 +604,7 @@ def _answer(
 def compare_command(
     first: Path,
     second: Path,
-    out: Annotated[Output, Taking("csv plot")],
+    out: Annotated[Output, Overrides("csv plot")],
     *,
     quantity: str | None = None,
     difference: bool = False,
@@ -666,4 +666,4 @@ def compare_command(
     from cartstiff.report.maps import describe_comparison
 
     words = str(result[quantity].attrs["long_name"])
-    out.tell(answer, str(first), lambda: describe_comparison(answer, words))
+    out.show(answer, str(first), lambda: describe_comparison(answer, words))

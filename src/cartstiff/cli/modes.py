@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from cartstiff.choices import RESPONSES, Axes, Order
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     Direction,
     Load,
@@ -197,13 +197,13 @@ class Response:
         "lobes": "milling feed normal tip",
         "impedance": "order axes ratio output",
     },
-    apart=("load rest",),
+    exclusive=("load rest",),
 )
 def command(
-    robot: Annotated[Robot, Taking("actuate")],
+    robot: Annotated[Robot, Overrides("actuate")],
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in the body's "
             "axes; rest positions are chosen so that the springs balance it. The modes without "
             "the load are printed beside them."
@@ -214,7 +214,7 @@ def command(
     controller: Controller,
     parameters: Annotated[
         Parameters,
-        Taking(
+        Overrides(
             tolerance="Standard deviations: relative of every spring stiffness, absolute of every "
             "length and rotation (rad) of the geometry. The answer has an interval for each "
             "frequency (measured springs have one without this option) and what contributes most "
@@ -223,7 +223,7 @@ def command(
     ],
     out: Annotated[
         Output,
-        Taking(
+        Overrides(
             csv="Write the response, or the lobes.",
             plot="Draw the response as a Bode diagram, or the lobes.",
         ),
@@ -295,7 +295,7 @@ def command(
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
         data: dict[str, Any] = {"schema": MODES_SCHEMA, "frequencies": [], "notes": [note]}
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
-        out.tell(data, robot.mechanism, lambda: words)
+        out.show(data, robot.mechanism, lambda: words)
         return
     data = swinging.as_dict()
     if bare is not None:
@@ -314,4 +314,4 @@ def command(
     lines += parameters.add(swinging, robot, data)
     more, made = response.run(swinging, vibration, data)
     lines += [*more, *controller.run(swinging, data)]
-    out.tell(data, robot.mechanism, lambda: describe_modes(swinging, bare, lines), **made)
+    out.show(data, robot.mechanism, lambda: describe_modes(swinging, bare, lines), **made)

@@ -700,7 +700,7 @@ class Output:
     csv: Csv = None
     plot: Picture = None
 
-    def tell(
+    def show(
         self,
         data: Mapping[str, Any],
         mechanism: str,
@@ -748,12 +748,12 @@ def declared(
     name: str,
     *,
     needs: Mapping[str, str] | None = None,
-    apart: tuple[str, ...] = (),
+    exclusive: tuple[str, ...] = (),
     json_of_file: bool = True,
     more: Iterable[click.Parameter] = (),
 ) -> Callable[[Callable[..., None]], UnitsCommand]:
     """Decorator that makes a `UnitsCommand` of a function."""
-    return lambda function: UnitsCommand(name, function, needs or {}, apart, json_of_file, more)
+    return lambda function: UnitsCommand(name, function, needs or {}, exclusive, json_of_file, more)
 
 
 _FACTOR = "cartstiff.given_length"

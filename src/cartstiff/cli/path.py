@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import click
 
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     Axes,
     Axis,
@@ -74,14 +74,14 @@ class Search:
 @declared(
     "path",
     needs={"place": "plot_places", "loaded": "load_kind", "milling": "feed normal tip"},
-    apart=("free_axis free_rotation",),
+    exclusive=("free_axis free_rotation",),
 )
 def command(
-    robot: Annotated[Robot, Taking("pose lengths rest actuate")],
+    robot: Annotated[Robot, Overrides("pose lengths rest actuate")],
     path_file: Path,
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body, the same at all points: moment about and force at the point "
             "--load-at."
         ),
@@ -90,7 +90,7 @@ def command(
     vibration: Vibration,
     out: Annotated[
         Output,
-        Taking(
+        Overrides(
             csv="Write the postures, one line a point.",
             plot="Draw the criterion along the path, optimised and with the best constant choice.",
         ),
@@ -219,7 +219,7 @@ def command(
     if not region:
         with Progress("path", progress) as advance:
             result = optimise_path(elastic, path, progress=advance, **options)
-        out.tell(
+        out.show(
             result.as_dict(),
             elastic.name,
             lambda: describe_optimised_path(result, is_written=is_written),
@@ -232,7 +232,7 @@ def command(
     with Progress("places", progress) as advance:
         placement = best_placement(elastic, path, region, progress=advance, **options)
     write_files((plot_places, lambda: draw_placement(placement)))
-    out.tell(
+    out.show(
         placement.as_dict(),
         elastic.name,
         lambda: describe_placement(placement, is_written=is_written),

@@ -8,7 +8,7 @@ from typing import Annotated
 import click
 
 from cartstiff.choices import Distribution
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import Load, Number, Output, Robot, declared
 from cartstiff.cli.output import Progress
 from cartstiff.errors import InputError, UndefinedError
@@ -37,7 +37,7 @@ class Modes:
 def assemble_command(
     robot: Annotated[
         Robot,
-        Taking(
+        Overrides(
             "rest actuate",
             pose="Pose of a platform: its leg lengths are taken, and the modes nearest to it come "
             "first. Position and roll, pitch, yaw about fixed axes; default the file's.",
@@ -46,13 +46,13 @@ def assemble_command(
     ],
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body in its own frame. The held legs or actuators carry it in "
             "every mode, and the stiffness is the one under this load."
         ),
     ],
     search: Modes,
-    out: Annotated[Output, Taking("plot", csv="Write a table of the modes.")],
+    out: Annotated[Output, Overrides("plot", csv="Write a table of the modes.")],
     *,
     strict: bool = False,
 ) -> None:
@@ -93,7 +93,7 @@ def assemble_command(
         modes = assemble(
             elastic, robot.lengths, q=q, **asdict(search), progress=bar, **load.keywords
         )
-    out.tell(
+    out.show(
         modes.as_dict(),
         robot.mechanism,
         lambda: describe_assembly(modes),
@@ -138,7 +138,7 @@ class Search:
 def workspace_command(
     robot: Annotated[
         Robot,
-        Taking(
+        Overrides(
             "lengths rest actuate",
             pose="Orientation that is kept, and position around which rotations are tried: "
             "position and roll, pitch, yaw about fixed axes; default the file's.",
@@ -146,7 +146,7 @@ def workspace_command(
     ],
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body in its own frame at the pose the rays start from, where "
             "forces or tensions are limited."
         ),
@@ -154,7 +154,7 @@ def workspace_command(
     search: Search,
     out: Annotated[
         Output,
-        Taking(
+        Overrides(
             csv="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
             "MECHANISM --workspace` draws it on the page.",
             plot="Draw the boundary in space, from above and from two sides.",
@@ -204,7 +204,7 @@ def workspace_command(
 
     with Progress("poses", progress) as bar:
         reached = workspace(elastic, q, **load.keywords, **asdict(search), progress=bar)
-    out.tell(
+    out.show(
         reached.as_dict(),
         robot.mechanism,
         lambda: describe_workspace(reached),

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import click
 
-from cartstiff.cli.declare import Taking
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import Load, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say, say_unused
 from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
@@ -129,7 +129,7 @@ def _write(output: Path, page: str) -> None:
 _MOST_OTHERS = 3
 
 
-@declared("view", needs={"load": "world"}, apart=("load rest",))
+@declared("view", needs={"load": "world"}, exclusive=("load rest",))
 def command(
     robot: Robot,
     load: Load,
@@ -197,7 +197,7 @@ def command(
     server.serve(source, host=host, port=port, ready=ready, last=True, beside=beside)
 
 
-@declared("export", needs={"load": "world"}, apart=("load rest",))
+@declared("export", needs={"load": "world"}, exclusive=("load rest",))
 def export_command(
     robot: Robot,
     load: Load,
@@ -234,13 +234,13 @@ def export_command(
 @declared(
     "report",
     needs={"load": "world load_at load_kind", "map_path": "quantity"},
-    apart=("load rest",),
+    exclusive=("load rest",),
 )
 def report_command(
-    robot: Annotated[Robot, Taking("actuate")],
+    robot: Annotated[Robot, Overrides("actuate")],
     load: Annotated[
         Load,
-        Taking(
+        Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in the axes "
             "of the unloaded body frame; the report says what it does to the tip."
         ),

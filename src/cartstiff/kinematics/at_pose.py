@@ -336,16 +336,16 @@ class _Search:
             rates = self.rates(posture)[free] / sizes[:, None]
             return np.concatenate([gap, left]), np.concatenate([C, rates]) * self.columns
 
-        def moved(posture: ChainPosture, step: Array) -> ChainPosture:
+        def retract(posture: ChainPosture, step: Array) -> ChainPosture:
             return self.at(posture.q + self.columns * step)
 
         posture, size, _ = numerics.least_change(
             self.start,
             equations,
-            moved,
-            most=_STEPS,
-            longest=2.0 * _LONGEST,
-            enough=numerics.REACHED,
+            retract,
+            evaluations=_STEPS,
+            longest_step=2.0 * _LONGEST,
+            tolerance=numerics.REACHED,
             rank=numerics.LEAST_EFFORT,
         )
         return posture.q if size <= numerics.REACHED else None

@@ -454,16 +454,16 @@ class Chain(Mechanism):
             assert closure is not None
             return residual / unit, closure.jacobian * (at.coordinate_lengths * movable) / unit
 
-        def moved(at: ChainPosture, step: Array) -> ChainPosture:
+        def retract(at: ChainPosture, step: Array) -> ChainPosture:
             return self.at(at.q + at.coordinate_lengths * movable * step)
 
         closed, size, iterations = least_change(
             posture,
             equations,
-            moved,
-            most=100,
-            longest=LONGEST_STEP,
-            enough=tolerance,
+            retract,
+            evaluations=100,
+            longest_step=LONGEST_STEP,
+            tolerance=tolerance,
             rank=LEAST_EFFORT,
         )
         return (closed if size <= tolerance else None), iterations, size

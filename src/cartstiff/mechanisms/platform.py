@@ -607,7 +607,7 @@ class Platform(Mechanism):
             geometry = line_geometry(T, self.anchors, self.points)
             return (geometry.lengths - wanted) / longest, geometry.lines * scale / longest
 
-        def moved(T: Array, step: Array) -> Array:
+        def retract(T: Array, step: Array) -> Array:
             values = numerics.singular_values(equations(T)[1])
             if not numerics.is_regular(values):
                 raise UndefinedError(
@@ -618,7 +618,7 @@ class Platform(Mechanism):
                 )
             return T @ se3.exp(scale * step)
 
-        T, error, _ = numerics.least_change(T, equations, moved, most=60, longest=0.3)
+        T, error, _ = numerics.least_change(T, equations, retract, evaluations=60, longest_step=0.3)
         if error < numerics.CONVERGED:
             return self.coordinates_of(T)
         raise ConvergenceError(

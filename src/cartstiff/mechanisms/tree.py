@@ -394,20 +394,14 @@ class KinematicTree:
             model.appendBodyToJoint(at.joint, inertia, pin.SE3.Identity())
         return self._with_model(model)
 
-    def mass_matrices(self, q: Array) -> Array:
-        """Masses' matrices (N, n, n) at postures (N, n), without mimics."""
-        tree, places = self.depth_first
-        ordered = np.empty((len(q), self.model.nv, self.model.nv))
-        with tree.workspace() as data:
-            for i, posture in enumerate(q):
-                ordered[i] = pin.crba(tree.model, data, posture[places])
-        full = np.empty_like(ordered)  # Pinocchio fills upper triangles
-        full[:, places[:, None], places] = np.triu(ordered) + np.triu(ordered, 1).swapaxes(1, 2)
-        return full
-
     def mass_matrix(self, q: Array) -> Array:
         """Masses' matrix (n, n) at one posture, without mimics."""
-        return np.asarray(self.mass_matrices(q[None])[0])
+        tree, places = self.depth_first
+        with tree.workspace() as data:
+            ordered = np.triu(pin.crba(tree.model, data, q[places]))  # all that Pinocchio fills
+        full = np.empty_like(ordered)
+        full[places[:, None], places] = ordered + np.triu(ordered, 1).T
+        return full
 
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""

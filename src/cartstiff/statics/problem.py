@@ -674,12 +674,17 @@ class System:
             rates = to_constraints.jacobian * posture.coordinate_lengths / units[:, None]
             return residual / units, rates
 
-        def moved(posture: MechanismPosture, step: Array) -> MechanismPosture:
+        def retract(posture: MechanismPosture, step: Array) -> MechanismPosture:
             step = posture.coordinate_lengths * step
             return mechanism.at(mechanism.displaced(posture.q, step))
 
         posture, size, _ = numerics.least_change(
-            start, equations, moved, most=_PULLS, longest=_PULL, weights=self._step_weights
+            start,
+            equations,
+            retract,
+            evaluations=_PULLS,
+            longest_step=_PULL,
+            weights=self._step_weights,
         )
         if size <= numerics.REACHED:
             return posture.q
