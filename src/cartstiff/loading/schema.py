@@ -178,8 +178,8 @@ _OF_RINGS = ("radius", "half_angle", "angles")
 class LayoutModel(FileModel):
     """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
 
-    base: RingModel = keyed("joints on the ground", RingModel())
-    platform: RingModel = keyed("joints on the platform", RingModel())
+    base: RingModel = keyed("joints on the ground", RingModel.model_construct())
+    platform: RingModel = keyed("joints on the platform", RingModel.model_construct())
     height: Number | None = keyed("of P over F; 0 for a cube if absent, else needed", None)
     turn: Number | None = keyed(
         "rad, of the platform's pairs against the base's; default pi/3", None
@@ -613,7 +613,7 @@ class FlexibleModel(FileModel):
     )
     beam: BeamModel | None = None
     superelement: SuperelementModel | None = None
-    offset: PoseModel = keyed("place of the spring in the link's frame", PoseModel())
+    offset: PoseModel = keyed("place of the spring in the link's frame", PoseModel.model_construct())
     _mass: SuperelementMass | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -839,15 +839,15 @@ class SerialFile(_Joints, _File):
     """A serial arm."""
 
     kind: Literal["serial"]
-    base: PoseModel = keyed("the robot's own base frame B (its root) in F, the room", PoseModel())
-    offset: PoseModel = keyed("M in the named frame", PoseModel())
+    base: PoseModel = keyed("the robot's own base frame B (its root) in F, the room", PoseModel.model_construct())
+    offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
     lines: list[LineModel] = []
 
 
 class _BodyOnLines(_File):
-    units: UnitsModel = UnitsModel()
-    pose: PoseModel = keyed("P in F", PoseModel())
-    frame: PoseModel = keyed("M in P", PoseModel())
+    units: UnitsModel = UnitsModel.model_construct()
+    pose: PoseModel = keyed("P in F", PoseModel.model_construct())
+    frame: PoseModel = keyed("M in P", PoseModel.model_construct())
     body: BodyModel | None = None
     legs: LinesLegs
     flexible: dict[Literal["base", "platform"], FlexibleModel] = keyed(
@@ -892,8 +892,8 @@ class LegModel(_Joints):
     """One chain of a parallel mechanism, from the ground to the body."""
 
     kind: Literal["serial"] = "serial"
-    base: PoseModel = keyed("the chain's root in F", PoseModel())
-    grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel())
+    base: PoseModel = keyed("the chain's root in F", PoseModel.model_construct())
+    grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel.model_construct())
     contact: Literal["rigid", "soft-finger", "point"] = keyed(
         "joint between chain and body: none, spin about z, or a ball", "rigid"
     )
@@ -940,7 +940,7 @@ class ParallelFile(_File):
     pose: PoseModel | None = keyed(
         "the body's own frame in F, where the legs are put together; legs by name need it", None
     )
-    offset: PoseModel = keyed("M in the body's own frame", PoseModel())
+    offset: PoseModel = keyed("M in the body's own frame", PoseModel.model_construct())
     actuated: list[Text] = keyed("joints as leg1/joint_name", [])
     lines: list[LineModel] = []
 
@@ -959,7 +959,7 @@ class ClosedChainFile(_Joints, _File):
     """A tree from URDF or MJCF whose frames are tied by closures."""
 
     kind: Literal["closed-chain"]
-    offset: PoseModel = PoseModel()
+    offset: PoseModel = PoseModel.model_construct()
     closures: list[ClosureModel] = []
     floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
     actuated: list[Text] = []

@@ -14,7 +14,6 @@ import numpy as np
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.figures import figure_content
-from cartstiff.report.exchange import EXCHANGE, exchanged, urdf_with_closures
 from cartstiff.stiffness.compute import PostureStiffness
 
 
@@ -55,6 +54,8 @@ def write_result(
     loops): `cartstiff.report.exchange`. `data` is the JSON object, if it holds more than
     ``result.as_dict()``.
     """
+    from cartstiff.report.exchange import EXCHANGE, exchanged, urdf_with_closures
+
     if path.suffix.lower() in EXCHANGE:
         write_whole(path, exchanged(result, path.suffix.lower()))
         return
