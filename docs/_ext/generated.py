@@ -4,7 +4,7 @@ Directives, for pages in reStructuredText (``command-help`` for MyST pages as we
 
 - ``mechanism-file``: the keys of every kind of mechanism file, from the JSON schema;
 - ``json-output COMMAND``: the keys of a command's JSON output, from its JSON schema;
-- ``command-help``: what ``--help`` prints for every command;
+- ``command-help``: what ``--help-all`` prints for every command;
 - ``package-modules NAME ...``: API documentation of all modules of packages;
 - ``other-modules NAME ...``: the same for all packages that are not named;
 - ``state-codes PACKAGE``: the codes of notes and states of a package, with their messages;
@@ -39,6 +39,7 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
 from cartstiff.cli import main as cli
+from cartstiff.cli.declare import HELP_ALL
 from cartstiff.loading.schema import json_schema
 from cartstiff.report.json_schema import json_schema as output_schema
 
@@ -197,7 +198,7 @@ class JsonOutput(_Text):
 
 
 class CommandHelp(SphinxDirective):
-    """What --help prints, for the group and for each command."""
+    """What --help-all prints for each command, and --help for the group."""
 
     def run(self) -> list[nodes.Node]:
         """The nodes."""
@@ -210,6 +211,7 @@ class CommandHelp(SphinxDirective):
             for name in group.list_commands(context):
                 command = group.get_command(context, name)
                 with click.Context(command, info_name=name, parent=context, **settings) as inner:
+                    inner.meta[HELP_ALL] = True
                     helps[f"cartstiff {name}"] = command.get_help(inner)
         found: list[nodes.Node] = []
         for title, text in helps.items():

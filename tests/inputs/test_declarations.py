@@ -35,8 +35,42 @@ def test_every_option_has_words(command: Command) -> None:
 
 def test_conditions_name_options_that_exist(command: Command) -> None:
     names = {p.name for p in command.params}
-    told = [*command._exclusive, *command._needs, *command._needs.values()]
-    assert {name for text in told for name in text.split()} <= names
+    told = [*command._needs, *command._rare, *(n for ns in command._needs.values() for n in ns)]
+    assert {*told, *(name for text in command._exclusive for name in text.split())} <= names
+
+
+def test_help_is_a_line_for_each_option(command: Command) -> None:
+    """The help has what is wanted often, a line each; --help-all has every option in full."""
+    brief = CliRunner().invoke(command, ["--help"]).output
+    whole = CliRunner().invoke(command, ["--help-all"]).output
+    options = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
+    for option in options:
+        assert option.opts[-1] in whole
+        assert "".join((option.help or "").split()) in "".join(whole.split())
+        is_shown = f"\n  {', '.join(option.opts)} " in brief.replace(" / --no", "  / --no")
+        assert is_shown is (option.name not in command._rare), option.opts
+    lines = [line for line in brief.split("\n") if line.startswith("  -")]
+    assert len(lines) == len([o for o in options if o.name not in command._rare]) + 1  # and --help
+    if command.name == "analyse":
+        assert len(lines) <= 25
+        titles = [line[:-1] for line in brief.split("\n") if line.endswith(":") and line[0] != " "]
+        words = ["Posture and springs", "Tool and weight", "Load", "Reading", "Output", "Options"]
+        assert titles == words
+
+
+def test_what_holds_of_an_object_holds_on_every_command_that_takes_it() -> None:
+    """A load that the springs balance excludes their rest; a path's --world needs no --load."""
+    needed = {"map": "m.zarr", "export": "m.html", "report": "r.html"}
+    for name in ("analyse", "map", "modes", "view", "export", "report"):
+        words = f"{name} ur5 --load 0,0,0,0,0,1 --rest 0"
+        words += f" -o {needed[name]}" if name in needed else ""
+        with pytest.raises(InputError, match="give --load or --rest, not both"):
+            group.main(words.split(), standalone_mode=False)
+    for name in ("map", "modes", "path"):
+        found = group.get_command(click.Context(group), name)
+        assert isinstance(found, Command)
+        assert {"feed", "normal", "tip"} <= set(found._needs), name
+        assert ("world" in found._needs) is (name != "path")
 
 
 def test_a_value_is_given_once(command: Command) -> None:
@@ -72,7 +106,7 @@ class Thing:
 SEEN: list[object] = []
 
 
-@declared("make", needs={"size parts": "at"}, exclusive=("size parts",))
+@declared("make", needs={"at": "size parts"}, exclusive=("size parts",))
 def make(
     thing: Annotated[Thing, Overrides("colour", size="How long.")],
     files: tuple[Path, ...] = (),
@@ -148,7 +182,7 @@ def test_what_is_refused(words: str, said: str) -> None:
 
 def test_help_is_the_docstring() -> None:
     text = CliRunner().invoke(make, ["--help"]).output
-    assert "A thing:\n  --size MM  How long.\n" in text
+    assert "A thing:\n  --size MM          How long.\n" in text
     for words in ("Make a thing.", "--for WHOM", "[FILE]...", "[default: 3;", "--bar / --no-bar"):
         assert words in text
     assert "Examples:\n    make it" in text

@@ -8,14 +8,14 @@ import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import click
 
 from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Level, Order
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
-    Load,
+    BalancedLoad,
     Numbers,
     Output,
     OutputFile,
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Analysis(Reading):
-    """What is read from the matrix.
+    """Reading.
 
     Parameters
     ----------
     level
-        How much of the analysis to print; with --json: none leaves it out.
+        How much of the analysis is printed. With --json: none leaves it out.
     report_at
-        Point of the body, in its frame, for which the analysis is given.
+        Point of the body that is analysed. In its frame; default its origin.
     inertia
         Rigid body with its mass centre at the point, in kg and kg m^2; adds natural frequencies and
         takes its radius of gyration as the characteristic length.
@@ -59,6 +59,9 @@ class Analysis(Reading):
         Order of the target's rows and columns; default what its file says, else angular-linear
         (rotation before translation).
     """
+
+    NEEDS: ClassVar = {"samples": "tolerance", "target_order": "target"}
+    RARE: ClassVar = "inertia tolerance samples target target_order"
 
     level: Annotated[Level, "--analysis"] = "short"
     report_at: Point = None
@@ -147,17 +150,11 @@ _ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
 
 @declared(
     "analyse",
-    needs={
-        "load added_load direction": "world",
-        "added_load": "added_load_at",
-        "tolerance": "samples",
-        "target": "target_order",
-    },
-    exclusive=("load rest",),
+    rare="lengths actuate sensitivities relax order axes profile strict",
 )
 def command(
     robot: Robot,
-    load: Load,
+    load: BalancedLoad,
     reading: Analysis,
     parameters: Annotated[Parameters, Overrides("tolerance")],
     out: Annotated[Output, Overrides("csv plot")],
@@ -187,16 +184,16 @@ def command(
     out
         How it is printed.
     output
-        Also write the result: .json, .npz; its stiffness, and a platform's mass, for Nastran (.nas,
-        .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of Nastran (.dat); the
-        geometry as a table (.csv), or as a tree (.urdf) with a mechanism file beside it that closes
-        its loops.
+        Also write the result to a file. It is .json, .npz; its stiffness, and a platform's mass,
+        for Nastran (.nas, .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of
+        Nastran (.dat); the geometry as a table (.csv), or as a tree (.urdf) with a mechanism file
+        beside it that closes its loops.
     relax
         If no wrench can balance the posture, move the joints until one can; the body stays.
     order
-        Also print the matrices as a controller has them: linear-angular is translation first.
+        Also print the matrices as a controller has them. linear-angular is translation first.
     axes
-        Also print the matrices along these axes, about the body frame's origin: of the robot's own
+        Also print the matrices along these axes. About the body frame's origin: of the robot's own
         base, of the body frame, or of the room (world).
     profile
         Also say what computed the answer, how long each part took, and what limits it on this

@@ -3,9 +3,13 @@
 A parameter of the function is an option (or, where it stands before ``*``, an argument of the
 command line): its annotation says what text becomes a value, its default is that of the option,
 and its numpydoc paragraph is the help, with the word for the value behind the colon. A parameter
-whose type is a dataclass stands for the fields of that class: one section of the help, the same on
-every command. Metadata in ``Annotated`` are a `click.ParamType`, another spelling ("--range"), or
-`Overrides`.
+whose type is a dataclass stands for the fields of that class, the same on every command: each class
+that it is made of is a section of the help. Metadata in ``Annotated`` are a `click.ParamType`,
+another spelling ("--range"), or `Overrides`.
+
+Such a class also says what holds of its options wherever they are taken: `NEEDS` (which options one
+means something beside), `EXCLUSIVE` (which are not given together) and `RARE` (which only
+``--help-all`` shows).
 """
 
 from __future__ import annotations
@@ -176,6 +180,29 @@ def _parameter(
     return option
 
 
+#: Where a context says that the whole help is shown.
+HELP_ALL = "cartstiff.help_all"
+# Lines of examples in the help.
+_EXAMPLES = 4
+
+
+def _help_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print the whole help and end."""
+    if asked and not ctx.resilient_parsing:
+        ctx.meta[HELP_ALL] = True
+        click.echo(ctx.get_help())
+        ctx.exit()
+
+
+def _brief(text: str, room: int) -> str:
+    """The first sentence of a help text, cut where it does not fit, and a default that fits."""
+    words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups()  # type: ignore[union-attr]
+    sentence = re.match(r".*?\.(?=\s|$)|.*", words, re.S)[0]  # type: ignore[index]
+    if len(sentence + (bounds or "")) <= room:
+        sentence += bounds or ""
+    return sentence if len(sentence) <= room else f"{sentence[: room - 3].rpartition(' ')[0]}..."
+
+
 class Command(click.Command):
     """A command whose options are declared by the signature of a function.
 
@@ -186,10 +213,12 @@ class Command(click.Command):
     function : callable
         What it does.
     needs : mapping of str to str
-        Options (separated by spaces) of which one must be given, by those that mean something only
-        beside them.
+        Options of which one must be given, by those (separated by spaces) that mean something only
+        beside them; it goes before what the classes of the parameters say.
     exclusive : tuple of str
-        Options of which at most one may be given.
+        Options of which at most one may be given, besides those of the classes.
+    rare : str
+        Options that only ``--help-all`` shows, besides those of the classes.
     json_of_file : bool
         Whether lengths of the JSON are in the unit of the mechanism's file.
     more : iterable of click.Parameter
@@ -202,12 +231,14 @@ class Command(click.Command):
         function: Callable[..., None],
         needs: Mapping[str, str],
         exclusive: tuple[str, ...],
+        rare: str,
         json_of_file: bool,
         more: Iterable[click.Parameter],
     ) -> None:
         documented, hints = Documented.of(function), get_type_hints(function, include_extras=True)
         self._function, self._objects = function, dict[str, tuple[Any, list[str]]]()
-        self._needs, self._exclusive, self.json_of_file = needs, exclusive, json_of_file
+        self._exclusive, self.json_of_file = [*exclusive], json_of_file
+        self._rare, rules = rare.split(), list[Mapping[str, str]]()
         params: list[click.Parameter] = []
         for key, parameter in inspect.signature(function).parameters.items():
             kind, marks = _split(hints[key])
@@ -218,14 +249,28 @@ class Command(click.Command):
                 continue
             taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
             own = get_type_hints(kind, include_extras=True)
-            of_class = Documented.of(kind)
             names = [f for f in fields(kind) if f.name not in taken.without]
             self._objects[key] = kind, [f.name for f in names]
-            for f in names:
-                shape, text = of_class.parameters.get(f.name, ("", ""))
-                text = taken.words.get(f.name, text)
-                section = None if f.default is MISSING else of_class.about.partition(".")[0]
-                params.append(_parameter(f.name, own[f.name], f.default, (shape, text), section))
+            for part in kind.__mro__[-2::-1]:
+                of_class = Documented.of(part)
+                self._exclusive += vars(part).get("EXCLUSIVE", ())
+                self._rare += vars(part).get("RARE", "").split()
+                rules.append(vars(part).get("NEEDS", {}))
+                for f in names:
+                    if f.name in vars(part).get("__annotations__", ()):
+                        shape, text = of_class.parameters.get(f.name, ("", ""))
+                        words = shape, taken.words.get(f.name, text)
+                        section = None if f.default is MISSING else of_class.about.partition(".")[0]
+                        params.append(_parameter(f.name, own[f.name], f.default, words, section))
+        there = {str(p.name) for p in params}
+        needed = {n: w for rule in [*rules, needs] for ns, w in rule.items() for n in ns.split()}
+        self._needs = {
+            name: known
+            for name, words in needed.items()
+            if name in there and (known := [w for w in words.split() if w in there])
+        }
+        self._exclusive = [x for x in self._exclusive if there.issuperset(x.split())]
+        self._rare = [name for name in self._rare if name in there]
         lines = f"Examples:\n{documented.examples}".replace("\n", "\n  ").split("\n  \n")
         super().__init__(
             name,
@@ -233,6 +278,16 @@ class Command(click.Command):
             params=[*params, *more],
             help=documented.about,
             epilog="\n\n".join(f"\b\n{part}" for part in lines) if documented.examples else None,
+        )
+        self.params.append(
+            click.Option(
+                ["--help-all"],
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                callback=_help_all,
+                help="All options, in full.",
+            )
         )
 
     def _run(self, **values: Any) -> None:
@@ -251,16 +306,16 @@ class Command(click.Command):
         """Check what goes together, convert, and run."""
         spelled = {p.name: p.opts[-1] for p in self.params if isinstance(p, click.Option)}
 
-        def given(names: str) -> list[str]:
+        def given(*names: str) -> list[str]:
             command_line = ParameterSource.COMMANDLINE
-            return [n for n in names.split() if ctx.get_parameter_source(n) is command_line]
+            return [n for n in names if ctx.get_parameter_source(n) is command_line]
 
-        for needed, names in self._needs.items():
-            for name in [] if given(needed) else given(names):
-                others = " or ".join(spelled[n] for n in needed.split() if n in spelled)
+        for name, needed in self._needs.items():
+            if given(name) and not given(*needed):
+                others = " or ".join(spelled[n] for n in needed)
                 raise InputError(f"is for {others}", where=spelled[name])
         for names in self._exclusive:
-            if len(both := given(names)) > 1:
+            if len(both := given(*names.split())) > 1:
                 one, other, *_ = (spelled[name] for name in both)
                 raise InputError(f"give {one} or {other}, not both")
         self.convert(ctx)
@@ -270,12 +325,28 @@ class Command(click.Command):
         """Convert the values to the units that are computed in."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Each object's options in a section of its own."""
+        """Each class's options in a section of its own; without --help-all a line for each."""
         sections: dict[str, list[tuple[str, str]]] = {}
+        is_whole = HELP_ALL in ctx.meta
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
-            if record is not None and not isinstance(parameter, click.Argument):
+            if record is None or (parameter.name in self._rare and not is_whole):
+                continue
+            if not isinstance(parameter, click.Argument):
                 sections.setdefault(getattr(parameter, "section", "Options"), []).append(record)
-        for title in sorted(sections, key="Options".__eq__):
+        left = max(len(name) for records in sections.values() for name, _ in records)
+        room = formatter.width - left - 4
+        for title in sorted(sections, key=("Output", "Options").count):
+            records = sections[title]
+            if not is_whole:
+                records = [(name.ljust(left), _brief(words, room)) for name, words in records]
             with formatter.section(title):
-                formatter.write_dl(sections[title])
+                formatter.write_dl(records, col_max=30 if is_whole else left)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The examples; without --help-all the first of them."""
+        whole = self.epilog
+        if whole and HELP_ALL not in ctx.meta:
+            self.epilog = "\n".join(whole.split("\n")[: 2 + _EXAMPLES])
+        super().format_epilog(ctx, formatter)
+        self.epilog = whole

@@ -18,7 +18,7 @@ _NOT_OF_STUDIES = (
 )
 
 
-@declared("design", needs={"load": "load_at load_kind world"})
+@declared("design", needs={"load_at load_kind world": "load"})
 def command(
     study: Path,
     robot: Annotated[Robot, Overrides(_NOT_OF_STUDIES)],

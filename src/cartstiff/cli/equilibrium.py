@@ -28,9 +28,9 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 @declared(
     "equilibrium",
     needs={
-        "load hold path": "world",
-        "load path": "load_at load_kind",
-        "curve path": "csv plot",
+        "world": "load hold path",
+        "load_at load_kind": "load path",
+        "csv plot": "curve path",
     },
     exclusive=(
         "curve path sensitivities",

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import click
 
@@ -189,6 +189,8 @@ class Fit:
         Probability of the intervals.
     """
 
+    RARE: ClassVar = "tie known prior offsets level"
+
     unknown: tuple[str, ...] = ()
     tie: tuple[str, ...] = ()
     known: Annotated[_Stiffnesses, Springs("NAME=K", Numbers("K", 1))] = None
@@ -267,6 +269,13 @@ class Plan:
     outliers : N
         Rows of --simulate with an error of 20 standard deviations.
     """
+
+    NEEDS: ClassVar = {
+        "criterion q load mass force ranges within candidates have": "plan",
+        "outliers": "simulate",
+    }
+    EXCLUSIVE: ClassVar = ("plan simulate", "mass force")
+    RARE: ClassVar = "q load ranges within candidates have outliers"
 
     plan: Annotated[int | None, click.IntRange(1, 10_000)] = None
     criterion: Literal["worst", "all", "posture"] | None = None
@@ -371,12 +380,7 @@ class Plan:
 
 @declared(
     "identify",
-    needs={
-        "plan": "criterion q load mass force ranges within candidates have",
-        "simulate": "outliers",
-        "plan simulate": "csv",
-    },
-    exclusive=("plan simulate", "mass force"),
+    needs={"csv": "plan simulate"},
 )
 def command(
     robot: Annotated[Robot, Overrides("q pose lengths units stiffness rest actuate")],

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import click
 
@@ -19,9 +19,9 @@ from cartstiff.cli.options import (
     Amount,
     Axes,
     Axis,
+    BalancedLoad,
     Count,
     Grid,
-    Load,
     Numbers,
     Output,
     Pairs,
@@ -94,6 +94,13 @@ class Where:
     starts
         With --cartesian: random starts of the inverse kinematics.
     """
+
+    NEEDS: ClassVar = {
+        "ranges": "random",
+        "orientation free redundancy branches starts": "cartesian",
+        "seed": "random cartesian",
+    }
+    RARE: ClassVar = "seed orientation free redundancy branches starts"
 
     grid: Grid = None
     random: Annotated[int | None, click.IntRange(1, _MOST)] = None
@@ -315,6 +322,10 @@ class Shown:
         List the N worst postures.
     """
 
+    NEEDS: ClassVar = {"kind by": "picture"}
+    EXCLUSIVE: ClassVar = ("below above",)
+    RARE: ClassVar = "single_branch kind by cuts"
+
     below: _Level = None
     above: _Level = None
     single_branch: bool = False
@@ -342,16 +353,7 @@ class Shown:
 @declared(
     "map",
     json_of_file=False,
-    needs={
-        "added_load": "added_load_at",
-        "load added_load direction": "world",
-        "milling": "feed normal tip",
-        "random": "ranges",
-        "cartesian": "orientation free redundancy branches starts",
-        "random cartesian": "seed",
-        "picture": "kind by",
-    },
-    exclusive=("load rest", "below above"),
+    rare="lengths damping milling single chunk progress profile threads scheduler",
     more=(
         click.Option(
             ["--list-quantities"],
@@ -367,7 +369,7 @@ class Shown:
 def command(
     robot: Annotated[Robot, Overrides("actuate")],
     load: Annotated[
-        Load,
+        BalancedLoad,
         Overrides(
             load="Wrench on the body at every posture: moment about and force at the point "
             "--load-at, in the body's axes; rest positions are chosen so that the springs balance "

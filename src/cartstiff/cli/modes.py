@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import click
 
 from cartstiff.choices import RESPONSES, Axes, Order
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
+    BalancedLoad,
     Direction,
-    Load,
     Numbers,
     Output,
     OutputFile,
@@ -54,6 +54,9 @@ class Controller:
     output
         Write the controller of --impedance.
     """
+
+    NEEDS: ClassVar = {"order axes ratio output": "impedance"}
+    RARE: ClassVar = "order axes ratio output"
 
     impedance: Path | None = None
     order: Order | None = None
@@ -135,6 +138,9 @@ class Response:
         zeroth-order theory.
     """
 
+    NEEDS: ClassVar = {"kind point direction": "response", "milling feed normal tip": "lobes"}
+    RARE: ClassVar = "kind point"
+
     response: Annotated[_Range, Sweep(400, 1_000_000, "Hz")] = None
     kind: Annotated[Any, click.Choice([*RESPONSES, "transmissibility"])] = "receptance"
     point: Point = None
@@ -191,18 +197,16 @@ class Response:
 @declared(
     "modes",
     needs={
-        "load": "world",
-        "response lobes": "damping rayleigh csv plot",
-        "response": "kind point direction",
-        "lobes": "milling feed normal tip",
-        "impedance": "order axes ratio output",
+        "world": "load",
+        "damping rayleigh csv plot": "response lobes",
+        "feed normal tip": "lobes",
     },
-    exclusive=("load rest",),
+    rare="lengths sensitivities tolerance",
 )
 def command(
     robot: Annotated[Robot, Overrides("actuate")],
     load: Annotated[
-        Load,
+        BalancedLoad,
         Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in the body's "
             "axes; rest positions are chosen so that the springs balance it. The modes without "

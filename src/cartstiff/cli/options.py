@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import click
 
@@ -447,18 +447,20 @@ class Load:
     Parameters
     ----------
     load
-        Wrench on the body: moment about and force at the point --load-at, in the body's axes; rest
+        Wrench on the body. Moment about and force at the point --load-at, in the body's axes; rest
         positions are chosen so that the springs balance it.
     load_at
-        Point of the body, in its frame, at which the load acts; default its origin.
+        Point of the body where the load acts. In its frame; default its origin.
     world
-        Components of loads and directions are along the inertial axes, not those of the body.
-        Points stay in the body's frame.
-    load_kind
+        Loads and directions in the room's axes. Not in those of the body; points stay in the body's
+        frame.
+    load_kind : KIND
         Behaviour of the load while the body moves. dead: force and moment keep their direction in
         the room; follower: they turn with the body; conservative: the force keeps its direction,
         the moment turns by half.
     """
+
+    NEEDS: ClassVar = {"world": "load added_load direction"}
 
     load: Wrench = None
     load_at: Point = None
@@ -483,49 +485,33 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Robot:
-    """Robot, posture and tool.
+class BalancedLoad(Load):
+    """A load that the springs balance at the posture, by their rest positions."""
+
+    EXCLUSIVE: ClassVar = ("load rest",)
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Posture and springs.
 
     Parameters
     ----------
     mechanism
         A name or a file.
     q
-        Posture: numbers in joint order or name=value pairs, rad and m.
+        Posture: numbers, or name=value pairs. Numbers are in joint order, rad and m.
     pose
-        Posture of a platform, or of a body on legs: position and roll, pitch, yaw about fixed axes.
+        Posture of a platform, or of a body on legs. Position and roll, pitch, yaw about fixed axes.
     lengths
-        Posture of a six-legged platform by its leg lengths, near the file's pose.
-    frame : NAME
-        Body frame M: a link or site.
-    tcp
-        M in the frame: position, and roll, pitch, yaw about fixed axes.
-    gravity
-        Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the file's.
-    payload
-        Mass on the body, always in kg, and its centre in M. It has weight under the gravity of
-        --gravity or the file; without either under 9.81 m/s^2 along -z.
-    units
-        Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: with mm,
-        moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file may name
-        others. deg is for every angle that is given, and for joints, roll, pitch, yaw and tables of
-        postures that are shown; stiffnesses stay per radian. With --json, numbers come out in the
-        units of MECHANISM's file and in radians; the JSON of `map` and `design` keeps the unit of
-        length given here, and names it.
-    parameters
-        A parameter of the mechanism file, in its units, instead of the value there; repeat it for
-        several.
-    xacro_args
-        Argument of a xacro file; repeat it for several.
-    package_path : FOLDER
-        Folder in or under which ROS packages are looked for.
+        Posture of a platform by its six leg lengths, near the file's pose.
     stiffness
-        Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints may be
-        rigid.
+        Stiffness of joints or legs. One number for all, one each, or name=value pairs; joints may
+        be rigid.
     rest
-        Rest positions of the joints, or rest lengths of the legs; written as for --q.
+        Rest positions of joints or legs. Those of legs are lengths; written as for --q.
     actuate
-        How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or
+        How far drives move from the posture. In rad or lengths, such as leg1/slide=0.001, or
         leg1=0.001 of a platform. The rest positions of their springs shift by the same amount, and
         the pose of the new rest is found.
     """
@@ -534,19 +520,79 @@ class Robot:
     q: Annotated[Values | None, JointValues()] = None
     pose: Pose = None
     lengths: Annotated[_Numbers, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = None
-    frame: str | None = None
-    tcp: Tcp = None
-    gravity: Vector = None
-    payload: Payload = None
-    units: Annotated[dict[str, str] | None, UnitList("UNITS")] = None
-    parameters: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--set"] = None
-    xacro_args: Annotated[dict[str, str] | None, Arguments("NAME:=VALUE"), "--xacro-arg"] = None
-    package_path: tuple[Path, ...] = ()
     stiffness: Annotated[
         Values | None, JointValues(stiffness=True, springs=True, broadcast=True)
     ] = None
     rest: Annotated[Values | None, JointValues(springs=True)] = None
     actuate: Annotated[Values | None, JointValues(springs=True)] = None
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Tool and weight.
+
+    Parameters
+    ----------
+    frame : NAME
+        Body frame M: a link or site.
+    tcp
+        Place of M in the frame. Position, and roll, pitch, yaw about fixed axes.
+    payload
+        Mass on the body [kg], and its centre in M. It has weight under the gravity of --gravity or
+        the file; without either under 9.81 m/s^2 along -z.
+    gravity
+        Gravity in F [m/s^2], such as 0,0,-9.81. It replaces the file's.
+    """
+
+    frame: str | None = None
+    tcp: Tcp = None
+    payload: Payload = None
+    gravity: Vector = None
+
+
+@dataclass(frozen=True)
+class File:
+    """File of the mechanism.
+
+    Parameters
+    ----------
+    parameters
+        A parameter of the mechanism file, in its units, instead of the value there; repeat it for
+        several.
+    xacro_args
+        Argument of a xacro file; repeat it for several.
+    package_path : FOLDER
+        Folder in or under which ROS packages are looked for.
+    """
+
+    RARE: ClassVar = "parameters xacro_args package_path"
+
+    parameters: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--set"] = None
+    xacro_args: Annotated[dict[str, str] | None, Arguments("NAME:=VALUE"), "--xacro-arg"] = None
+    package_path: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Output.
+
+    Parameters
+    ----------
+    units
+        Units given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: with mm,
+        moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file may name
+        others. deg is for every angle that is given, and for joints, roll, pitch, yaw and tables of
+        postures that are shown; stiffnesses stay per radian. With --json, numbers come out in the
+        units of MECHANISM's file and in radians; the JSON of `map` and `design` keeps the unit of
+        length given here, and names it.
+    """
+
+    units: Annotated[dict[str, str] | None, UnitList("UNITS")] = None
+
+
+@dataclass(frozen=True)
+class Robot(Shown, File, Tool, Posture):
+    """A mechanism at a posture, with its tool, in the units of people."""
 
     def load(self) -> tuple[Any, Any]:
         """The elastic mechanism, and its coordinates or None for the default posture."""
@@ -749,11 +795,13 @@ def declared(
     *,
     needs: Mapping[str, str] | None = None,
     exclusive: tuple[str, ...] = (),
+    rare: str = "",
     json_of_file: bool = True,
     more: Iterable[click.Parameter] = (),
 ) -> Callable[[Callable[..., None]], UnitsCommand]:
     """Decorator that makes a `UnitsCommand` of a function."""
-    return lambda function: UnitsCommand(name, function, needs or {}, exclusive, json_of_file, more)
+    rules = needs or {}, exclusive, rare, json_of_file, more
+    return lambda function: UnitsCommand(name, function, *rules)
 
 
 _FACTOR = "cartstiff.given_length"
@@ -784,25 +832,28 @@ def column_factors(elastic: Any) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Reading:
-    """What is read from the matrix.
+    """Reading.
 
     Parameters
     ----------
-    connection
-        The matrix that is read; default under a load: load, the tangent stiffness under it (see
-        --load-kind, --load-at). Without a load all are the same.
+    connection : LETTER
+        Matrix that is read: load, A, B, K, F or +. Default under a load: load, the tangent
+        stiffness under it (see --load-kind, --load-at). Without a load all are the same.
     direction
-        For stiffness along and about this direction, in the body's axes.
+        Direction for stiffness along and about it. In the body's axes.
     added_load
-        Wrench, in the body's axes, added to the load, whose linear deflection is computed; default
-        the load itself.
+        Added wrench whose deflection is computed. Linear, in the body's axes; default the load
+        itself.
     added_load_at
         Point of the body, in its frame, at which the wrench of --added-load acts; default its
         origin, or the point of --report-at.
     length
-        Characteristic length that makes angles comparable with lengths; in a map the same at all
+        Characteristic length. It makes angles comparable with lengths; in a map the same at all
         postures.
     """
+
+    NEEDS: ClassVar = {"added_load_at": "added_load"}
+    RARE: ClassVar = "added_load_at length"
 
     connection: Letter | None = None
     direction: Direction = None
@@ -813,7 +864,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters and their deviations.
+    """Parameters of the model.
 
     Parameters
     ----------
@@ -897,6 +948,9 @@ class Vibration:
     tip
         Tip of the mill, in M; default its origin.
     """
+
+    NEEDS: ClassVar = {"feed normal tip": "milling"}
+    RARE: ClassVar = "rayleigh feed normal tip"
 
     damping: Ratios = None
     rayleigh: Annotated[_Numbers, Numbers("ALPHA,BETA", 2, low=0)] = None

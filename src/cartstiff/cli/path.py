@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import click
 
@@ -61,6 +61,8 @@ class Search:
         Seed of the random starts.
     """
 
+    RARE: ClassVar = "redundant connection objective singular samples seed"
+
     redundant: str | None = None
     criterion: str = "deflection"
     connection: Annotated[str | None, click.Choice(OF_MANY)] = None
@@ -73,8 +75,9 @@ class Search:
 
 @declared(
     "path",
-    needs={"place": "plot_places", "loaded": "load_kind", "milling": "feed normal tip"},
+    needs={"plot_places": "place", "load_kind": "loaded", "world": ""},
     exclusive=("free_axis free_rotation",),
+    rare="damping milling max_step ranges near collisions plot_places progress",
 )
 def command(
     robot: Annotated[Robot, Overrides("pose lengths rest actuate")],

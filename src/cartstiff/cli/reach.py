@@ -33,7 +33,7 @@ class Modes:
     seed: Annotated[int | None, click.IntRange(0)] = None
 
 
-@declared("assemble", needs={"load": "load_at load_kind world"})
+@declared("assemble", needs={"load_at load_kind world": "load"})
 def assemble_command(
     robot: Annotated[
         Robot,
@@ -134,7 +134,7 @@ class Search:
     through_singularities: bool = False
 
 
-@declared("workspace", needs={"load": "load_at load_kind world"})
+@declared("workspace", needs={"load_at load_kind world": "load"})
 def workspace_command(
     robot: Annotated[
         Robot,

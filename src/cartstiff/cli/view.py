@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import click
 
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import Load, OutputFile, Robot, declared
+from cartstiff.cli.options import BalancedLoad, Load, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say, say_unused
 from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
 
@@ -129,10 +129,10 @@ def _write(output: Path, page: str) -> None:
 _MOST_OTHERS = 3
 
 
-@declared("view", needs={"load": "world"}, exclusive=("load rest",))
+@declared("view")
 def command(
     robot: Robot,
-    load: Load,
+    load: BalancedLoad,
     shown: Shown,
     others: tuple[str, ...] = (),
     *,
@@ -197,10 +197,10 @@ def command(
     server.serve(source, host=host, port=port, ready=ready, last=True, beside=beside)
 
 
-@declared("export", needs={"load": "world"}, exclusive=("load rest",))
+@declared("export")
 def export_command(
     robot: Robot,
-    load: Load,
+    load: BalancedLoad,
     shown: Shown,
     *,
     output: Annotated[Path, OutputFile("PAGE.html", ".html", ".htm")],
@@ -233,13 +233,12 @@ def export_command(
 
 @declared(
     "report",
-    needs={"load": "world load_at load_kind", "map_path": "quantity"},
-    exclusive=("load rest",),
+    needs={"load_at load_kind": "load", "quantity": "map_path"},
 )
 def report_command(
     robot: Annotated[Robot, Overrides("actuate")],
     load: Annotated[
-        Load,
+        BalancedLoad,
         Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in the axes "
             "of the unloaded body frame; the report says what it does to the tip."

@@ -613,7 +613,9 @@ class FlexibleModel(FileModel):
     )
     beam: BeamModel | None = None
     superelement: SuperelementModel | None = None
-    offset: PoseModel = keyed("place of the spring in the link's frame", PoseModel.model_construct())
+    offset: PoseModel = keyed(
+        "place of the spring in the link's frame", PoseModel.model_construct()
+    )
     _mass: SuperelementMass | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -839,7 +841,9 @@ class SerialFile(_Joints, _File):
     """A serial arm."""
 
     kind: Literal["serial"]
-    base: PoseModel = keyed("the robot's own base frame B (its root) in F, the room", PoseModel.model_construct())
+    base: PoseModel = keyed(
+        "the robot's own base frame B (its root) in F, the room", PoseModel.model_construct()
+    )
     offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
     lines: list[LineModel] = []
 
