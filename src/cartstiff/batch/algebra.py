@@ -190,19 +190,16 @@ def solution(matrix: Array, right: Array) -> Array:
     rows, columns = list(range(n)), list(range(n))
     steps: list[tuple[list[int], list[int], Array]] = []
 
-    def filled(column: int) -> list[int]:
-        return [i for i in rows if not is_zero(work[i, column])]
-
-    def alike(column: int) -> list[int]:
-        return [c for c in columns if filled(c) == filled(column)]
-
-    def entries(column: int) -> tuple[int, int, int]:
-        pivots = work[filled(column), column]
-        return sum(isinstance(x, Number) for x in pivots), len(pivots), -len(alike(column))
+    def size(column: int) -> tuple[int, int, int]:
+        taken = filled[column]
+        varying = sum(isinstance(x, Number) for x in work[taken, column])
+        return varying, len(taken), -list(filled.values()).count(taken)
 
     while columns:
-        column = min(columns, key=entries)
-        taken, inner = filled(column), alike(column)
+        filled = {c: [i for i in rows if not is_zero(work[i, c])] for c in columns}
+        column = min(columns, key=size)
+        taken = filled[column]
+        inner = [c for c in columns if filled[c] == taken]
         if len(taken) == len(inner) == 2:
             block = _inverse_of_two(work[np.ix_(taken, inner)], nowhere)
         else:

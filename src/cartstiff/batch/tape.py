@@ -49,21 +49,23 @@ _FOLDED: dict[str, Callable[..., float]] = {
 }
 
 
+_COMMUTATIVE = {"add", "mul", "max"}
+
+
 class Tape:
     """Operations in the order in which they were recorded."""
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
         self.inputs: list[Input] = []
-        self._known: dict[Operation | Input, Number] = {}
+        self._known: dict[tuple[object, ...], Number] = {}
 
     def input(self, array: str, index: int) -> Number:
         """Component `index` of an array given at run time."""
         key = Input(array, index)
         if key not in self._known:
             self.inputs.append(key)
-            self.operations.append(Operation("input", (len(self.inputs) - 1,)))
-            self._known[key] = Number(self, len(self.operations) - 1)
+            self._known[key] = self._step("input", (len(self.inputs) - 1,))
         return self._known[key]
 
     def vector(self, array: str, size: int) -> Array:
@@ -72,23 +74,23 @@ class Tape:
         numbers[:] = [self.input(array, i) for i in range(size)]
         return numbers
 
-    def record(self, name: str, *arguments: Number | float) -> Number | float:
-        """Result of an operation: computed at once for constants, else the step that does it."""
-        if not any(isinstance(a, Number) for a in arguments) and name in _FOLDED:
-            return _FOLDED[name](*arguments)
-        steps = tuple(a.step if isinstance(a, Number) else self._constant(a) for a in arguments)
-        if name in ("add", "mul", "max") and steps[0] > steps[1]:
+    def record(self, name: str, *arguments: Number | float) -> Number:
+        """The step that does an operation on numbers of which one at least is recorded."""
+        steps = tuple([a.step if type(a) is Number else self._constant(a) for a in arguments])
+        if name in _COMMUTATIVE and steps[0] > steps[1]:
             steps = steps[::-1]
-        return self._step(Operation(name, steps))
+        return self._step(name, steps)
 
     def _constant(self, value: float) -> int:
-        return self._step(Operation("constant", (), float(value))).step
+        return self._step("constant", (), float(value)).step
 
-    def _step(self, operation: Operation) -> Number:
-        if operation not in self._known:
-            self.operations.append(operation)
-            self._known[operation] = Number(self, len(self.operations) - 1)
-        return self._known[operation]
+    def _step(self, name: str, arguments: tuple[int, ...], value: float = 0.0) -> Number:
+        key = name, arguments, value
+        known = self._known.get(key)
+        if known is None:
+            known = self._known[key] = Number(self, len(self.operations))
+            self.operations.append(Operation(*key))
+        return known
 
     def program(self, outputs: Mapping[str, Array], shared: Sequence[str]) -> Program:
         """What the outputs need, renumbered; `shared` inputs have one row for all postures."""
@@ -159,27 +161,27 @@ class Program:
 class Number:
     """A scalar on a tape; acts like a float under + - * / and the functions of this module."""
 
-    __slots__ = ("step", "tape")
+    __slots__ = ("negated", "step", "tape")
 
     def __init__(self, tape: Tape, step: int) -> None:
         self.tape = tape
         self.step = step
+        #: The number that this one is the negative of.
+        self.negated: Number | None = None
 
-    def _is(self, name: str) -> bool:
-        return self.tape.operations[self.step].name == name
-
-    def _argument(self) -> Number:
-        return Number(self.tape, self.tape.operations[self.step].arguments[0])
-
-    def __neg__(self) -> Number | float:
-        return self._argument() if self._is("neg") else self.tape.record("neg", self)
+    def __neg__(self) -> Number:
+        if self.negated is not None:
+            return self.negated
+        negative = self.tape.record("neg", self)
+        negative.negated = self
+        return negative
 
     def __add__(self, other: Number | float) -> Number | float:
         if isinstance(other, Number):
-            if other._is("neg"):
-                return self - other._argument()
-            if self._is("neg"):
-                return other - self._argument()
+            if other.negated is not None:
+                return self - other.negated
+            if self.negated is not None:
+                return other - self.negated
         elif other == 0:
             return self
         return self.tape.record("add", self, other)
@@ -190,8 +192,8 @@ class Number:
         if isinstance(other, Number):
             if other.step == self.step:
                 return 0.0
-            if other._is("neg"):
-                return self + other._argument()
+            if other.negated is not None:
+                return self + other.negated
         elif other == 0:
             return self
         return self.tape.record("sub", self, other)
@@ -201,10 +203,10 @@ class Number:
 
     def __mul__(self, other: Number | float) -> Number | float:
         if isinstance(other, Number):
-            if self._is("neg"):
-                return -(self._argument() * other)
-            if other._is("neg"):
-                return -(self * other._argument())
+            if self.negated is not None:
+                return -(self.negated * other)
+            if other.negated is not None:
+                return -(self * other.negated)
         elif other == 0:
             return 0.0
         elif other == 1:
