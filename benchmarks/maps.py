@@ -105,13 +105,7 @@ def single_quantities(quick: bool) -> None:
         making, reading, at_once = [], [], []
         reader = None
         if set(names) <= set(READINGS):
-            asked = Readings(
-                names,
-                length=settings.length,
-                direction=settings.direction,
-                deflect=settings.deflect,
-                world=settings.world,
-            )
+            asked = Readings(names, settings)
             reader = Reader(elastic, asked, outputs)
             reader.read(rows)
         for _ in range(ROUNDS):

@@ -18,19 +18,18 @@ from cartstiff.analysis.matrices import loss_of_elimination
 from cartstiff.batch.algebra import eliminated
 from cartstiff.batch.execution import PortableKernel
 from cartstiff.batch.postures import Reader, analyse_many, readable
+from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings, frequency_name
 from cartstiff.batch.readings import (
-    FREQUENCIES,
     READINGS,
     Readings,
     ascending,
     eigenvalues,
-    frequency_name,
     largest_eigenvalue,
     principal_values,
 )
 from cartstiff.batch.tape import Tape
 from cartstiff.maps.job import MapJob
-from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
+from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.sampling import RandomPostures
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -59,9 +58,7 @@ def _asked(connection: str, load: LoadKind, is_loaded: bool) -> Settings:
 
 
 def _readings(names: tuple[str, ...], s: Settings) -> Readings:
-    return Readings(
-        names, s.connection, s.length, s.direction, s.deflect, s.deflect_at, s.world, s.load
-    )
+    return Readings(names, s)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +140,7 @@ def test_frequencies_on_a_tape_are_those_of_the_modes(name, wrench, load, gravit
     names = tuple(frequency_name(i) for i in range(6))
     given = None if wrench is None else np.array(wrench)
     assert readable(elastic, names, given, "body") == names
-    asked = Readings(names, length=LENGTH, load=load)
+    asked = Readings(names, Settings(length=LENGTH, load=load))
     read = Reader(elastic, asked, (), given, path="portable").read(_near(elastic, 12))
     assert read.is_known.all()
     acting = {} if wrench is None else {"load_kind": load.kind, "load_at": load.at}
@@ -179,7 +176,7 @@ def test_frequencies_of_any_arm_are_those_of_the_modes(seed):
     )
     wrench = np.array([0.0, 0.0, 0.0, *rng.uniform(-50.0, 50.0, 3)])
     names = tuple(frequency_name(i) for i in range(6))
-    reader = Reader(elastic, Readings(names, length=0.3), (), wrench, path="portable")
+    reader = Reader(elastic, Readings(names, Settings(length=0.3)), (), wrench, path="portable")
     read = reader.read(rng.uniform(-1.5, 1.5, (8, n)))
     assert read.is_known.all()
     found = np.array([read.values[name] for name in names]).T
@@ -190,7 +187,7 @@ def test_frequencies_of_any_arm_are_those_of_the_modes(seed):
 @pytest.mark.parametrize("load", [LoadKind("dead"), LoadKind("follower")])
 def test_loads_without_an_energy_are_left_to_the_engine(load):
     """There motions may flutter: K is no longer symmetric."""
-    asked = Readings(("frequency_1",), length=LENGTH, load=load)
+    asked = Readings(("frequency_1",), Settings(length=LENGTH, load=load))
     elastic = cartstiff.load("ur5")
     read = Reader(elastic, asked, (), np.array(WRENCH), path="portable").read(_near(elastic, 8))
     assert not read.is_known.any()
@@ -243,7 +240,7 @@ def test_a_map_read_by_machine_code_is_the_map_read_from_matrices():
 
 def test_singular_postures_and_closed_chains_are_read_from_matrices():
     elastic = cartstiff.load("ur5")
-    reader = Reader(elastic, Readings(("condition",), length=LENGTH), (), path="portable")
+    reader = Reader(elastic, Readings(("condition",), Settings(length=LENGTH)), (), path="portable")
     q = np.array([np.zeros(6), elastic.q + 0.3])
     assert reader.read(q).is_known.tolist() == [False, True]
     closed = Reader(cartstiff.load("five-bar"), Readings(("condition",)), (), path="portable")
@@ -320,7 +317,11 @@ def test_hardly_a_posture_is_left_to_be_read_one_by_one():
     elastic = cartstiff.load("ur5")
     names = ("translation_held_min", "compliance_rotation_held_max", "natural_length")
     q = np.random.default_rng(1).uniform(-2.5, 2.5, (4000, len(elastic.q)))
-    known = Reader(elastic, Readings(names, length=LENGTH), (), path="portable").read(q).is_known
+    known = (
+        Reader(elastic, Readings(names, Settings(length=LENGTH)), (), path="portable")
+        .read(q)
+        .is_known
+    )
     assert known.mean() > 0.998
 
 

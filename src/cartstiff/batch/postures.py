@@ -62,14 +62,8 @@ from cartstiff.batch.kernels import (
 )
 from cartstiff.batch.plans import TracedModel, given_as, plan
 from cartstiff.batch.platforms import PlatformCase
-from cartstiff.batch.readings import (
-    FREQUENCIES,
-    READINGS,
-    Readings,
-    frequencies_of,
-    frequency_name,
-    with_masses,
-)
+from cartstiff.batch.quantities import FREQUENCIES, frequency_name
+from cartstiff.batch.readings import READINGS, Readings, frequencies_of, with_masses
 from cartstiff.batch.work import BY_REFERENCE, timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -761,7 +755,7 @@ class Reader:
         loads = self._wrench
         if loads is not None:
             loads = loads_in_body(
-                self.elastic, q, loads, self.readings.load, self._axes, "compiled", 1
+                self.elastic, q, loads, self.readings.settings.load, self._axes, "compiled", 1
             )
         arrays = {
             "readings": aligned_empty(count, len(self._kernel.program.outputs["readings"])),

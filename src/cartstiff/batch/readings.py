@@ -18,12 +18,10 @@ which holds the slow ones to the last digit, and with M = G G^T those of its inv
 ``L^T M^-1 L``, the quick ones. Without an energy, K_q has no such factor; nor where a motion costs
 nothing, or grows: the engine decides.
 
-What is read at every posture, and what it refers to.
-
 What maps read from matrices, recorded behind the arithmetic that makes them.
 
-Numbers of a posture that `cartstiff.maps.quantities` finds over arrays, as formulas on recording
-numbers: what is read here is never stored. Eigenvalues come from a matrix where it has the digits
+The quantities of `cartstiff.batch.quantities` on recording numbers: what is read here is never
+stored. Eigenvalues come from a matrix where it has the digits
 and else from its inverse, as there; a posture for which that takes more has the verdict `FALLBACK`,
 and is read there.
 """
@@ -31,23 +29,20 @@ and is read there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
-from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import Freedom, Others
 from cartstiff.batch.algebra import (
     FALLBACK,
     PLAIN,
     below,
     changed_compliance,
     congruence,
-    cross,
     eliminated,
     is_zero,
     largest,
@@ -61,6 +56,16 @@ from cartstiff.batch.algebra import (
 )
 from cartstiff.batch.chains import Bodies, ChainCase
 from cartstiff.batch.platforms import LegMasses, PlatformCase
+from cartstiff.batch.quantities import (
+    ASYMMETRIC,
+    BLOCKS,
+    FREQUENCIES,
+    QUANTITIES,
+    Settings,
+    Source,
+    frequency_name,
+    product_of,
+)
 from cartstiff.batch.tape import Scalar, absolute, copysign, larger, pick, square_root
 from cartstiff.batch.twists import numbers
 from cartstiff.geometry.se3 import Array
@@ -68,7 +73,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.loads import DeadForce, Scaled
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.vibration.response import Damping
 
 #: Rows up to which all eigenvalues are found; of more the operations would be too many.
 LARGEST = 8
@@ -262,11 +267,6 @@ def principal_values(
 _DIGITS = 0.99 * numerics.PLAIN_BLOCK
 
 
-def frequency_name(which: int) -> str:
-    """The quantity's name, counted from 0."""
-    return f"frequency_{which + 1}"
-
-
 def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Scalar], Scalar]:
     """The largest 1 / omega^2, so many or more, and the verdict on them.
 
@@ -316,50 +316,33 @@ def _inverse(M: Array, L: Array) -> Array:
     return symmetric_product(reached.T, reached * inverses[:, None], zeros(*M.shape))
 
 
-#: Readings that need the masses.
-FREQUENCIES = frozenset(map(frequency_name, range(6)))
-
-
 @dataclass(frozen=True)
 class Readings:
-    """Numbers to read at every posture, and what they refer to; a key.
+    """Quantities to read at every posture, and what they refer to; a key.
 
     Attributes
     ----------
     names : tuple of str
-        Of `cartstiff.batch.readings.READINGS`.
-    connection : {"A", "B", "K", "F", "load"}
-        The matrix that is read.
-    length : float
-        Characteristic length.
-    direction : tuple of float, optional
-        Direction of stiffness along and about it.
-    deflect : tuple of float, optional
-        Wrench whose deflection is asked for; None for the posture's own.
-    deflect_at : tuple of float
-        Where it acts, in M.
-    world : bool
-        Whether both are in the axes of F.
-    load : LoadKind
-        What the load does while the body moves.
+        Of `READINGS`.
+    settings : Settings
+        What they refer to.
     hertz : float
         Frequency whose square goes with a stiffness of 1 over a mass of 1 in the mechanism's units.
     """
 
     names: tuple[str, ...]
-    connection: str = "B"
-    length: float = 1.0
-    direction: tuple[float, ...] | None = None
-    deflect: tuple[float, ...] | None = None
-    deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
-    world: bool = False
-    load: LoadKind = field(default_factory=LoadKind)
+    settings: Settings = field(default_factory=Settings)
     hertz: float = 0.5 / math.pi
+
+    def __post_init__(self) -> None:
+        """Leave out what no reading refers to, and what cannot be part of a key."""
+        settings = replace(self.settings, damping=Damping(), milling=None)
+        object.__setattr__(self, "settings", settings)
 
     @property
     def needs(self) -> tuple[str, ...]:
         """Outputs that are read."""
-        own = {"B", self.connection} - {"load"}
+        own = {"B", self.settings.connection} - {"load"}
         names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
         if not FREQUENCIES.isdisjoint(self.names):
             names += ["kinetic", "lagrangian", "motion"]
@@ -367,7 +350,7 @@ class Readings:
 
     def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
         """Whether a mechanism has all that is read."""
-        of_jacobian = not {"singular_value_ratio", "manipulability"}.isdisjoint(self.names)
+        of_jacobian = any("jacobian" in QUANTITIES[name].needs for name in self.names)
         return all(name in arrays for name in self.needs if name != "jacobian" or of_jacobian)
 
 
@@ -376,30 +359,28 @@ _PAIRED = 0.99 * numerics.LARGEST_PAIRED_CONDITION
 #: Least pivot of a positive matrix of such a condition number, as a share of its diagonal entry,
 #: that rounding does not make.
 _POSITIVE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
-_BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 
 
-class _Reader:
-    """Matrices of one posture on a tape, and what several readings derive from them."""
+class RecordedSource(Source):
+    """Matrices of one posture on a tape."""
 
     def __init__(self, arrays: Mapping[str, Array], asked: Readings) -> None:
-        self.arrays, self.asked = arrays, asked
+        super().__init__(arrays, asked.settings)
+        self.asked = asked
         self.verdict: Scalar = PLAIN
-        self._known: dict[str, list[Scalar]] = {}
-        own = asked.connection
-        self._matrix = "B" if own == "A" else own
+        own = asked.settings.connection
         if own == "load":
-            D = _change(asked.load) @ arrays["wrench"]
+            D = asked.settings.load.change(arrays["wrench"])
             even = (D + D.T) * 0.5
             self.K = arrays["stiffness_B"] + even
             self.C = self._changed(even)
             self.own_C = self._changed(D)
         else:
-            self.K = arrays[f"stiffness_{self._matrix}"]
-            self.C = arrays[f"compliance_{self._matrix}"]
+            self.K = arrays[f"stiffness_{asked.settings.matrix}"]
+            self.C = arrays[f"compliance_{asked.settings.matrix}"]
             self.own_C = arrays[f"compliance_{own}"]
         self.free_C = self.C
-        if own in ("A", "load"):
+        if own in ASYMMETRIC:
             self.free_C = (self.own_C + self.own_C.T) * 0.5
         self._require_digits()
 
@@ -407,7 +388,7 @@ class _Reader:
         C = self.arrays["compliance_B"]
         if all(is_zero(x) for x in D.ravel()):
             return C
-        changed, doubt = changed_compliance(C, D, self.asked.length)
+        changed, doubt = changed_compliance(C, D, self.settings.length)
         self.require(doubt)
         return changed
 
@@ -422,18 +403,14 @@ class _Reader:
         size = k[0] / area / area + k[1] / area + k[2]
         self.require(limited(size * (c[0] * area * area + c[1] * area + c[2]), _PAIRED**2))
 
-    def once(self, key: str, make: Callable[[], list[Scalar]]) -> list[Scalar]:
-        """What `make` returned when the key was first asked for."""
-        if key not in self._known:
-            self._known[key] = make()
-        return self._known[key]
-
-    def block(self, freedom: str, others: str) -> list[Scalar]:
-        """Eigenvalues, smallest first, of the block of K (others held) or of C (others free)."""
+    def principal(
+        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
+    ) -> list[Scalar]:
+        """Of a block of K (others held) or of C (others free), or the inverses of these."""
 
         def make() -> list[Scalar]:
-            keep = _BLOCKS[freedom]
-            C = self.C if others == "own" else self.free_C
+            keep = BLOCKS[freedom]
+            C = self.C if of_held else self.free_C
             if others == "held":
                 values, doubt = principal_values(self.K[keep, keep], *eliminated(self.C, keep))
             else:
@@ -441,26 +418,17 @@ class _Reader:
             self.require(doubt)
             return values
 
-        return self.once(f"{freedom} {others}", make)
-
-    def principal(self, kind: str, freedom: str, others: str) -> list[Scalar]:
-        """Principal values of stiffness or compliance, smallest first."""
-        values = self.block(freedom, others)
+        values: list[Scalar] = self.once(f"{freedom} {others} {of_held}", make)
         if (kind == "stiffness") == (others == "held"):
             return values
         return [1.0 / x for x in reversed(values)]
-
-    def ratio(self, freedom: str) -> Scalar:
-        """Largest over smallest eigenvalue of a block of K."""
-        values = self.block(freedom, "held")
-        return values[2] / values[0]
 
     def spectrum(self) -> list[Scalar]:
         """Eigenvalues of a positive K with lengths scaled, smallest first."""
 
         def make() -> list[Scalar]:
-            a, doubt = eigenvalues(_scaled(self.K, 1.0 / self.asked.length))
-            b, other = eigenvalues(_scaled(self.C, self.asked.length))
+            a, doubt = eigenvalues(_scaled(self.K, 1.0 / self.settings.length))
+            b, other = eigenvalues(_scaled(self.C, self.settings.length))
             a, b = ascending(a), ascending(b)
             self.require(larger(doubt, other))
             for least in (a[0], b[0]):
@@ -471,15 +439,16 @@ class _Reader:
                 values.append(pick(a[5] * y, b[5] * x, x, 1.0 / y))
             return ascending(values)
 
-        return self.once("spectrum", make)
+        found: list[Scalar] = self.once("spectrum", make)
+        return found
 
     def ends(self) -> list[Scalar]:
         """Smallest and largest eigenvalue of a positive K with lengths scaled."""
 
         def make() -> list[Scalar]:
-            values = []
-            for matrix, length in ((self.C, self.asked.length), (self.K, 1.0 / self.asked.length)):
-                scaled = _scaled(matrix, length)
+            values, length = [], self.settings.length
+            for matrix, by in ((self.C, length), (self.K, 1.0 / length)):
+                scaled = _scaled(matrix, by)
                 largest, doubt = largest_eigenvalue(scaled)
                 self.require(doubt)
                 values.append(largest)
@@ -487,47 +456,75 @@ class _Reader:
                 self.require(pick(entry * _POSITIVE, pivot, PLAIN, FALLBACK))
             return [1.0 / values[0], values[1]]
 
-        return self.once("ends", make)
+        found: list[Scalar] = self.once("ends", make)
+        return found
 
-    def periods(self, number: int) -> list[Scalar]:
-        """The largest 1 / omega^2, so many or more of them."""
+    def ratio(self, values: Sequence[Scalar]) -> Scalar:
+        """Largest over smallest of positive eigenvalues."""
+        return values[-1] / values[0]
+
+    def root(self, value: Scalar, degree: int) -> Scalar:  # noqa: ARG002
+        """The value itself."""
+        return value
+
+    def where_positive(
+        self,
+        value: Scalar,
+        least: Scalar,
+        at_zero: float = np.nan,  # noqa: ARG002
+    ) -> Scalar:
+        """The value; where another is not positive the posture is read elsewhere."""
+        self.require(pick(0.0, least, PLAIN, FALLBACK))
+        return value
+
+    def unstable(self) -> Scalar:
+        """None: where there may be one it is read elsewhere."""
+        return self.ends()[0] * 0.0
+
+    def on_axis(self, freedom: Freedom, others: Others) -> Scalar:
+        """Stiffness along or about the direction through the frame's origin."""
+        u, keep = self.direction(), BLOCKS[freedom]
+        block = (self.K if others == "held" else self.free_C)[keep, keep]
+        on_axis: Any = u @ (block @ u)
+        if others == "free":
+            return 1.0 / on_axis
+        terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
+        rounding = absolute(on_axis) * (numerics.REPORTED_ERROR / numerics.EPSILON)
+        self.require(pick(terms, rounding, PLAIN, FALLBACK))
+        return on_axis
+
+    def singular_value_ratio(self) -> Scalar:
+        """By the largest eigenvalues of ``J J^T`` and of its inverse: no digits are lost."""
+        R = self._root_of_jacobian(self.settings.length)
+        product: Scalar = 1.0
+        for factor in (R, upper_inverse(R).T):
+            largest, doubt = largest_eigenvalue(symmetric_product(factor.T, factor, zeros(6, 6)))
+            self.require(doubt)
+            product = product * largest
+        return 1.0 / square_root(product)
+
+    def manipulability(self) -> Scalar:
+        """Product of the Jacobian's singular values."""
+        return absolute(product_of(self._root_of_jacobian(1.0).diagonal().tolist()))
+
+    def _root_of_jacobian(self, length: float) -> Array:
+        """R (6, 6) of the QR decomposition of a Jacobian's transpose, lengths scaled."""
+        scale = np.repeat([length, 1.0], 3)[:, None]
+        columns = np.where(self.arrays["lengths"].astype(bool), length, 1.0)
+        return reflections((self.arrays["jacobian"] * scale * columns).T).R
+
+    def frequency(self, i: int) -> Scalar:
+        """The square of one of the lowest frequencies."""
+        most = max(i for i in range(6) if frequency_name(i) in self.asked.names)
 
         def make() -> list[Scalar]:
-            D = _change(self.asked.load) @ self.arrays["wrench"]
-            found, doubt = periods(self.arrays, D, number)
+            D = self.settings.load.change(self.arrays["wrench"])
+            found, doubt = periods(self.arrays, D, most + 1)
             self.require(doubt)
             return found
 
-        return self.once(f"periods {number}", make)
-
-    def in_body(self, force: Array) -> Array:
-        """A vector in the axes of the body."""
-        if not self.asked.world:
-            return force
-        R: Array = self.arrays["pose"][:3, :3]
-        return R.T @ force
-
-    def direction(self) -> Array:
-        """The unit vector of the direction, in body axes."""
-        u = np.array(self.asked.direction, float)
-        return self.in_body(u / np.linalg.norm(u))
-
-    def deflection(self) -> list[Scalar]:
-        """Twist under the given wrench."""
-
-        def make() -> list[Scalar]:
-            if self.asked.deflect is None:
-                W = self.arrays["wrench"]
-            else:
-                moment, force = (
-                    self.in_body(np.array(x))
-                    for x in np.split(np.array(self.asked.deflect, float), 2)
-                )
-                moment = moment + cross(np.array(self.asked.deflect_at, float), force)
-                W = np.concatenate([moment, force])
-            return list(self.own_C @ W)
-
-        return self.once("deflection", make)
+        square: Scalar = self.asked.hertz**2 / self.once("periods", make)[i]
+        return square
 
 
 def _scaled(matrix: Array, length: float) -> Array:
@@ -542,150 +539,8 @@ def _squared_blocks(matrix: Array) -> tuple[Scalar, Scalar, Scalar]:
     return norm_squared(matrix[:3, :3]), coupling, norm_squared(matrix[3:, 3:])
 
 
-@lru_cache(maxsize=16)
-def _change(load: LoadKind) -> NDArray[np.float64]:
-    """The tensor (6, 6, 6) that gives ``D = K^load - K^B`` from the wrench."""
-    return np.moveaxis(load.change(np.eye(6)), 0, -1)
-
-
-def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
-    u, keep = r.direction(), _BLOCKS[freedom]
-    block = (r.K if others == "held" else r.free_C)[keep, keep]
-    on_axis: Any = u @ (block @ u)
-    if others == "free":
-        return 1.0 / on_axis
-    terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
-    rounding = absolute(on_axis) * (numerics.REPORTED_ERROR / numerics.EPSILON)
-    r.require(pick(terms, rounding, PLAIN, FALLBACK))
-    return on_axis
-
-
-def _asymmetry(r: _Reader) -> Scalar:
-    K = r.arrays["stiffness_A"]
-    rr, tt = square_root(norm_squared(K[:3, :3])), square_root(norm_squared(K[3:, 3:]))
-    product = square_root(rr * tt)
-    edge = square_root(norm_squared(K[:3, 3:]))
-    worst: Scalar = 0.0
-    for rows, columns, scale in (
-        (0, 0, rr),
-        (3, 3, tt),
-        (0, 3, pick(0.0, product, product, edge)),
-    ):
-        size: Scalar = 0.0
-        for i in range(3):
-            for j in range(3):
-                size = larger(size, absolute(K[rows + i, columns + j] - K[columns + j, rows + i]))
-        worst = larger(worst, size / pick(0.0, scale, scale, 1.0))
-    return worst
-
-
-def _root_of_jacobian(r: _Reader, length: float) -> Array:
-    """R (6, 6) of the QR decomposition of a Jacobian's transpose, lengths scaled."""
-    J: Array = r.arrays["jacobian"]
-    scale = np.repeat([length, 1.0], 3)[:, None]
-    columns = np.where(r.arrays["lengths"].astype(bool), length, 1.0)
-    return reflections((J * scale * columns).T).R
-
-
-def _singular_value_ratio(r: _Reader) -> Scalar:
-    """By the largest eigenvalues of ``J J^T`` and of its inverse, each without loss of digits."""
-    R = _root_of_jacobian(r, r.asked.length)
-    product: Scalar = 1.0
-    for factor in (R, upper_inverse(R).T):
-        largest, doubt = largest_eigenvalue(symmetric_product(factor.T, factor, zeros(6, 6)))
-        r.require(doubt)
-        product = product * largest
-    return 1.0 / square_root(product)
-
-
-def _manipulability(r: _Reader) -> Scalar:
-    result: Scalar = 1.0
-    for x in _root_of_jacobian(r, 1.0).diagonal():
-        result = result * x
-    return absolute(result)
-
-
-def _norm(values: Array) -> Scalar:
-    return square_root(norm_squared(values))
-
-
-def _product(values: list[Scalar]) -> Scalar:
-    result: Scalar = 1.0
-    for x in values:
-        result = result * x
-    return result
-
-
-def _isotropy(r: _Reader) -> Scalar:
-    """The sixth power of it."""
-    values = r.spectrum()
-    mean = sum(values[1:], values[0]) / 6.0
-    return _product([x / mean for x in values])
-
-
-def _natural_length(r: _Reader) -> Scalar:
-    """The sixth power of it."""
-    held, free = r.block("translation", "held"), r.block("rotation", "own")
-    for least in (held[0], free[0]):
-        r.require(pick(0.0, least, PLAIN, FALLBACK))
-    return 1.0 / _product([x * y for x, y in zip(held, free, strict=True)])
-
-
-def _frequency(r: _Reader, which: int) -> Scalar:
-    """The square of it."""
-    most = max(i for i in range(6) if frequency_name(i) in r.asked.names)
-    return r.asked.hertz**2 / r.periods(most + 1)[which]
-
-
-class _Reading(NamedTuple):
-    """How a number is read, and the root that is taken of it at last."""
-
-    record: Callable[[_Reader], Scalar]
-    root: int = 1
-
-
-def _principal_readings() -> dict[str, _Reading]:
-    readings = {}
-    every = product(
-        ("stiffness", "compliance"), _BLOCKS, ("free", "held"), (("min", 0), ("max", 2))
-    )
-    for kind, freedom, others, (end, at) in every:
-        prefix = "" if kind == "stiffness" else "compliance_"
-        record = partial(_principal, key=(kind, freedom, others), at=at)
-        readings[f"{prefix}{freedom}_{others}_{end}"] = _Reading(record)
-    return readings
-
-
-def _principal(r: _Reader, key: tuple[str, str, str], at: int) -> Scalar:
-    return r.principal(*key)[at]
-
-
-#: What can be read, by the names of `cartstiff.maps.quantities.QUANTITIES`.
-READINGS: dict[str, _Reading] = {
-    **_principal_readings(),
-    "along_free": _Reading(lambda r: _on_axis(r, "translation", "free")),
-    "along_held": _Reading(lambda r: _on_axis(r, "translation", "held")),
-    "about_free": _Reading(lambda r: _on_axis(r, "rotation", "free")),
-    "about_held": _Reading(lambda r: _on_axis(r, "rotation", "held")),
-    "deflection": _Reading(lambda r: _norm(np.array(r.deflection()[3:], object))),
-    "deflection_angle": _Reading(lambda r: _norm(np.array(r.deflection()[:3], object))),
-    "condition": _Reading(lambda r: r.ends()[1] / r.ends()[0]),
-    "isotropy": _Reading(_isotropy, 6),
-    "minimum": _Reading(lambda r: r.ends()[0]),
-    "translation_condition": _Reading(lambda r: r.ratio("translation")),
-    "rotation_condition": _Reading(lambda r: r.ratio("rotation")),
-    "determinant": _Reading(lambda r: _product(r.spectrum()) * r.asked.length**6),
-    # Where there may be one it is read elsewhere.
-    "unstable_directions": _Reading(lambda r: r.ends()[0] * 0.0),
-    "natural_length": _Reading(_natural_length, 6),
-    "asymmetry": _Reading(_asymmetry),
-    "singular_value_ratio": _Reading(_singular_value_ratio),
-    "manipulability": _Reading(_manipulability),
-    "moment": _Reading(lambda r: _norm(r.arrays["wrench"][:3])),
-    "force": _Reading(lambda r: _norm(r.arrays["wrench"][3:])),
-    "energy": _Reading(lambda r: r.arrays["energy"][0]),
-    **{frequency_name(i): _Reading(partial(_frequency, which=i), 2) for i in range(6)},
-}
+#: What can be read.
+READINGS = {name: quantity for name, quantity in QUANTITIES.items() if quantity.is_recorded}
 
 
 def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
@@ -699,12 +554,12 @@ def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
     asked : Readings
         What to read.
     """
-    reader = _Reader(arrays, asked)
+    source = RecordedSource(arrays, asked)
     values = zeros(len(asked.names))
-    values[:] = [READINGS[name].record(reader) for name in asked.names]
+    values[:] = [READINGS[name].function(source) for name in asked.names]
     for value in values:
-        reader.require(limited(absolute(value), np.inf))
-    return values, reader.verdict
+        source.require(limited(absolute(value), np.inf))
+    return values, source.verdict
 
 
 _Case = ChainCase | PlatformCase

@@ -47,6 +47,13 @@ _FOLDED: dict[str, Callable[..., float]] = {
     "cos": math.cos,
     "pick": lambda x, y, a, b: a if x < y else b,
 }
+_OVER_ARRAYS: dict[str, Callable[..., Array]] = {
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "copysign": np.copysign,
+    "max": np.maximum,
+    "pick": lambda x, y, a, b: np.where(np.less(x, y), a, b),
+}
 
 
 _COMMUTATIVE = {"add", "mul", "max"}
@@ -243,7 +250,8 @@ def _record(name: str, *arguments: Scalar) -> Scalar:
     for argument in arguments:
         if isinstance(argument, Number):
             return argument.tape.record(name, *arguments)
-    return _FOLDED[name](*arguments)
+    is_stack = any(isinstance(argument, np.ndarray) for argument in arguments)
+    return (_OVER_ARRAYS if is_stack else _FOLDED)[name](*arguments)
 
 
 def square_root(x: Scalar) -> Scalar:

@@ -27,7 +27,8 @@ from cartstiff.batch.postures import (
     readable,
     tensions_of_many,
 )
-from cartstiff.batch.readings import FREQUENCIES, Readings
+from cartstiff.batch.quantities import FREQUENCIES
+from cartstiff.batch.readings import Readings
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
@@ -246,19 +247,10 @@ class MapJob:
         if not self.by_kernel:
             return None
         wrench = None if self.wrench is None else np.array(self.wrench)
-        names, own = readable(self.elastic, self.names, wrench, self.load_axes), self.settings
+        names = readable(self.elastic, self.names, wrench, self.load_axes)
         length, force = convert_length(Units(), self.elastic.units)
-        readings = Readings(
-            names,
-            own.connection,
-            own.length,
-            own.direction,
-            own.deflect,
-            own.deflect_at,
-            own.world,
-            own.load,
-            float(np.sqrt(length / force)) / (2.0 * np.pi),
-        )
+        hertz = float(np.sqrt(length / force)) / (2.0 * np.pi)
+        readings = Readings(names, self.settings, hertz)
         # Where frequencies take too many operations, the rest may still be read.
         few = tuple(name for name in names if name not in FREQUENCIES)
         for some in filter(None, dict.fromkeys((names, few))):

@@ -536,7 +536,7 @@ def compute_map(
     sampling : Sampling
         `Grid`, `RandomPostures`, `Trajectory`, `CartesianGrid` or `CommandGrid`.
     quantities : str or sequence of str
-        Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
+        Names in `cartstiff.batch.quantities.QUANTITIES`, or paths of the analysis.
     file : path
         A folder that ends in ``.zarr``.
     connection : {"load", "B", "A", "K", "F"}, optional

@@ -1,0 +1,506 @@
+"""The table of quantities: what is read from the stiffness of a posture, each described once.
+
+An entry has its name, words, unit, what it needs, which end is the better one, and its formula. A
+formula takes *numbers* from a `Source`: floats in stacks of many postures (`cartstiff.maps`), or
+numbers that record themselves for machine code (`cartstiff.batch.readings`). Sources know
+eigenvalues, and what does not exist: over stacks it is NaN, on a tape a verdict that leaves the
+posture to the stacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+
+from cartstiff.analysis.ellipsoids import Freedom, Others
+from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS
+from cartstiff.batch.tape import absolute, larger, pick, square_root
+from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import OF_MANY
+from cartstiff.mechanisms.contract import Units
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.vibration.chatter import Milling
+from cartstiff.vibration.response import Damping
+
+#: Connections whose matrix may be asymmetric.
+ASYMMETRIC = ("A", "load")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the quantities of a map refer to.
+
+    Attributes
+    ----------
+    connection : {"A", "B", "K", "F", "load"}
+        The matrix that is read; "load" is the tangent under the load.
+    length : float
+        Characteristic length, one for all postures, in the mechanism's unit.
+    direction : tuple of float, optional
+        For stiffness along and about a direction.
+    deflect : tuple of float, optional
+        Wrench (moment, force) added to the load, whose linear deflection is asked for; default the
+        load itself.
+    world : bool
+        Whether `direction` and `deflect` are in the axes of F instead of the body's.
+    load : LoadKind
+        What the load does while the body moves.
+    deflect_at : tuple of float
+        Point of the body, in M, at which the wrench `deflect` acts.
+    is_loaded : bool
+        Whether a load is given, whose own deflection can be asked for.
+    damping : Damping
+        What damps the vibrations, beside the mechanism's own dampers.
+    milling : Milling, optional
+        The cutter whose limiting depth is asked for.
+    """
+
+    connection: str = "B"
+    length: float = 1.0
+    direction: tuple[float, ...] | None = None
+    deflect: tuple[float, ...] | None = None
+    world: bool = False
+    load: LoadKind = field(default_factory=LoadKind)
+    deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
+    is_loaded: bool = False
+    damping: Damping = field(default_factory=Damping)
+    milling: Milling | None = None
+
+    @property
+    def matrix(self) -> str:
+        """The matrix whose symmetric part is read: for A that is B itself."""
+        return "B" if self.connection == "A" else self.connection
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Outputs that are needed with the other freedoms free."""
+        if self.connection in ASYMMETRIC:
+            name = self.connection
+            return f"stiffness_{name}", f"compliance_{name}"
+        return f"stiffness_{self.matrix}", *self.inverted
+
+    @property
+    def inverted(self) -> tuple[str, ...]:
+        """Outputs from which the inverse of that symmetric part follows."""
+        if self.matrix == "load":
+            return "compliance_B", "wrench"
+        return (f"compliance_{self.matrix}",)
+
+
+BLOCKS: dict[Freedom, slice] = {"rotation": ROTATION, "translation": TRANSLATION}
+#: A number of one recorded posture, or those (N,) of a stack.
+Numbers = Any
+
+
+class Source:
+    """Matrices of one recorded posture, or of a stack of many, and what is derived from them.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Outputs of `cartstiff.batch.postures.analyse_many` by name, (N, ...) or recorded.
+    settings : Settings
+        What the quantities refer to.
+    """
+
+    #: Compliance (..., 6, 6) of the connection itself, and its symmetric part.
+    own_C: Array
+
+    def __init__(self, arrays: Mapping[str, Array], settings: Settings) -> None:
+        self.arrays, self.settings = arrays, settings
+        self._found: dict[str, Any] = {}
+
+    def once(self, key: str, make: Callable[[], Any]) -> Any:
+        """What `make` returned when the key was first asked for."""
+        if key not in self._found:
+            self._found[key] = make()
+        return self._found[key]
+
+    def entries(self, name: str) -> Sequence[Numbers]:
+        """Entries of an output that is a row of numbers for every posture."""
+        return self.arrays[name]
+
+    def direction(self) -> Array:
+        """Unit vectors (..., 3) of the direction, in body axes; turned as a force is."""
+        u = np.array(self.settings.direction, float)
+        return self._in_body([0.0, 0.0, 0.0, *(u / np.linalg.norm(u))], (0.0, 0.0, 0.0))[..., 3:]
+
+    def deflection(self) -> Sequence[Numbers]:
+        """Twist (6, ...) under the given wrench, or under the load."""
+
+        def make() -> Array:
+            given, W = self.settings.deflect, self.arrays["wrench"]
+            if given is not None:
+                W = self._in_body(given, self.settings.deflect_at)
+            return np.moveaxis((self.own_C @ W[..., None])[..., 0], -1, 0)
+
+        twist: Array = self.once("deflection", make)
+        return twist
+
+    def _in_body(self, wrench: Sequence[float], at: Sequence[float]) -> Array:
+        axes: Literal["world", "body"] = "world" if self.settings.world else "body"
+        return wrench_in_body(wrench, self.arrays["pose"], at, axes)
+
+    # -- what each kind of source has its own way to --------------------------------------------
+
+    def principal(
+        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
+    ) -> Sequence[Numbers]:
+        """Three principal values, smallest first; with `of_held` from the pair for others held."""
+        raise NotImplementedError
+
+    def spectrum(self) -> Sequence[Numbers]:
+        """Six eigenvalues of K with lengths scaled, smallest first."""
+        raise NotImplementedError
+
+    def ends(self) -> Sequence[Numbers]:
+        """Eigenvalues of K with lengths scaled, at least the smallest and the largest."""
+        raise NotImplementedError
+
+    def ratio(self, values: Sequence[Numbers]) -> Numbers:
+        """Largest over smallest size of eigenvalues, smallest first."""
+        raise NotImplementedError
+
+    def root(self, value: Numbers, degree: int) -> Numbers:
+        """A root; a tape leaves it to `Quantity.root`."""
+        raise NotImplementedError
+
+    def where_positive(self, value: Numbers, least: Numbers, at_zero: float = np.nan) -> Numbers:
+        """A value that exists only if another number is positive, or as given, if that is zero."""
+        raise NotImplementedError
+
+
+def norm(values: Sequence[Numbers]) -> Numbers:
+    """Root of the sum of squares."""
+    return square_root(sum(x * x for x in values))
+
+
+def product_of(values: Sequence[Numbers]) -> Numbers:
+    """Product of numbers."""
+    result: Numbers = 1.0
+    for x in values:
+        result = result * x
+    return result
+
+
+def _isotropy(s: Source) -> Numbers:
+    values = s.spectrum()
+    mean = sum(values[1:], values[0]) * (1.0 / 6.0)
+    return s.root(s.where_positive(product_of([x / mean for x in values]), values[0], 0.0), 6)
+
+
+def _natural_length(s: Source) -> Numbers:
+    held = s.principal("stiffness", "translation", "held")
+    free = s.principal("stiffness", "rotation", "free", of_held=True)
+    value = product_of([x / y for x, y in zip(free, held, strict=True)])
+    for least in (held[0], free[0]):
+        value = s.where_positive(value, least)
+    return s.root(value, 6)
+
+
+def _asymmetry(s: Source) -> Numbers:
+    """`cartstiff.analysis.asymmetry.largest_in_blocks` of K - K^T."""
+    K, three = np.moveaxis(s.arrays["stiffness_A"], (-2, -1), (0, 1)), range(3)
+    rr, tt, rt = (
+        norm([K[i + r, j + c] for i in three for j in three]) for r, c in ((0, 0), (3, 3), (0, 3))
+    )
+    coupling = square_root(rr * tt)
+    worst: Numbers = 0.0
+    for r, c, scale in ((0, 0, rr), (3, 3, tt), (0, 3, pick(0.0, coupling, coupling, rt))):
+        size: Numbers = 0.0
+        for i, j in product(three, three):
+            size = larger(size, absolute(K[r + i, c + j] - K[c + j, r + i]))
+        worst = larger(worst, size / pick(0.0, scale, scale, 1.0))
+    return worst
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number that exists for every posture, or is NaN.
+
+    Attributes
+    ----------
+    name, description : str
+        For people and for files.
+    unit : str
+        With {length}, {force} for the mechanism's units.
+    function : callable
+        From a `Source` to a number, or to those (N,) of a stack.
+    needs : tuple of str
+        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} stands for the connection,
+        {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
+        of that needs, "free" for what is read with other freedoms free.
+    asks : {"direction", "deflect", "length", "damping", "milling"}, optional
+        The setting that it depends on.
+    better : {"larger", "smaller"}, optional
+        Which end is the best posture.
+    root : int
+        Root that is taken of the recorded number at last.
+    is_recorded : bool
+        Whether the formula can be recorded for machine code; else it is one of stacks alone.
+    """
+
+    name: str
+    description: str
+    unit: str
+    function: Callable[[Any], Numbers] = field(repr=False)
+    needs: tuple[str, ...]
+    asks: Literal["direction", "deflect", "length", "damping", "milling"] | None = None
+    better: Literal["larger", "smaller"] | None = "larger"
+    root: int = 1
+    is_recorded: bool = True
+
+    def unit_in(self, units: Units) -> str:
+        """The unit with the mechanism's names."""
+        return self.unit.format(length=units.length, force=units.force)
+
+    def outputs(self, settings: Settings) -> tuple[str, ...]:
+        """Outputs of `analyse_many` that are needed."""
+        names = {"matrix": settings.matrix, "connection": settings.connection}
+        several = {"inverse": settings.inverted, "free": settings.free}
+        needed = [several.get(n) or (n.format(**names),) for n in self.needs]
+        return tuple(dict.fromkeys(name for some in needed for name in some))
+
+
+_PAIR, _FREE = ("stiffness_{matrix}", "inverse"), ("free",)
+_DEFLECT = ("compliance_{connection}", "pose", "wrench")
+_STIFF, _SOFT = UNITS.stiffness, UNITS.compliance
+_OTHERS: tuple[Others, ...] = ("free", "held")
+
+
+def _principal_quantities() -> Iterator[Quantity]:
+    ends = ("min", "smallest", 0), ("max", "largest", 2)
+    for kind, freedom, others, (end, which, column) in product(
+        ("stiffness", "compliance"), ("translation", "rotation"), _OTHERS, ends
+    ):
+        is_stiff, locked = kind == "stiffness", "rotation translation".replace(freedom, "").strip()
+        yield Quantity(
+            f"{'' if is_stiff else 'compliance_'}{freedom}_{others}_{end}",
+            f"{which} principal {freedom}al {kind}, {locked} {others}",
+            (_STIFF if is_stiff else _SOFT)[freedom],
+            partial(_end, kind=kind, freedom=freedom, others=others, column=column),
+            _PAIR if others == "held" else _FREE,
+            better="larger" if is_stiff else "smaller",
+        )
+
+
+def _end(s: Source, column: int, **which: Any) -> Numbers:
+    return s.principal(**which)[column]
+
+
+def _directional_quantities() -> Iterator[Quantity]:
+    for (word, freedom), others in product(
+        (("along", "translation"), ("about", "rotation")), _OTHERS
+    ):
+        yield Quantity(
+            f"{word}_{others}",
+            f"stiffness {word} the direction, everything else {others}",
+            _STIFF[freedom],
+            partial(_on_axis, freedom=freedom, others=others),
+            (*(_PAIR if others == "held" else _FREE), "pose"),
+            "direction",
+        )
+
+
+def _on_axis(s: Any, freedom: Freedom, others: Others) -> Numbers:
+    return s.on_axis(freedom, others)
+
+
+def frequency_name(which: int) -> str:
+    """The quantity's name, counted from 0."""
+    return f"frequency_{which + 1}"
+
+
+def _vibration_quantities() -> Iterator[Quantity]:
+    for i in range(6):
+        words = f"natural frequency {i + 1} under the load, the lowest first"
+        yield Quantity(
+            frequency_name(i),
+            words,
+            "Hz",
+            partial(_of_mode, of="frequency", i=i),
+            ("pose",),
+            root=2,
+        )
+    for i in range(6):
+        yield Quantity(
+            f"damping_{i + 1}",
+            f"damping ratio of mode {i + 1} under the load, the slowest first",
+            "1",
+            partial(_of_mode, of="damping_ratio", i=i),
+            ("pose",),
+            "damping",
+            is_recorded=False,
+        )
+    yield Quantity(
+        "limiting_depth",
+        "depth of a milling cut that is stable at every speed",
+        "{length}",
+        lambda s: s.limiting_depths(),
+        ("pose",),
+        "milling",
+        is_recorded=False,
+    )
+
+
+def _of_mode(s: Any, of: str, i: int) -> Numbers:
+    return getattr(s, of)(i)
+
+
+#: Every quantity by name.
+QUANTITIES: dict[str, Quantity] = {
+    q.name: q
+    for q in (
+        *_principal_quantities(),
+        *_directional_quantities(),
+        Quantity(
+            "deflection",
+            "displacement of the frame's origin under the given wrench",
+            "{length}",
+            lambda s: norm(s.deflection()[3:]),
+            _DEFLECT,
+            "deflect",
+            "smaller",
+        ),
+        Quantity(
+            "deflection_angle",
+            "rotation of the body under the given wrench",
+            "rad",
+            lambda s: norm(s.deflection()[:3]),
+            _DEFLECT,
+            "deflect",
+            "smaller",
+        ),
+        Quantity(
+            "condition",
+            "condition number of K at the characteristic length",
+            "1",
+            lambda s: s.ratio(s.ends()),
+            _PAIR,
+            "length",
+            "smaller",
+        ),
+        Quantity(
+            "isotropy",
+            "geometric over arithmetic mean of the eigenvalues of K",
+            "1",
+            _isotropy,
+            _PAIR,
+            "length",
+            root=6,
+        ),
+        Quantity(
+            "minimum",
+            "smallest eigenvalue of K at the characteristic length",
+            _STIFF["translation"],
+            lambda s: s.ends()[0],
+            _PAIR,
+            "length",
+        ),
+        Quantity(
+            "translation_condition",
+            "condition number of the translational block of K",
+            "1",
+            lambda s: s.ratio(s.principal("stiffness", "translation", "held")),
+            _PAIR,
+            better="smaller",
+        ),
+        Quantity(
+            "rotation_condition",
+            "condition number of the rotational block of K",
+            "1",
+            lambda s: s.ratio(s.principal("stiffness", "rotation", "held")),
+            _PAIR,
+            better="smaller",
+        ),
+        Quantity(
+            "determinant",
+            "determinant of K",
+            UNITS.determinant,
+            lambda s: product_of(s.spectrum()) * s.settings.length**6,
+            _PAIR,
+        ),
+        Quantity(
+            "unstable_directions",
+            "number of negative eigenvalues of K",
+            "1",
+            lambda s: s.unstable(),
+            _PAIR,
+            better="smaller",
+        ),
+        Quantity(
+            "natural_length",
+            "length at which rotation and translation are equally stiff",
+            "{length}",
+            _natural_length,
+            _PAIR,
+            better=None,
+            root=6,
+        ),
+        Quantity(
+            "asymmetry",
+            "largest entry of K^A - (K^A)^T, relative to its block",
+            "1",
+            _asymmetry,
+            ("stiffness_A",),
+            better="smaller",
+        ),
+        Quantity(
+            "connection_change",
+            "largest relative change of stiffness by another choice of connection",
+            "1",
+            lambda s: s.connection_change(),
+            tuple(f"stiffness_{name}" for name in OF_MANY),
+            "length",
+            "smaller",
+            is_recorded=False,
+        ),
+        Quantity(
+            "singular_value_ratio",
+            "smallest over largest singular value of the Jacobian",
+            "1",
+            lambda s: s.singular_value_ratio(),
+            ("jacobian",),
+            "length",
+        ),
+        Quantity(
+            "manipulability",
+            "product of the Jacobian's singular values, each joint in its own unit",
+            "{length}^3",
+            lambda s: s.manipulability(),
+            ("jacobian",),
+        ),
+        *_vibration_quantities(),
+        Quantity(
+            "moment",
+            "size of the load's moment",
+            UNITS.moment,
+            lambda s: norm(s.entries("wrench")[:3]),
+            ("wrench",),
+            better=None,
+        ),
+        Quantity(
+            "force",
+            "size of the load's force",
+            "{force}",
+            lambda s: norm(s.entries("wrench")[3:]),
+            ("wrench",),
+            better=None,
+        ),
+        Quantity(
+            "energy",
+            "potential energy of springs, gravity and loads",
+            UNITS.moment,
+            lambda s: s.entries("energy")[0],
+            ("energy",),
+            better=None,
+        ),
+    )
+}
+#: Quantities that need the masses.
+FREQUENCIES = frozenset(map(frequency_name, range(6)))
