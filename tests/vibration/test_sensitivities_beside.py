@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.support.commands import answer
 
 import cartstiff
 
@@ -81,3 +82,58 @@ def test_a_body_that_rests_anywhere_has_none():
         cartstiff.sensitivities(rest)
     with pytest.raises(cartstiff.UndefinedError, match="not decided"):
         cartstiff.accuracy(rest, cartstiff.Tolerances(0.01))
+
+
+@pytest.mark.parametrize("name", ["parameter.k", "stiffness.elbow"])
+def test_a_rigid_drive_moves_once_where_derivatives_are_asked_for_beside(tmp_path, name):
+    """A lever on a spring k, on an arm of length a that a rigid drive turns by `turn`.
+
+    k t = F length cos(turn + t), of which t is found by bisection, and dt/dk by its derivative.
+    """
+    k, F, a, length, turn = 800.0, 300.0, 0.5, 0.8, 0.4
+    write_urdf(
+        tmp_path,
+        joint("shoulder", "base", "upper", axis=(0, 1, 0)),
+        joint("elbow", "upper", "fore", at=(a, 0, 0), axis=(0, 1, 0)),
+        joint("end", "fore", "tool", at=(length, 0, 0), kind="fixed"),
+        name="lever",
+    )
+    path = write_file(
+        tmp_path,
+        "lever",
+        kind="serial",
+        model="lever.urdf",
+        frame="tool",
+        parameters={"k": k},
+        springs={"shoulder": {"stiffness": "rigid"}, "elbow": {"stiffness": "=k", "rest": 0.0}},
+    )
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        t = (low + high) / 2
+        low, high = (t, high) if k * t < F * length * np.cos(turn + t) else (low, t)
+    x = turn + t
+    slope = -t / (k + F * length * np.sin(x))
+    load = f"--load 0,0,0,0,0,{-F} --world"
+    found = answer(f"equilibrium {path} --actuate shoulder={turn} --sensitivities", load)
+    assert found["q"] == pytest.approx([turn, t], rel=CLOSE)
+    (row,) = (p for p in found["sensitivities"]["parameters"] if p["name"] == name)
+    pose = [0, slope, 0, -length * np.sin(x) * slope, 0, -length * np.cos(x) * slope]
+    assert row["pose"] == pytest.approx(pose, rel=1e-7, abs=1e-14)
+
+
+def test_a_rigid_drive_of_a_loop_moves_once_beside_derivatives():
+    """Where the tip rests with another spring, by differences of equilibria."""
+    text = "equilibrium five-bar --actuate left_motor=0.1 --load 0,0,0,300,-500,0 --world"
+    k, h = 800.0, 8.0
+
+    def found(stiffness, *more):
+        return answer(text, f"--stiffness left_motor=rigid,right_motor={stiffness}", *more)
+
+    here = found(k, "--sensitivities")
+    places = [np.array(found(k + i * h)["pose"])[:3, 3] for i in (-2, -1, 1, 2)]
+    slope = np.array([1, -8, 8, -1]) @ places / (12 * h)
+    (row,) = (
+        p for p in here["sensitivities"]["parameters"] if p["name"] == "stiffness.right_motor"
+    )
+    assert np.linalg.norm(slope) > 1e-6
+    assert row["pose"][3:] == pytest.approx(slope, rel=1e-6, abs=1e-13)
