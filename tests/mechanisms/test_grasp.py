@@ -155,3 +155,24 @@ def test_a_load_leaves_the_spin_about_the_contacts_to_its_lever(tmp_path, squeez
         assert "e-3" not in text.split("Pose of the body frame")[0]  # what is 0 to rounding
         found = analyse_many(elastic, [result.q], wrench=[0, 0, 0, 0, 0, f])
         assert found.codes[found.state[0]] == "singular-stiffness"
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-4, 1e-3, 1e-2])
+def test_a_spin_on_which_nothing_works_has_no_compliance_under_the_cartan_connection(size):
+    """Energy does not change along the line of contacts, y of the body: that row of K^A is zero.
+
+    Its column is the bracket with W, and K^B has half of each, so that only C^B exists.
+    """
+    elastic = load("grasp")
+    step = size * np.cos(7.0 * np.arange(elastic.q.size))
+    result = analyse(elastic, elastic.q + step)
+    K, W = result.matrices, result.wrench
+    assert np.abs(K["A"][1]).max() < 1e-12
+    bracket = [-W[2], 0.0, W[0], -W[5], 0.0, W[3]]
+    assert np.abs(W).max() > 10 * size
+    assert np.abs(K["A"][:, 1]) == pytest.approx(np.abs(bracket), abs=1e-12)
+    assert result.compliances["A"] is None
+    assert result.compliances["B"] @ K["B"] == pytest.approx(np.eye(6), abs=1e-5)
+    many = analyse_many(elastic, result.q[None], outputs=["compliance_A"])
+    assert np.isnan(many["compliance_A"]).all()
+    assert many.codes[many.state[0]] == "singular-stiffness"

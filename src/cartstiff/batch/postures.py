@@ -91,9 +91,9 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     """The code that stands for a posture's state.
 
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
-    else, if matrices are among the outputs, a stiffness matrix (the tangent under the load, where
-    its inverse is asked for) that has no inverse, or what a note of `analyse` says of lost digits:
-    of the compliance, or, where none is asked for, of the stiffness, too.
+    else, if matrices are among the outputs, a stiffness matrix (K^A, K^K and the tangent under the
+    load, where their inverse is asked for) that has no inverse, or what a note of `analyse` says of
+    lost digits: of the compliance, or, where none is asked for, of the stiffness, too.
     """
     if result.reduction.states:
         return result.reduction.states[-1].code
@@ -107,7 +107,8 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:
             return code
-    if "compliance_load" in outputs and result.tangent_compliance is None:
+    changed = [name for name in ("A", "K", "load") if f"compliance_{name}" in outputs]
+    if any(result.compliances[name] is None for name in changed):
         return "singular-stiffness"
     for note in notes:
         if (

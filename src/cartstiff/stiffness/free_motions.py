@@ -26,7 +26,8 @@ class FreeMotions:
         H_L on them.
     terms : ndarray, shape (f, f)
         Sizes of the terms whose sum each entry of `hessian` is. A motion all of whose
-        entries are below `IDLE` times these costs nothing.
+        entries are below `IDLE` times these costs nothing: its column where nothing changes along
+        it, its row where nothing works on it, which differ if there is no energy.
     basis : ndarray, shape (n, f), or None
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
@@ -83,8 +84,8 @@ class FreeMotions:
         if loss > errors[-1]:
             errors[-1] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
         terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
-        idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
-        errors[:count][idle] = np.inf
+        is_idle = np.abs(H[:count]) <= numerics.IDLE * terms
+        errors[:count][(is_idle.all(axis=1) | is_idle.all(axis=2)).any(axis=1)] = np.inf
         basis = self._by_lengths if errors.max() > numerics.REPORTED_ERROR else None
         if basis is None:
             return inverses, errors
