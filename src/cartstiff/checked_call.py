@@ -2,7 +2,8 @@
 
 A function checks the numbers that it reads, not that a list is no mapping. Where such an argument
 ends in an error of Python, the call is compared with its annotations: the argument that does not
-fit them is refused in one line. Calls that succeed cost nothing more.
+fit them is refused in one line, as is a keyword that the function does not take, with the nearest
+that it takes. Calls that succeed cost nothing more.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import real_array
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff.errors import CartstiffError, InputError, UnknownArgumentError
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -47,7 +48,8 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
     -------
     callable
         Raises `InputError` where the function raised an error that is not cartstiff's and an
-        argument does not fit its annotation; otherwise the error as it was.
+        argument does not fit its annotation, or a keyword is unknown; otherwise the error as it
+        was.
     """
 
     @functools.wraps(function)
@@ -70,8 +72,13 @@ def _wrong_kind(
     signature = inspect.signature(function)
     try:
         given = signature.bind(*args, **kwargs).arguments
-    except TypeError:  # an argument too many or too few: Python's own words say which
-        return None
+    except TypeError:
+        takes = signature.parameters
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in takes.values()):
+            for name in kwargs:
+                if name not in takes:
+                    return UnknownArgumentError(f"argument of {function.__name__}", name, takes)
+        return None  # an argument too many or too few: Python's own words say which
     for name, value in given.items():
         hint = _resolved(signature.parameters[name].annotation, function)
         if not _fits(value, hint):

@@ -137,6 +137,10 @@ class UnknownNameError(InputError):
         super().__init__(f"unknown {kind}", where=where, expected=expected, got=repr(name))
 
 
+class UnknownArgumentError(UnknownNameError, TypeError):
+    """A keyword that a function does not take."""
+
+
 def check_name(kind: str, name: object, valid: Collection[str], where: str | None = None) -> None:
     """Refuse a name that is not among the valid ones.
 

@@ -125,3 +125,22 @@ def test_a_potential_with_an_old_name_of_a_method_is_refused():
         class Own(cartstiff.Potential):
             def remarks(self, posture):
                 return []
+
+
+@pytest.mark.parametrize(
+    ("call", "nearest"),
+    [
+        (lambda arm: cartstiff.analyse(arm, wrensh=[0, 0, 0, 0, 0, -100]), "wrench"),
+        (lambda arm: cartstiff.analyse(arm, load_king="dead"), "load_kind"),
+        (lambda arm: cartstiff.equilibrium(arm, wrench=[0] * 6, limit=False), "limits"),
+        (lambda arm: cartstiff.equilibrium(arm, hold={"z": 0.0}), "held"),
+    ],
+)
+def test_a_mistyped_keyword_is_answered_with_the_nearest(call, nearest):
+    """Also for those that wait for Python's own error."""
+    arm = cartstiff.load("ur5")
+    for kind in (InputError, TypeError):
+        with pytest.raises(kind, match=rf"unknown argument of \w+; .*closest: {nearest}"):
+            call(arm)
+    with pytest.raises(TypeError, match="positional"):
+        cartstiff.analyse(arm, None, None, None, None)

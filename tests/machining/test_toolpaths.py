@@ -409,3 +409,21 @@ def test_loads_have_one_default_for_their_axes(tmp_path):
             J = R @ arm.mechanism.at(q).motion.jacobian
             turned = np.kron(np.eye(2), pose[:3, :3]) @ load
             assert value == pytest.approx(np.linalg.norm((J @ J.T @ turned)[3:] / 2e4), rel=1e-9)
+
+
+def test_loads_along_the_axes_of_the_robots_base(tmp_path):
+    """A base that is turned by 90 degrees about z of the room: its x axis is the room's y axis."""
+    file = tmp_path / "points.csv"
+    file.write_text("x,y,z,roll,pitch,yaw\n0.4,0.1,0.3,0,0.2,0.5\n0.5,0.1,0.3,0,0.2,0.5\n")
+    base = se3.pose([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0])
+    given = {"wrench": [1, 2, 3, 4, 5, 6], "direction": [1, 0, 0]}
+    path = read_path_file(file, axes="base", base=base, **given)
+    for point in range(2):
+        assert path.wrench(point) == pytest.approx([-2, 1, 3, -5, 4, 6], abs=1e-15)
+        assert path.direction(point) == pytest.approx([0, 1, 0], abs=1e-15)
+    rows = ",mx,my,mz,fx,fy,fz\n", ",0,0,0,1,0,0\n", ",0,0,0,0,0,2\n"
+    lines = file.read_text().splitlines()
+    file.write_text("".join(line + more for line, more in zip(lines, rows, strict=True)))
+    path = read_path_file(file, axes="base", base=base)
+    assert path.wrench(0) == pytest.approx([0, 0, 0, 0, 1, 0], abs=1e-15)
+    assert path.wrench(1) == pytest.approx([0, 0, 0, 0, 0, 2], abs=1e-15)

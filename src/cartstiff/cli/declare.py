@@ -172,7 +172,6 @@ def _parameter(
         required=is_needed,
         show_default=default not in (None, False, 0) and "default" in given,
         metavar=shape or (None if isinstance(kind, OptionType) else _NUMBERS.get(hint)),
-        hidden=shape == "hidden",
         help=text,
         **given,
     )
@@ -180,6 +179,22 @@ def _parameter(
     return option
 
 
+#: Options that had another name, and their name now.
+RENAMED = {
+    "--command": "--actuate",
+    "--at": "--report-at",
+    "--deflect": "--added-load",
+    "--deflect-at": "--added-load-at",
+    "--explain": "--profile",
+}
+#: Options that a command had: what is said of them, and what is given instead.
+GONE = {
+    "map --workers": (
+        "is no option any more",
+        "--scheduler ADDRESS of 'dask scheduler' and 'dask worker'",
+    ),
+    "design --scheduler": ("designs have no scheduler any more", "--workers N"),
+}
 #: Where a context says that the whole help is shown.
 HELP_ALL = "cartstiff.help_all"
 # Lines of examples in the help.
@@ -300,7 +315,16 @@ class Command(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Keep the words, too: a map and a report say how they were made."""
         ctx.meta["words"] = ["cartstiff", str(self.name), *args]
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            option = error.option_name
+            if option in RENAMED:
+                raise InputError(f"{option} is called {RENAMED[option]} now") from None
+            if f"{self.name} {option}" in GONE:
+                what, instead = GONE[f"{self.name} {option}"]
+                raise InputError(what, where=option, expected=instead) from None
+            raise
 
     def invoke(self, ctx: click.Context) -> Any:
         """Check what goes together, convert, and run."""

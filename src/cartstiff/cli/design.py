@@ -11,7 +11,6 @@ import click
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import Load, Output, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say
-from cartstiff.errors import InputError
 
 _NOT_OF_STUDIES = (
     "mechanism q pose lengths frame parameters xacro_args package_path stiffness rest actuate"
@@ -34,7 +33,6 @@ def command(
     output: Annotated[Path | None, OutputFile("FILE.jsonl", ".jsonl")] = None,
     best: Annotated[int, click.IntRange(1, 1000)] = 10,
     workers: Annotated[int, click.IntRange(1, 1024)] = 1,
-    scheduler: str | None = None,
     progress: bool | None = None,
 ) -> None:
     """Sweep the parameters of a mechanism file, as STUDY.yaml says.
@@ -60,8 +58,6 @@ def command(
         Most designs of the Pareto front that the text lists.
     workers : N
         Processes, each with whole designs.
-    scheduler : hidden
-        Refused.
     progress
         Bar on standard error; default on a terminal.
 
@@ -80,10 +76,6 @@ def command(
       turning: {quantity: rotation_held_min}
     constraints: {width: {value: =2*a, at_most: 0.7}}
     """
-    if scheduler is not None:
-        raise InputError(
-            "designs have no scheduler any more", where="--scheduler", expected="--workers N"
-        )
     given = {
         **{name: getattr(robot, name) for name in ("tcp", "gravity", "payload", "units")},
         "load": None if load.load is None else load.keywords,

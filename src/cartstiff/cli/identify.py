@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import click
 
-from cartstiff.cli.declare import Overrides
+from cartstiff import choices
+from cartstiff.cli.declare import OptionType, Overrides
 from cartstiff.cli.options import (
     Amount,
     Axes,
@@ -34,6 +34,7 @@ from cartstiff.cli.options import (
 )
 from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError, check_name, one_line
+from cartstiff.parsing import parse_numbers
 
 
 def deviations_of(
@@ -64,22 +65,20 @@ def deviations_of(
     return deviations
 
 
-def reject_of(text: str | None) -> float | str | None:
-    """A rule: "suspects", or a number of standard deviations."""
-    if text is None or text == "suspects":
-        return text
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(
-            "unknown rule",
-            where="--reject",
-            got=repr(text),
-            expected="suspects, or a number of standard deviations",
-        )
-    return number
+class Rule(OptionType):
+    """The word "suspects", or a number of standard deviations."""
+
+    def parsed(self, text: str, where: str) -> float | str:
+        """The word or the number."""
+        if text == "suspects":
+            return text
+        try:
+            return parse_numbers(text, where, 1)[0]
+        except InputError:
+            expected = "suspects, or a number of standard deviations"
+            raise InputError(
+                "unknown rule", where=where, expected=expected, got=repr(text)
+            ) from None
 
 
 #: Probability of the intervals.
@@ -108,7 +107,7 @@ class Table:
 
     point: Point = None
     load_at: Point = None
-    axes: Literal["base", "body", "world"] | None = None
+    axes: choices.Axes | None = None
     units: Annotated[dict[str, str] | None, TableUnits("UNITS")] = None
     sd: Annotated[
         dict[str, tuple[float, str]] | None, ByName("COLUMN=VALUE[UNIT]", Amount("VALUE[UNIT]"))
@@ -182,7 +181,7 @@ class Fit:
         Fit equilibria under the load instead of displacements that are linear in it.
     fit
         Fit whose estimates come first.
-    reject : RULE
+    reject
         Leave rows out: the suspects of the robust fit, or all that are farther from it than this
         number of standard deviations.
     level
@@ -198,7 +197,7 @@ class Fit:
     offsets: Literal["rigid", "translation", "none"] | None = None
     loaded: bool = False
     fit: Literal["plain", "robust"] = "plain"
-    reject: str | None = None
+    reject: Annotated[float | str | None, Rule("RULE")] = None
     level: float = _LEVEL
 
     @property
@@ -231,8 +230,8 @@ class Fit:
     @property
     def keywords(self) -> dict[str, Any]:
         """Arguments for the fit."""
-        kept = {name: getattr(self, name) for name in ("offsets", "loaded", "fit", "level")}
-        return {**kept, "reject": reject_of(self.reject)}
+        names = "offsets", "loaded", "fit", "level", "reject"
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)
@@ -444,7 +443,6 @@ def command(
         if output is not None or out.plot is not None:
             raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
         fit.check_unused("planned" if data is None else "simulated")
-    reject_of(fit.reject)
     if output is not None:
         _check_written(robot)
     robot = replace(robot, units=table.shown)

@@ -68,16 +68,6 @@ _COMMANDS = {
 }
 
 
-#: Options that had another name, and their name now.
-RENAMED = {
-    "--command": "--actuate",
-    "--at": "--report-at",
-    "--deflect": "--added-load",
-    "--deflect-at": "--added-load-at",
-    "--explain": "--profile",
-}
-
-
 class _LazyGroup(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(_COMMANDS)
@@ -137,12 +127,9 @@ def main(arguments: list[str] | None = None) -> None:
         _say("no command was given (see 'cartstiff --help')")
         code = EXIT_INPUT
     except click.ClickException as error:
-        if isinstance(error, click.NoSuchOption) and error.option_name in RENAMED:
-            _say(f"{error.option_name} is called {RENAMED[error.option_name]} now")
-        else:
-            context = error.ctx if isinstance(error, click.UsageError) else None
-            see = f" (see '{context.command_path} --help')" if context else ""
-            _say(one_line(error.format_message(), 600) + see)
+        context = error.ctx if isinstance(error, click.UsageError) else None
+        see = f" (see '{context.command_path} --help')" if context else ""
+        _say(one_line(error.format_message(), 600) + see)
         code = EXIT_INPUT
     except CartstiffError as error:
         name, code = "", EXIT_INPUT

@@ -257,15 +257,6 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     context.exit()
 
 
-def _refuse_workers(context: click.Context, _: click.Parameter, given: str | None) -> None:
-    if given is not None and not context.resilient_parsing:
-        raise InputError(
-            "is no option any more",
-            where="--workers",
-            expected="--scheduler ADDRESS of 'dask scheduler' and 'dask worker'",
-        )
-
-
 @dataclass(frozen=True)
 class Held(Reading):
     """What the map holds.
@@ -363,7 +354,6 @@ class Shown:
             callback=_list_quantities,
             help="Print the names and end; with --json as one object.",
         ),
-        click.Option(["--workers"], hidden=True, expose_value=False, callback=_refuse_workers),
     ),
 )
 def command(

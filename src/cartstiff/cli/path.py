@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import click
 
+from cartstiff import choices
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     Axes,
@@ -102,7 +103,7 @@ def command(
     free_axis: Literal["x", "y", "z"] | None = None,
     free_rotation: bool = False,
     direction: Direction = None,
-    axes: Literal["path", "world", "body"] | None = None,
+    axes: choices.Axes | None = None,
     max_step: Annotated[Values | None, JointValues(broadcast=True)] = None,
     ranges: Annotated[Axis, "--range"] = None,
     near: Annotated[Values | None, JointValues()] = None,
@@ -140,8 +141,8 @@ def command(
     direction
         Direction along which stiffness counts, the same at all points.
     axes
-        Axes of loads and directions: those of the file's poses (the default), of F (as --world), or
-        of the body, which turns by the free rotation as well.
+        Axes of loads and directions. Those of the robot's own base, of the body, which turns by the
+        free rotation as well, or of the room (as --world); default those of the file's poses.
     max_step
         Largest step of the joints from point to point: one number for all, one each, or name=value
         pairs; default 0.5 rad or half the characteristic length.
@@ -195,6 +196,7 @@ def command(
         wrench=load.load,
         direction=direction,
         axes=axes,
+        base=elastic.mechanism.base_pose,
         units=elastic.units,
         factors=column_factors(elastic),
     )

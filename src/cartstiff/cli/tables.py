@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from cartstiff import numerics
-from cartstiff.choices import LARGEST_INPUT, ORDERS
+from cartstiff.choices import LARGEST_INPUT, ORDERS, Axes
 from cartstiff.cli.options import given_length
 from cartstiff.errors import InputError, check_name, one_line
 
@@ -256,7 +256,8 @@ def read_path_file(
     free: str = "none",
     wrench: list[float] | None = None,
     direction: list[float] | None = None,
-    axes: str | None = None,
+    axes: Axes | None = None,
+    base: Any = None,
     units: Units | None = None,
     factors: Mapping[str, float] = MappingProxyType({}),
 ) -> ToolPath:
@@ -276,8 +277,10 @@ def read_path_file(
         Axis of the body that ax, ay, az are the direction of.
     wrench, direction : list of float, optional
         The same at all points, instead of columns.
-    axes : {"path", "world", "body"}, optional
-        Axes of wrenches and directions; default "path".
+    axes : {"base", "body", "world"}, optional
+        Axes of wrenches and directions; default those of the file's poses.
+    base : ndarray (4, 4), optional
+        Pose of the robot's own base B in F; default F itself.
     units : Units, optional
         What lengths and forces come in; default SI.
     factors : mapping of str to float
@@ -318,11 +321,18 @@ def read_path_file(
             raise InputError(f"give {option} or columns of {where}, not both")
     wrenches = wrench if wrenches is None else wrenches
     directions = direction if directions is None else directions
+    of: Any = axes or "path"
+    if axes == "base":
+        of, R = "world", np.eye(3) if base is None else base[:3, :3]
+        wrenches, directions = (
+            None if rows is None else (np.reshape(rows, (-1, 3)) @ R.T).reshape(np.shape(rows))
+            for rows in (wrenches, directions)
+        )
     tool_axes = columns(_AXIS)
     try:
         if tool_axes is None:
             poses = se3.from_roll_pitch_yaw(columns(_POSITION), columns(_ANGLES))
-            return ToolPath(poses, wrenches, directions, axes or "path")  # type: ignore[arg-type]
+            return ToolPath(poses, wrenches, directions, of)
         if free not in ("x", "y", "z"):
             raise InputError(
                 "the tool's axis alone does not define a pose", expected="--free-axis x, y or z"
@@ -333,7 +343,7 @@ def read_path_file(
             free,  # type: ignore[arg-type]
             wrenches=wrenches,
             directions=directions,
-            axes=axes or "path",  # type: ignore[arg-type]
+            axes=of,
         )
     except InputError as error:
         raise error.at(where) from None
