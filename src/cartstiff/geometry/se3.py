@@ -94,7 +94,11 @@ def inverse(T_a_b: ArrayLike) -> Array:
     """Pose ``T_b_a``, exactly orthogonal where the argument is."""
     T = real_array(T_a_b)
     rt = T[..., :3, :3].swapaxes(-1, -2)
-    return pose(rt, -(rt @ T[..., :3, 3, None])[..., 0])
+    m = np.zeros(T.shape)
+    m[..., 3, 3] = 1.0
+    m[..., :3, :3] = rt
+    m[..., :3, 3:] = -(rt @ T[..., :3, 3:])
+    return m
 
 
 def bracket(x: ArrayLike, y: ArrayLike) -> Array:

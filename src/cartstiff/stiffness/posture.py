@@ -111,8 +111,10 @@ class StiffnessInFrame:
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
         C = self._of_symmetric_tangent()
-        back = se3.adjoint(se3.inverse(self.T_M_N))
-        return None if C is None else np.asarray(back @ C @ back.T)
+        if C is None or self.T_M_N.tobytes() == _HERE:
+            return C
+        back = se3.adjoint_of_inverse(self.T_M_N)
+        return np.asarray(back @ C @ back.T)
 
 
 def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:
@@ -128,30 +130,41 @@ def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array 
     return (None if inverse is None else inverse.matrix), flexible
 
 
-def _turned(matrices: Mapping[str, Array | None], motion: Array) -> NamedArrays:
-    """``A^T M A`` of each matrix that exists, with the transpose of "A" as "+"."""
+def _turned(matrices: Mapping[str, Array | None], motion: Array | None) -> NamedArrays:
+    """``A^T M A`` of each matrix that exists, with the transpose of "A" as "+"; A is I if None."""
+    turned = dict(matrices)
     known = {n: M for n, M in matrices.items() if M is not None}
-    stack = motion.T @ np.array([*known.values()]) @ motion if known else ()
-    turned = {**dict.fromkeys(matrices), **dict(zip(known, stack, strict=True))}
+    if motion is not None and known:
+        stack = motion.T @ np.array([*known.values()]) @ motion
+        turned.update(zip(known, stack, strict=True))
     minus = turned["A"]
     return NamedArrays({**turned, "+": None if minus is None else minus.T})
 
 
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:
     """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
-    matrices = {**result.matrices, "load": result.tangent}
-    compliances = {**result.compliances, "load": result.tangent_compliance}
-    W, load = result.wrench, result.load
-    forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
+    pose, W, load = result.pose, result.wrench, result.load
+    forth, back = None, None
+    if T_M_N.tobytes() != _HERE:
+        forth, back = se3.adjoint(T_M_N), se3.adjoint_of_inverse(T_M_N)
+        pose, W = pose @ T_M_N, None if W is None else forth.T @ W
+        load = LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3])))
     return StiffnessInFrame(
         read_only(T_M_N),
-        read_only(result.pose @ T_M_N),
-        None if W is None else read_only(forth.T @ W),
-        LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3]))),
-        _turned(matrices, forth),
-        _turned(compliances, back.T),
+        fixed(pose),
+        None if W is None else fixed(W),
+        load,
+        _turned({**result.matrices, "load": result.tangent}, forth),
+        _turned(
+            {**result.compliances, "load": result.tangent_compliance},
+            None if back is None else back.T,
+        ),
         partial(getattr, result, "inverse_of_symmetric_tangent"),
     )
+
+
+# The frame M itself.
+_HERE = np.eye(4).tobytes()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
