@@ -12,6 +12,7 @@ stiffness are the same at every point of the body; the other two depend on the p
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -31,6 +32,7 @@ from cartstiff.analysis.matrices import (
     lost_digits,
     move_compliance,
     move_stiffness,
+    stiffnesses_of_motions,
     symmetric_part,
 )
 from cartstiff.arrays import Array, checked_matrix, checked_unit, read_only
@@ -284,6 +286,40 @@ def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
     )
 
 
+def stiffnesses_on_axes(
+    K: Array, C: Array, directions: Array, freedom: Freedom, others: Others
+) -> Array:
+    """Stiffness (N,) along, or about, lines through the origin; NaN where it does not exist.
+
+    Parameters
+    ----------
+    K, C : ndarray, shape (N, 6, 6)
+        The pair of the other freedoms held, or free; NaN where there is none.
+    directions : ndarray, shape (N, 3)
+        Unit vectors.
+    freedom : {"translation", "rotation"}
+        `stiffness_along` or `stiffness_about`.
+    others : {"free", "held"}
+        What everything else does.
+    """
+    block, function = _BLOCKS[freedom], _FUNCTIONS[freedom]
+    has_K, has_C = (np.isfinite(matrices).all(axis=(1, 2)) for matrices in (K, C))
+    if others == "held":
+        twists = np.zeros((len(directions), 6))
+        twists[:, block] = directions
+        return stiffnesses_of_motions(twists, K, ~has_C)
+    own = C[:, block, block]
+    give = np.einsum("ni,nij,nj->n", directions, own, directions)
+    # Without a K, a direction that does not give is held by the structure: no number says how much.
+    rigid = np.abs(give) <= numerics.ZERO * np.abs(own).max(axis=(1, 2))
+    with np.errstate(divide="ignore"):
+        stiffness: Array = np.where(rigid & ~has_K, np.nan, 1.0 / give)
+    for i in np.flatnonzero(has_K & ~has_C):
+        with suppress(UndefinedError):
+            stiffness[i] = function(K[i], directions[i], others="free")
+    return stiffness
+
+
 def _on_axis(
     K: ArrayLike, direction: ArrayLike, point: ArrayLike, index: int, others: str
 ) -> float:
@@ -343,3 +379,6 @@ def stiffness_about(
         Code ``"singular"``, see `stiffness_block`.
     """
     return _on_axis(stiffness, direction, point, 2, others)
+
+
+_FUNCTIONS = {"translation": stiffness_along, "rotation": stiffness_about}

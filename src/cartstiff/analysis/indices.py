@@ -7,21 +7,18 @@ in force per length throughout. Where an index depends on l, its exponent says h
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import Freedom, stiffness_ellipsoid
 from cartstiff.analysis.matrices import (
-    ROTATION,
-    TRANSLATION,
     Definiteness,
     as_symmetric,
     balancing_length,
     definiteness,
-    eliminate,
-    loss_of_elimination,
     lost_digits,
     scale_lengths,
     symmetric_pair,
@@ -141,8 +138,8 @@ def indices_of(
         float(values[0]),
         twist,
         float(np.prod(values) * length**6),
-        condition(held_values(K, C, "translation")),
-        condition(held_values(K, C, "rotation")),
+        held_condition(K, C, "translation"),
+        held_condition(K, C, "rotation"),
     )
 
 
@@ -172,17 +169,12 @@ def _definiteness(K: Array) -> Definiteness:
     return definiteness(values, zero=0.0)
 
 
-def held_values(K: Array, C: Array | None, freedom: Literal["translation", "rotation"]) -> Array:
-    """Eigenvalues (3,) of a diagonal block of K; its inverse is C with the other freedom held."""
-    block = TRANSLATION if freedom == "translation" else ROTATION
-    alone = numerics.eigenvalues(K[block, block])
-    if C is None or numerics.hold_all_digits(alone):
-        return alone
+def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
+    """Condition number of a diagonal block of K; NaN where neither K nor C knows it."""
     try:
-        inverse = eliminate(C, block)
+        return condition(stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues)
     except UndefinedError:
-        return alone
-    return numerics.eigenvalues(K[block, block], inverse, (1.0, loss_of_elimination(C, block)))
+        return float("nan")
 
 
 def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:

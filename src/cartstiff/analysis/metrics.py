@@ -10,7 +10,6 @@ in every frame, provided the metric moves along.
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -19,14 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import Freedom, Others, stiffness_ellipsoid
 from cartstiff.analysis.matrices import (
-    ROTATION,
-    TRANSLATION,
     Definiteness,
     as_symmetric,
     definiteness,
-    eliminate,
-    loss_of_elimination,
     lost_digits,
     symmetric_pair,
 )
@@ -34,8 +30,10 @@ from cartstiff.arrays import Array, Result, checked_length, checked_matrix, chec
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 
-#: Share of the largest eigenvalue above which a stiffness alone has digits enough.
-_PLAIN = numerics.PLAIN
+_BLOCKS: tuple[tuple[str, Freedom, Others], ...] = (
+    ("translational", "translation", "held"),
+    ("free_rotational", "rotation", "free"),
+)
 #: What is said of a natural length.
 NATURAL = "natural: there rotation and translation are equally stiff on average"
 
@@ -85,63 +83,24 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
 
 def _natural_length(K: Array, C: Array | None) -> float:
     """`natural_length` of matrices known to be symmetric."""
-    if C is None and (length := _length_of_positive(K)) is not None:
-        return length
-    translation, rotation = _principal_values(K, C)
-    is_known = all(map(math.isfinite, rotation.tolist()))
-    if not (is_known and definiteness(rotation, zero=0.0) == "positive"):
+    found: dict[str, Array] = {}
+    with suppress(UndefinedError):
+        for name, freedom, others in _BLOCKS:
+            found[name] = stiffness_ellipsoid(K, freedom, others, None, C).eigenvalues
+            if not found[name][0] > 0.0:
+                break
+    values = list(found.values())
+    if len(values) < 2 or not values[1][0] > 0.0:
         raise UndefinedError(
             "the elasticity has no natural length: its translational and free rotational "
             "stiffness are not both positive definite",
             code="no-natural-length",
             values={
-                "translational": translation.tolist(),
-                "free_rotational": rotation.tolist() if is_known else None,
+                name: x.tolist() if (x := found.get(name)) is not None else None
+                for name, *_ in _BLOCKS
             },
         )
-    logs = [sum(map(math.log, values.tolist())) for values in (rotation, translation)]
-    return math.exp((logs[0] - logs[1]) / 6.0)
-
-
-def _principal_values(K: Array, C: Array | None) -> tuple[Array, Array]:
-    """Eigenvalues (3,) of K_tt and of S of `natural_length`; NaN for S where K_tt is not positive.
-
-    S is the inverse of C_rr, and the inverse of K_tt is C_tt with the rotations held.
-    """
-    inverse, free, loss = None, None, 1.0
-    if C is not None:
-        free = C[ROTATION, ROTATION]
-        moving, turning = map(np.linalg.eigvalsh, (K[TRANSLATION, TRANSLATION], free))
-        if numerics.hold_all_digits(moving) and numerics.hold_all_digits(turning):
-            return moving, np.sort(1.0 / turning) if moving[0] > 0.0 else np.full(3, np.nan)
-        with suppress(UndefinedError):
-            inverse, loss = eliminate(C, TRANSLATION), loss_of_elimination(C, TRANSLATION)
-    translation = numerics.eigenvalues(K[TRANSLATION, TRANSLATION], inverse, (1.0, loss))
-    if definiteness(translation, zero=0.0) != "positive":
-        return translation, np.full(3, np.nan)
-    held = np.full((3, 3), np.nan)
-    with suppress(UndefinedError):
-        held = eliminate(K, ROTATION)
-    losses = loss_of_elimination(K, ROTATION), 1.0
-    return translation, numerics.eigenvalues(held, free, losses)
-
-
-def _length_of_positive(K: Array) -> float | None:
-    """`natural_length` by one Cholesky decomposition; None if K may not be positive definite.
-
-    With the translations first, its diagonal is the roots of the pivots of K_tt and of S.
-    """
-    try:
-        roots = np.linalg.cholesky(K[::-1, ::-1]).diagonal().tolist()
-    except np.linalg.LinAlgError:
-        return None
-    diagonal = K.diagonal().tolist()
-    for three, trace in ((roots[:3], sum(diagonal[3:])), (roots[3:], sum(diagonal[:3]))):
-        # Smallest over largest eigenvalue is not below the determinant over the cubed trace. What
-        # is nearer to singular than this asks for the compliance.
-        if not math.prod(root * root / trace for root in three) > _PLAIN:
-            return None
-    return float((math.prod(roots[3:]) / math.prod(roots[:3])) ** (1.0 / 3.0))
+    return float(np.prod(values[1] / values[0]) ** (1.0 / 6.0))
 
 
 def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:

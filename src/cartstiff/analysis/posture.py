@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,20 +28,18 @@ from cartstiff.analysis.deflection import (
 )
 from cartstiff.analysis.ellipsoids import (
     Ellipsoid,
+    Freedom,
+    Others,
     compliance_ellipsoid,
-    stiffness_about,
-    stiffness_along,
     stiffness_ellipsoid,
+    stiffnesses_on_axes,
 )
 from cartstiff.analysis.indices import best_conditioned_length, indices_of
 from cartstiff.analysis.matrices import (
-    ROTATION,
-    TRANSLATION,
     as_symmetric,
     invert,
     move_compliance,
     move_stiffness,
-    stiffnesses_of_motions,
     symmetric_part,
 )
 from cartstiff.analysis.metrics import characteristic_length, inertia_metric, length_metric, modes
@@ -280,6 +279,7 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
 
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")
+_OTHERS: tuple[Others, ...] = ("held", "free")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -381,6 +381,7 @@ def summarise(
     metric = ("length", length_metric(scale.value))
     if mass is not None and inertia is not None:
         metric = ("inertia", inertia_metric(mass, inertia, mass_centre))
+    pairs = {"held": (K, C), "free": free}
     axes = {name: np.array(axis) for name, axis in _AXES.items()}
     if direction is not None:
         axes["given"] = checked_unit(direction)
@@ -392,8 +393,8 @@ def summarise(
         "length": scale,
         "stiffness": K,
         "compliance": free[1],
-        "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, notes),
-        "directions": _directions(K, free[1], C is None, axes),
+        "ellipsoids": _ellipsoids(pairs, notes),
+        "directions": _directions(pairs, axes),
     }
     of_stiffness = {} if K is None else _of_stiffness(K, C, scale.value, metric, springs, notes)
     result |= dict.fromkeys(_OF_STIFFNESS) | of_stiffness
@@ -452,39 +453,19 @@ def _ellipsoids(
 
 
 def _directions(
-    K: Array | None,
-    C: Array | None,
-    is_singular: bool,
-    axes: Mapping[str, Array],
+    pairs: Mapping[str, tuple[Array | None, Array | None]], axes: Mapping[str, Array]
 ) -> list[dict[str, Any]]:
-    """Stiffness along and about lines through the origin, the other freedoms held and free.
-
-    Held: the diagonal of K, see `stiffnesses_of_motions`; free: the inverse of the diagonal of C
-    (see `stiffness_along`, `stiffness_about`), or by elimination where C does not exist.
-    """
+    """Stiffness along and about lines through the origin; `pairs` by what other freedoms do."""
     rows: list[dict[str, Any]] = [{"name": n, "direction": axis} for n, axis in axes.items()]
-    for kind, own, function in (
-        ("along", TRANSLATION, stiffness_along),
-        ("about", ROTATION, stiffness_about),
-    ):
-        twists = np.zeros((len(axes), 6))
-        twists[:, own] = list(axes.values())
-        held: Any = np.full(len(axes), np.nan)
-        free: Any = held
-        if K is not None:
-            stack = np.broadcast_to(K, (len(axes), 6, 6))
-            held = stiffnesses_of_motions(twists, stack, np.bool_(is_singular))
-        if C is not None:
-            gives = np.einsum("ni,ij,nj->n", twists, C, twists)
-            # Without a K, a direction that does not give is held by the structure.
-            least = numerics.ZERO * np.abs(C[own, own]).max() if K is None else -1.0
-            with np.errstate(divide="ignore"):
-                free = np.where(np.abs(gives) <= least, np.nan, 1.0 / gives)
-        elif K is not None:
-            by = partial(function, K, point=np.zeros(3), others="free")
-            free = [Notes().attempt(kind, by, axis) for axis in axes.values()]
-        for row, one, other in zip(rows, held, free, strict=True):
-            row[kind] = {"held": one, "free": other}
+    u, nothing = np.array(list(axes.values())), np.full((6, 6), np.nan)
+    kinds: tuple[tuple[str, Freedom], ...] = ("along", "translation"), ("about", "rotation")
+    for (kind, freedom), others in product(kinds, _OTHERS):
+        K, C = (
+            np.broadcast_to(nothing if matrix is None else matrix, (len(u), 6, 6))
+            for matrix in pairs[others]
+        )
+        for row, x in zip(rows, stiffnesses_on_axes(K, C, u, freedom, others), strict=True):
+            row.setdefault(kind, {})[others] = x
     return rows
 
 

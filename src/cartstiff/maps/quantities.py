@@ -24,15 +24,12 @@ from cartstiff.analysis.ellipsoids import (
     Freedom,
     Others,
     compliance_ellipsoid,
-    stiffness_about,
-    stiffness_along,
     stiffness_ellipsoid,
+    stiffnesses_on_axes,
 )
 from cartstiff.analysis.matrices import (
-    TRANSLATION,
     block_scales,
     eliminate_each,
-    stiffnesses_of_motions,
     symmetric_part,
     with_angles_times,
 )
@@ -248,28 +245,8 @@ class Stacks(Source):
 
     def on_axis(self, freedom: Freedom, others: Others) -> Numbers:
         """Stiffness (N,) along or about the direction through the frame's origin."""
-        block = BLOCKS[freedom]
         u = np.broadcast_to(self.direction(), (len(self.K), 3))
-        if others == "held":
-            twists = np.zeros((len(u), 6))
-            twists[:, block] = u
-            return stiffnesses_of_motions(twists, self.K, ~np.isfinite(self.C).all(axis=(1, 2)))
-        K, C = self.pair("free")
-        C = C[:, block, block]
-        give = np.einsum("ni,nij,nj->n", u, C, u)
-        stiffness: Array = 1.0 / give
-        exists = np.isfinite(K).all(axis=(1, 2))
-        # Without a K, a direction that does not give is held by the structure: no number says how
-        # much.
-        rigid = np.abs(give) <= numerics.ZERO * np.abs(C).max(axis=(1, 2))
-        stiffness[~exists & rigid] = np.nan
-        function = stiffness_along if block is TRANSLATION else stiffness_about
-        for i in np.flatnonzero(exists & ~np.isfinite(C).all(axis=(1, 2))):
-            try:
-                stiffness[i] = function(K[i], u[i], others="free")
-            except UndefinedError:
-                stiffness[i] = np.nan
-        return stiffness
+        return stiffnesses_on_axes(*self.pair(others), u, freedom, others)
 
     def connection_change(self) -> Numbers:
         """Largest change that `cartstiff.analysis.asymmetry.compare_connections` finds."""
