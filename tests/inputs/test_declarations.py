@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import ast
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +11,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from cartstiff.cli import declare, path, reach
 from cartstiff.cli.declare import Command, Overrides
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
@@ -37,6 +39,20 @@ def test_conditions_name_options_that_exist(command: Command) -> None:
     names = {p.name for p in command.params}
     told = [*command._needs, *command._rare, *(n for ns in command._needs.values() for n in ns)]
     assert {*told, *(name for text in command._exclusive for name in text.split())} <= names
+
+
+def test_every_option_is_read(command: Command) -> None:
+    """An option that no line of the command line's code asks for would be without effect."""
+    read = set[str]()
+    for file in Path(declare.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Attribute | ast.Name) and isinstance(node.ctx, ast.Load):
+                read.add(node.attr if isinstance(node, ast.Attribute) else node.id)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                read |= {node.value} if node.value.isidentifier() else set()
+    passed = {f.name for kind in (path.Search, reach.Search, reach.Modes) for f in fields(kind)}
+    exposed = {str(p.name) for p in command.params if p.expose_value}
+    assert exposed <= read | passed  # as `asdict` hands them on
 
 
 def test_help_is_a_line_for_each_option(command: Command) -> None:

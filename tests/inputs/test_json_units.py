@@ -228,7 +228,7 @@ def test_every_option_with_a_length_is_tried_here():
             if isinstance(option.type, OptionType) and (
                 type(option.type).converted is not OptionType.converted
                 and set(getattr(option.type, "powers", (1,))) != {0}
-                and (option.type.frame if isinstance(option.type, Pairs) else True)
+                and (not isinstance(option.type, Pairs) or option.type.frame or option.type.axes)
             ):
                 assert set(option.opts) & {*tried, "--near"}, (name, option.opts)
 

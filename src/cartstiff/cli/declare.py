@@ -140,7 +140,7 @@ def _parameter(
 ) -> click.Parameter:
     """An argument (without a section), or an option, of one value."""
     hint, marks = _split(hint)
-    kind = next((mark for mark in marks if isinstance(mark, click.ParamType)), None)
+    kind = next((mark for mark in reversed(marks) if isinstance(mark, click.ParamType)), None)
     shape, text = words
     if get_origin(hint) in (Union, UnionType):
         hint = next(part for part in get_args(hint) if part is not NoneType)

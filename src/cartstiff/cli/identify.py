@@ -15,7 +15,6 @@ from cartstiff import choices
 from cartstiff.cli.declare import OptionType, Overrides
 from cartstiff.cli.options import (
     Amount,
-    Axes,
     Axis,
     ByName,
     JointValues,
@@ -23,6 +22,7 @@ from cartstiff.cli.options import (
     Numbers,
     Output,
     OutputFile,
+    Pairs,
     Point,
     Robot,
     Springs,
@@ -282,10 +282,8 @@ class Plan:
     load: Wrench = None
     mass: Annotated[float | None, Number("KG", above_zero=True)] = None
     force: Annotated[float | None, Number("N", above_zero=True)] = None
-    ranges: Annotated[Axis, Axes("JOINT=LOW:HIGH"), "--range"] = None
-    within: Annotated[Mapping[str, tuple[float, ...]] | None, Axes("AXIS=LOW:HIGH", frame=True)] = (
-        None
-    )
+    ranges: Annotated[Axis, Pairs("JOINT=LOW:HIGH", axes=True), "--range"] = None
+    within: Annotated[Axis, Pairs("AXIS=LOW:HIGH", frame=True)] = None
     candidates: Annotated[int | None, click.IntRange(1, 100_000)] = None
     have: Path | None = None
     simulate: Annotated[int | None, click.IntRange(min=0)] = None

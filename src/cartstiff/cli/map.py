@@ -6,7 +6,6 @@ import json
 import math
 import shlex
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -17,7 +16,6 @@ from cartstiff.cli.declare import Factors, Overrides
 from cartstiff.cli.options import (
     ANGLE,
     Amount,
-    Axes,
     Axis,
     BalancedLoad,
     Count,
@@ -105,12 +103,8 @@ class Where:
     grid: Grid = None
     random: Annotated[int | None, click.IntRange(1, _MOST)] = None
     ranges: Annotated[Axis, "--range"] = None
-    cartesian: Annotated[
-        Mapping[str, tuple[float, ...]] | None, Axes("x=LOW:HIGH:COUNT", frame=True)
-    ] = None
-    actuate: Annotated[
-        Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH:COUNT", single=True)
-    ] = None
+    cartesian: Annotated[Grid, Pairs("x=LOW:HIGH:COUNT", frame=True)] = None
+    actuate: Annotated[Grid, Pairs("NAME=LOW:HIGH:COUNT", axes=True, single=True)] = None
     trajectory: Path | None = None
     seed: Seed = 0
     orientation: Annotated[Any, _Orientation("R,P,Y|keep", 3, powers=(ANGLE,))] = "keep"

@@ -307,54 +307,44 @@ def _named(
 
 
 class Pairs(OptionType):
-    """``NAME=VALUE`` pairs as a mapping; of `names` only, if there are any.
+    """``NAME=VALUE`` pairs as a mapping to numbers; of `names` only, if there are any.
 
-    They are as the mechanism's file has them, or of a `frame`, or of axes, as those of `Axes`.
+    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers; with `single`, one alone may
+    stand there as well. The numbers are as the mechanism's file has them, of a `frame`, or of
+    `axes`: coordinates and legs.
     """
 
     merges = True
 
     def __init__(
-        self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False, axes: bool = False
+        self,
+        shape: str,
+        names: tuple[str, ...] = (),
+        *,
+        frame: bool = False,
+        axes: bool = False,
+        single: bool = False,
     ) -> None:
         super().__init__(shape)
-        self.names, self.frame, self.axes = names, frame, axes
+        self.names, self.frame, self.axes, self.single = names, frame, axes, single
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Lengths and angles in their other units."""
+        """Lengths and angles in their other units; a count stays."""
         sizes = _sizes(elastic, by, frame=self.frame) if self.frame or self.axes else {}
-        return {name: x * sizes.get(name, 1.0) for name, x in value.items()}
-
-    def parsed(self, text: str, where: str) -> dict[str, float]:
-        """Numbers by name."""
-        named = _named(text, where, "NAME=VALUE", names=self.names)
-        return {name: numbers[0] for name, numbers in named.items()}
-
-
-class Axes(OptionType):
-    """``NAME=LOW:HIGH:COUNT`` (or without a count) items as a mapping to their numbers.
-
-    With `single`, ``NAME=VALUE`` as well. They are of coordinates and legs, or of a `frame`.
-    """
-
-    merges = True
-
-    def __init__(self, shape: str, *, single: bool = False, frame: bool = False) -> None:
-        super().__init__(shape)
-        self.single, self.frame = single, frame
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Lengths and angles in their other units."""
-        sizes = _sizes(elastic, by, frame=self.frame)
         return {
-            name: (*(x * sizes.get(name, 1.0) for x in numbers[:2]), *numbers[2:])
+            name: (*(sizes.get(name, 1.0) * x for x in numbers[:2]), *numbers[2:])
+            if isinstance(numbers, tuple)
+            else sizes.get(name, 1.0) * numbers
             for name, numbers in value.items()
         }
 
-    def parsed(self, text: str, where: str) -> dict[str, tuple[float, ...]]:
-        """Low, high and count by name."""
-        axes = _named(text, where, self.name, between=r"[,\s]+", single=self.single)
-        for name, values in axes.items():
+    def parsed(self, text: str, where: str) -> dict[str, Any]:
+        """Numbers by name."""
+        if ":" not in self.name:
+            named = _named(text, where, "NAME=VALUE", names=self.names)
+            return {name: numbers[0] for name, numbers in named.items()}
+        named = _named(text, where, self.name, between=r"[,\s]+", single=self.single)
+        for name, values in named.items():
             if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
                 raise InputError(
                     "count cannot be used",
@@ -362,7 +352,7 @@ class Axes(OptionType):
                     expected="a whole number of 1 or more",
                     got=f"{values[2]:g}",
                 )
-        return {name: tuple(values) for name, values in axes.items()}
+        return {name: tuple(values) for name, values in named.items()}
 
 
 class Sweep(OptionType):
@@ -430,8 +420,9 @@ Tolerance = Annotated[
     Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, ANGLE), low=0, some=True),
 ]
 Ratios = Annotated[_Numbers, Numbers("RATIO[,RATIO...]", low=0)]
-Axis = Annotated[_Ranges, Axes("NAME=LOW:HIGH")]
-Grid = Annotated[_Ranges, Axes("NAME=LOW:HIGH:COUNT")]
+Axis = Annotated[_Ranges, Pairs("NAME=LOW:HIGH", axes=True)]
+Grid = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT", axes=True)]
+Region = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT", frame=True)]
 Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
 Csv = Annotated[Path | None, OutputFile("FILE.csv", ".csv")]
 Count = Annotated[int | None, click.IntRange(1)]

@@ -13,13 +13,13 @@ import click
 from cartstiff import choices
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
-    Axes,
     Axis,
     Direction,
     JointValues,
     Load,
     Output,
     Picture,
+    Region,
     Robot,
     Seed,
     Values,
@@ -108,9 +108,7 @@ def command(
     ranges: Annotated[Axis, "--range"] = None,
     near: Annotated[Values | None, JointValues()] = None,
     collisions: bool = False,
-    place: Annotated[
-        Mapping[str, tuple[float, ...]] | None, Axes("NAME=LOW:HIGH:COUNT", frame=True)
-    ] = None,
+    place: Region = None,
     plot_places: Picture = None,
     progress: bool | None = None,
 ) -> None:

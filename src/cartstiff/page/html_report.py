@@ -254,7 +254,7 @@ def _answer(
     state_of = verdict(result, "load", K, analysis["definiteness"])
     if state_of["level"] != "good":
         lines.append(f"{state_of['title']}.")
-    lines += _softest(result)
+    lines += _softest(result, analysis)
     return [*lines, *_better(elastic, swept)], list(notes)
 
 
@@ -288,20 +288,18 @@ def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[
     return [f"{100 * summed[name]:.0f} % of {of} comes from {name}."]
 
 
-def _softest(result: PostureStiffness) -> list[str]:
+def _softest(result: PostureStiffness, analysis: dict[str, Any]) -> list[str]:
     """Direction of the least stiffness against a force; nothing where a force is not resisted."""
-    units = result.elastic.units
-    C = result.tangent_compliance if result.is_loaded else result.compliances["B"]
-    if C is None:
+    free = analysis["ellipsoids"]["compliance"]["translation"]["free"]
+    if free is None or free["definiteness"] not in ("positive", "positive semidefinite"):
         return []
-    values, vectors = np.linalg.eigh((C[3:, 3:] + C[3:, 3:].T) / 2)
-    if not (values[-1] > 0 and values[0] > -numerics.ROUNDING * values[-1]):
-        return []
-    direction = result.pose[:3, :3] @ vectors[:, -1]
+    direction = result.pose[:3, :3] @ np.array(free["axes"], float)[:, 2]
     direction *= np.sign(direction[np.argmax(np.abs(direction))])
     along = ", ".join(f"{x:.2f}" for x in direction + 0.0)
-    mm = convert_length(units, Units("mm", SI.force))[0]
-    soft = units.newtons / mm / values[-1]
+    units, softest = result.elastic.units, free["eigenvalues"][2]
+    if not softest > 0.0:
+        return []
+    soft = units.newtons / convert_length(units, Units("mm", SI.force))[0] / softest
     return [f"Softest direction: ({along}) in F, {soft:.4g} N/mm with the body free to turn."]
 
 

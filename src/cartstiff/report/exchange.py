@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -29,6 +29,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, PlatformPosture, Struts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
@@ -140,9 +141,7 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> Parts:
     if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
         raise TypeError("a platform")
     length, force = convert_length(result.elastic.units, SI)
-    T = np.array(posture.pose)
-    T[:3, 3] *= length
-    lines = posture.lines
+    T, lines = scaled_pose(posture.pose, result.elastic.units), posture.lines
     links: list[Link] = []
     closures: list[dict[str, Any]] = []
     limits = np.tile([0.0, np.inf], (len(lines.lengths), 1))
@@ -466,8 +465,6 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
     T = se3.pose(translation=np.multiply(result.load.at, convert_length(elastic.units, SI)[0]))
     own = next(link for link in links if link.name == "M")
     load, room, pushes = load_of_mujoco(result, _placed(own.T @ T))
-    gravity = np.zeros(3) if elastic.gravity is None else np.asarray(elastic.gravity)
-    name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
     ties = [
         f"<{'weld' if tie['type'] == 'weld' else 'connect'} site1={quoteattr(tie['frames'][0])} "
         f"site2={quoteattr(tie['frames'][1])}/>"
@@ -479,17 +476,32 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
         for joint, spring in named.items()
         if spring["stiffness"] == "rigid"
     ]
+    world = [*room, *_within("base", links, parts, (own.parent, load))]
+    least = f' boundmass="{_LEAST[0]}" boundinertia="{_LEAST[1]}"'
+    about = f"<!-- links without mass are given {_LEAST[0]} kg and {_LEAST[1]} kg m^2 -->"
+    ends = [*(["<equality>", *ties, "</equality>"] if ties else []), *pushes]
+    return _document(elastic, world, ends, least, [about])
+
+
+def _document(
+    elastic: ElasticMechanism,
+    world: list[str],
+    ends: list[str],
+    compiler: str = "",
+    about: Sequence[str] = (),
+) -> bytes:
+    """A MuJoCo file: what is in the world, and what stands behind it."""
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
+    gravity = np.zeros(3) if elastic.gravity is None else np.asarray(elastic.gravity)
     lines = [
         f'<mujoco model="{name}">',
-        f"<!-- links without mass are given {_LEAST[0]} kg and {_LEAST[1]} kg m^2 -->",
-        f'<compiler angle="radian" boundmass="{_LEAST[0]}" boundinertia="{_LEAST[1]}"/>',
+        *about,
+        f'<compiler angle="radian"{compiler}/>',
         f'<option gravity="{numbers(gravity)}"/>',
         "<worldbody>",
-        *room,
-        *_within("base", links, parts, (own.parent, load)),
+        *world,
         "</worldbody>",
-        *(["<equality>", *ties, "</equality>"] if ties else []),
-        *pushes,
+        *ends,
         "</mujoco>",
     ]
     return ("\n".join(lines) + "\n").encode()
@@ -656,7 +668,6 @@ def _mujoco(result: PostureStiffness) -> bytes:
             values={"mass": mass},
         )
 
-    T = result.pose
     t = springs.tensions(posture.lines.lengths)
     rest = (posture.lines.lengths - t / springs.stiffness) * length
     k = springs.stiffness * force / length
@@ -669,35 +680,21 @@ def _mujoco(result: PostureStiffness) -> bytes:
         f'<site site="a{i + 1}"/><site site="b{i + 1}"/></spatial>'
         for i in range(len(k))
     ]
-    gravity = np.zeros(3) if elastic.gravity is None else elastic.gravity
     load, room, pushes = load_of_mujoco(
         result, f'pos="{numbers(np.array(result.load.at) * length)}"'
     )
-    I = about  # noqa: E741
-    full = numbers(np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]))
-    quat = quaternion(T[:3, :3])
-    name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
-    lines = [
-        f'<mujoco model="{name}">',
-        '<compiler angle="radian"/>',
-        f'<option gravity="{numbers(gravity)}"/>',
-        "<worldbody>",
+    full = numbers(about[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    world = [
         *room,
         *sites,
-        f'<body name="platform" pos="{numbers(T[:3, 3] * length)}" quat="{numbers(quat)}">',
+        f'<body name="platform" {_placed(scaled_pose(result.pose, elastic.units))}>',
         "<freejoint/>",
         f'<inertial pos="{numbers(centre)}" mass="{mass!r}" fullinertia="{full}"/>',
         *ends,
         *load,
         "</body>",
-        "</worldbody>",
-        "<tendon>",
-        *tendons,
-        "</tendon>",
-        *pushes,
-        "</mujoco>",
     ]
-    return ("\n".join(lines) + "\n").encode()
+    return _document(elastic, world, ["<tendon>", *tendons, "</tendon>", *pushes])
 
 
 #: By the ending of the file.
