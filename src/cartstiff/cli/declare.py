@@ -210,12 +210,14 @@ def _help_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 def _brief(text: str, room: int) -> str:
-    """The first sentence of a help text, cut where it does not fit, and a default that fits."""
-    words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups()  # type: ignore[union-attr]
-    sentence = re.match(r".*?\.(?=\s|$)|.*", words, re.S)[0]  # type: ignore[index]
-    if len(sentence + (bounds or "")) <= room:
-        sentence += bounds or ""
-    return sentence if len(sentence) <= room else f"{sentence[: room - 3].rpartition(' ')[0]}..."
+    """The first sentence of a help text, or what of it stands before a colon; a default that fits."""
+    words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups("")  # type: ignore[union-attr]
+    sentence = re.split(r"(?<=\.)\s", words)[0]
+    ends = [m.start() for m in re.finditer(r"[:;] |\.$", sentence) if m.start() < room]
+    if not ends:
+        return f"{sentence[: room - 3].rpartition(' ')[0]}..."
+    brief = f"{sentence[: ends[-1]]}."
+    return brief + bounds if len(brief + bounds) <= room else brief
 
 
 class Command(click.Command):
