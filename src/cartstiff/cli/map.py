@@ -69,7 +69,7 @@ class Where:
     random : N
         N random postures within the limits of the joints; compliant links start unbent.
     ranges
-        With --random: other limits of a coordinate; --range NAME=V:V holds it.
+        Other limits of a coordinate; --range NAME=V:V holds it. For --random.
     cartesian
         Positions x, y, z of the body frame in F, by inverse kinematics.
     actuate
