@@ -210,7 +210,7 @@ def _help_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 def _brief(text: str, room: int) -> str:
-    """The first sentence of a help text, or what of it stands before a colon; a default that fits."""
+    """The first sentence of a help text, or its part before a colon, and a default that fits."""
     words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups("")  # type: ignore[union-attr]
     sentence = re.split(r"(?<=\.)\s", words)[0]
     ends = [m.start() for m in re.finditer(r"[:;] |\.$", sentence) if m.start() < room]

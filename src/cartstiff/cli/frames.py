@@ -108,7 +108,8 @@ def poses_command(
     table : TABLE.csv
         The postures.
     controller
-        Controller that shows them. kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.
+        Controller that shows them. kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion
+        q1..q4. ur: rotation vector.
     output
         Write the table there.
 
