@@ -14,6 +14,8 @@ import pytest
 
 import cartstiff
 from cartstiff.batch.execution import HELPERS, PortableKernel, javascript
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.quantities import Settings
 from cartstiff.batch.tape import (
     Tape,
     absolute,
@@ -27,12 +29,14 @@ from cartstiff.batch.tape import (
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.following import Follower
+from cartstiff.maps.quantities import choose_quantities, evaluate, needed_outputs
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_script
 from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
+from cartstiff.stiffness.applied_load import LoadKind
 
 MECHANISMS = (
     "ur5",
@@ -330,3 +334,70 @@ def test_every_operation_is_that_of_numpy():
     assert np.array_equal(found[:20, exact], expected[:20, exact])
     assert np.array_equal(np.signbit(found[:, 10:12]), np.signbit(expected[:, 10:12]))
     assert np.allclose(found, expected, rtol=1e-13, equal_nan=True)
+
+
+#: Quantities of the table that the page shows, and where they are in its numbers.
+SHOWN = {
+    f"{prefix}{freedom}_{others}_{end}": (quantity, others, freedom, i)
+    for prefix, quantity in (("", "stiffness"), ("compliance_", "compliance"))
+    for freedom in ("translation", "rotation")
+    for others in ("free", "held")
+    for end, i in (("min", 0), ("max", 2))
+}
+OF_INDICES = {
+    "condition": lambda x: x["condition_number"],
+    "minimum": lambda x: x["eigenvalues"][0],
+    "unstable_directions": lambda x: sum(value < 0.0 for value in x["eigenvalues"]),
+    "translation_condition": lambda x: x["translational_condition"],
+    "rotation_condition": lambda x: x["rotational_condition"],
+    "natural_length": lambda x: x["length"] if x["length_origin"] == "natural" else None,
+}
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "stewart-simscape"])
+def test_what_the_page_computes_is_the_table_of_quantities(name):
+    """Each number of the table that JavaScript finds, against stacks, under a load that turns."""
+    elastic, _ = program_of(name)
+    load = (0.4, -0.2, 0.3, 5.0, -7.0, 6.0)
+    wanted = [
+        replace_state(state, quantity, others, load)
+        for state in states(name, 8)
+        for quantity in ("stiffness", "compliance")
+        for others in ("free", "held")
+    ]
+    found = asked(name, wanted, "program.numbers(state)")
+    for first in range(0, len(wanted), 4):
+        four = found[first : first + 4]
+        if None in four:
+            continue
+        of = {(s.quantity, s.others): x for s, x in zip(wanted[first:], four, strict=False)}
+        indices = four[0]["indices"]
+        settings = Settings(
+            "load", indices["length"], load=LoadKind("dead", (0.0, 0.0, 0.0)), is_loaded=True
+        )
+        names = (*SHOWN, *OF_INDICES, "deflection", "deflection_angle")
+        chosen = choose_quantities(names, settings, elastic)
+        arrays = analyse_many(
+            elastic, [wanted[first].q], wrench=load, outputs=needed_outputs(chosen, settings)
+        ).arrays
+        values = {key: value[0] for key, value in evaluate(chosen, arrays, settings).items()}
+        moved = four[0]["moved"]
+        shown = {k: of[q, o]["principal"][f]["values"][i] for k, (q, o, f, i) in SHOWN.items()}
+        shown |= {key: read(indices) for key, read in OF_INDICES.items()}
+        shown |= {
+            "deflection": math.hypot(*moved["displacement"]),
+            "deflection_angle": math.hypot(*moved["rotation"]),
+        }
+        for key, one in shown.items():
+            assert (one is not None) == bool(np.isfinite(values[key])), key
+            close = max(1e-9, 1e-12 * values["condition"])
+            assert one is None or one == pytest.approx(values[key], rel=close), key
+
+
+def replace_state(
+    state: ViewState, quantity: str, others: str, load: tuple[float, ...]
+) -> ViewState:
+    """The posture of a state, its springs and frame those of the mechanism."""
+    return ViewState(
+        q=state.q, connection="load", quantity=quantity, others=others, load=load, load_kind="dead"
+    )

@@ -246,7 +246,9 @@ def _of_pair(
     own = _in_frame(matrix, T_m_n, is_stiffness)
     size = float(np.abs(own[keep, keep]).max())
     if inverse is None:
-        return _without_rounding(ellipsoid(_block(own, keep, is_eliminated)), size)
+        # Of a singular matrix, rounding is no stiffness: `eliminate` of indices decides its rank.
+        block = eliminate(own, [*range(6)[keep]]) if is_eliminated else own[keep, keep]
+        return _without_rounding(ellipsoid(block), size)
     if not is_eliminated:
         alone = ellipsoid(own[keep, keep])
         if numerics.hold_all_digits(alone.eigenvalues):

@@ -773,5 +773,6 @@ def _finished(values: Array, asked: Readings) -> dict[str, Array]:
     readings = {}
     for name, column in zip(asked.names, values.T, strict=False):
         root = READINGS[name].root
-        readings[name] = column if root == 1 else column ** (1.0 / root)
+        with np.errstate(invalid="ignore"):  # of what the verdict leaves to others
+            readings[name] = column if root == 1 else column ** (1.0 / root)
     return readings

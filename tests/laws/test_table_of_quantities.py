@@ -1,0 +1,250 @@
+"""Every quantity of the table, by each way to it: one value, and one verdict on its existence.
+
+The ways: the analysis of one posture, stacks of many postures, and recorded numbers; what the page
+computes in JavaScript is held to the same table in tests/view/test_browser_program.py. An entry of
+the table without a way to it here fails the first test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.analysis.ellipsoids import compliance_ellipsoid
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings
+from cartstiff.batch.readings import READINGS, Readings
+from cartstiff.batch.vibrations import ManyModes
+from cartstiff.maps.quantities import choose_quantities, evaluate, needed_outputs
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.vibration.chatter import Milling, limiting_depth
+from cartstiff.vibration.modes import modes
+from cartstiff.vibration.response import Damping
+
+LENGTH, DIRECTION, RATIO = 0.3, (0.2, -0.5, 0.7), 0.03
+LOAD = (0.4, -0.2, 0.3, 5.0, -7.0, 6.0)
+#: Of two ways to a number, for each unit of the condition number of what it is read from.
+PER_CONDITION = 1e-12
+
+
+def _at(tree, path):
+    for key in path.split("."):
+        tree = None if tree is None else tree[int(key) if key.isdigit() else key]
+    return tree
+
+
+def _axis(kind, others):
+    return lambda r, a: next(d for d in a["directions"] if d["name"] == "given")[kind][others]
+
+
+def _path(path):
+    return lambda r, a: _at(a, path)
+
+
+def _unstable(r, a):
+    values = _at(a, "indices.eigenvalues")
+    return None if values is None else sum(x < 0.0 for x in values)
+
+
+def _deflection(key, r, a):
+    vector = _at(a, f"deflection.{key}")
+    return None if vector is None else np.linalg.norm(vector[:3])
+
+
+def _connection_change(r, a):
+    known = [row["change"] for row in (a["connections"] or {"rows": ()})["rows"]]
+    return max((x for x in known if x is not None), default=None)
+
+
+def _singular_values(r, a, length):
+    """Of the length-scaled Jacobian, by the eigenvalues of its square."""
+    J = r.jacobian
+    if r.posture.coordinates_are_pose:
+        lengths = np.ones(J.shape[1], bool)
+    else:
+        lengths = np.array([c.is_length for c in r.elastic.mechanism.coordinates])
+    scaled = J * np.where(lengths, length, 1.0) * np.repeat([length, 1.0], 3)[:, None]
+    return np.sqrt(np.linalg.eigvalsh(scaled @ scaled.T).clip(0.0))
+
+
+def _ratio(r, a):
+    values = _singular_values(r, a, LENGTH)
+    return values[0] / values[-1]
+
+
+def _wrench(part, r, a):
+    return None if r.wrench is None else np.linalg.norm(r.wrench[part])
+
+
+#: The way of one posture to each quantity, from its stiffness and its analysis.
+SINGLE = {
+    **{
+        f"{prefix}{freedom}_{others}_{end}": _path(
+            f"ellipsoids.{kind}.{freedom}.{others}.eigenvalues.{i}"
+        )
+        for prefix, kind in (("", "stiffness"), ("compliance_", "compliance"))
+        for freedom in ("translation", "rotation")
+        for others in ("free", "held")
+        for end, i in (("min", 0), ("max", 2))
+    },
+    **{f"{kind}_{o}": _axis(kind, o) for kind in ("along", "about") for o in ("free", "held")},
+    "deflection": partial(_deflection, "displacement"),
+    "deflection_angle": partial(_deflection, "twist"),
+    "condition": _path("indices.condition_number"),
+    "isotropy": _path("indices.isotropy"),
+    "minimum": _path("indices.minimum_stiffness"),
+    "translation_condition": _path("indices.translational_condition"),
+    "rotation_condition": _path("indices.rotational_condition"),
+    "determinant": _path("indices.determinant"),
+    "unstable_directions": _unstable,
+    "natural_length": lambda r, a: a["natural"],
+    "asymmetry": _path("asymmetry.size"),
+    "connection_change": _connection_change,
+    "singular_value_ratio": _ratio,
+    "manipulability": lambda r, a: np.prod(_singular_values(r, a, 1.0)),
+    "moment": partial(_wrench, slice(0, 3)),
+    "force": partial(_wrench, slice(3, 6)),
+    "energy": lambda r, a: r.energy,
+}
+#: Those that come from the masses, and that the fewest lines of this file can say anew.
+OF_MODES = {f"{name}_{i}" for name in ("frequency", "damping") for i in range(1, 7)}
+OF_MODES |= {"limiting_depth"}
+#: Rounding of what is zero, or no number of a singular posture, in natural sizes.
+DOUBTFUL = {"determinant", "singular_value_ratio", "manipulability", "asymmetry"}
+
+CASES = {
+    "unloaded arm": ("ur5", None, "B"),
+    "loaded arm": ("ur5", LOAD, "load"),
+    "redundant arm, asymmetric": ("panda", LOAD, "A"),
+    "platform": ("stewart-simscape", LOAD, "load"),
+}
+
+
+def _postures(elastic, count):
+    """Random ones, and some at a singularity and near one."""
+    rng = np.random.default_rng(5)
+    wide = 2.0 if elastic.mechanism.kind == "serial" else 0.05 * np.repeat([1.0, 4.0], 3)
+    q = elastic.q + wide * rng.uniform(-1.0, 1.0, (count, len(elastic.q)))
+    if elastic.mechanism.kind == "serial":
+        q[0] = 0.0
+        q[1] = 1e-9
+        q[2] = 1e-5 * rng.uniform(-1.0, 1.0, len(elastic.q))
+    return q
+
+
+def _asked(name):
+    robot, wrench, connection = CASES[name]
+    elastic = cartstiff.load(robot)
+    load = LoadKind("dead", (0.0, 0.02, 0.05)) if connection == "load" else LoadKind()
+    settings = Settings(
+        connection,
+        LENGTH,
+        DIRECTION,
+        load=load,
+        is_loaded=wrench is not None,
+        deflect=None if wrench is not None else LOAD,
+        damping=Damping(RATIO),
+    )
+    return elastic, wrench, load, settings
+
+
+def test_every_quantity_has_a_way_to_it_here():
+    assert set(SINGLE) | OF_MODES == set(QUANTITIES)
+    assert set(READINGS) == {n for n, q in QUANTITIES.items() if q.is_recorded}
+    assert set(QUANTITIES) - set(READINGS) == {
+        "connection_change",
+        "limiting_depth",
+        *(n for n in OF_MODES if n.startswith("damping")),
+    }
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_one_posture_stacks_and_recorded_numbers_agree(name):
+    elastic, wrench, load, settings = _asked(name)
+    q = _postures(elastic, 24)
+    chosen = choose_quantities(tuple(SINGLE), settings, elastic)
+    acting = {"wrench": wrench, "load_kind": load.kind, "load_at": load.at}
+    outputs = needed_outputs(chosen, settings)
+    arrays = analyse_many(elastic, q, outputs=outputs, **acting).arrays
+    lengths = np.array([c.is_length for c in elastic.mechanism.coordinates])
+    if isinstance(elastic.mechanism, Platform):
+        lengths[:] = True
+    found = evaluate(chosen, arrays, settings, lengths)
+    names = tuple(n for n in SINGLE if n in READINGS)
+    given = None if wrench is None else np.array(wrench)
+    read = Reader(elastic, Readings(names, settings), outputs, given, path="portable").read(q)
+    assert read.is_known.mean() > 0.8
+    with np.errstate(all="ignore"):
+        for i, posture in enumerate(q):
+            result = cartstiff.analyse(elastic, posture, **acting)
+            deflect = LOAD if wrench is None else None
+            analysis = analyse_posture(
+                result,
+                connection=settings.connection,
+                length=LENGTH,
+                direction=DIRECTION,
+                wrench=deflect,
+                wrench_at=None if deflect is None else (0.0, 0.0, 0.0),
+                springs=False,
+            )
+            own = analyse_posture(result, connection=settings.connection, springs=False)["length"]
+            analysis["natural"] = own["value"] if own["origin"] == "natural" else None
+            condition = found["condition"][i] if np.isfinite(found["condition"][i]) else 1e12
+            for key, one in SINGLE.items():
+                expected, value = one(result, analysis), found[key][i]
+                exists = expected is not None and np.isfinite(expected)
+                if key in DOUBTFUL and condition > 1e11:
+                    continue
+                assert np.isfinite(value) == exists, (key, i, value, expected)
+                ways = [value]
+                if key in READINGS and read.is_known[i]:
+                    ways.append(read.values[key][i])
+                for way in ways if exists else ():
+                    size = 1.0 if key == "connection_change" else abs(expected)
+                    close = max(PER_CONDITION * condition, 1e-9) * size + 1e-12
+                    assert abs(way - expected) <= close, (key, i, way, expected)
+
+
+@pytest.mark.parametrize("name", ["unloaded arm", "loaded arm", "platform"])
+def test_modes_of_one_posture_of_stacks_and_of_recorded_numbers_agree(name):
+    elastic, wrench, load, settings = _asked(name)
+    if wrench is not None:  # a dead moment has no energy, and is not recorded
+        wrench = (0.0, 0.0, 0.0, *wrench[3:])
+    cut = Milling(tangential=6e8, radial=0.3, teeth=4, entry=0.0, exit=np.pi / 2)
+    settings = replace(settings, milling=cut)
+    q = _postures(elastic, 24)[4:10]
+    names = tuple(sorted(OF_MODES))
+    chosen = choose_quantities(names, settings, elastic)
+    acting = {"load_kind": load.kind, "load_at": load.at}
+    given = None if wrench is None else np.array(wrench)
+    swing = ManyModes(elastic, q, given, acting)
+    found = evaluate(chosen, {}, settings, None, swing)
+    wanted = tuple(n for n in names if n in FREQUENCIES)
+    read = Reader(elastic, Readings(wanted, settings), (), given, path="portable").read(q)
+    assert read.is_known.any()
+    for i, posture in enumerate(q):
+        result = cartstiff.analyse(elastic, posture, wrench=wrench, **acting)
+        swings = modes(result)
+        own = swings.frequencies
+        depth = limiting_depth(swings, cut, RATIO)
+        assert found["limiting_depth"][i] == pytest.approx(depth, rel=1e-6, nan_ok=True)
+        for j in range(6):
+            key = f"frequency_{j + 1}"
+            assert found[key][i] == pytest.approx(own[j], rel=1e-6, nan_ok=True)
+            if read.is_known[i]:
+                assert read.values[key][i] == pytest.approx(own[j], rel=1e-6)
+            assert found[f"damping_{j + 1}"][i] == pytest.approx(RATIO, rel=1e-6, nan_ok=True)
+
+
+def test_rounding_of_a_singular_posture_is_no_compliance():
+    """The wrist of a straight arm cannot turn about x: held there, it is as soft as it was free."""
+    C = cartstiff.analyse(cartstiff.load("ur5"), np.zeros(6)).compliances["B"]
+    left = C[3:, 3:] - C[3:, :3] @ np.linalg.pinv(C[:3, :3], rcond=1e-12) @ C[:3, 3:]
+    shape = compliance_ellipsoid(C, "translation", "held")
+    np.testing.assert_allclose(shape.eigenvalues, np.linalg.eigvalsh(left), rtol=1e-9)
