@@ -85,19 +85,68 @@ def test_the_answer_is_that_of_the_commands(arm):
     assert text.count("<svg ") == 2  # those of the page are escaped
 
 
+def moved_by(elastic, q, W):
+    state = equilibrium(elastic, q0=q, wrench=W, load_axes="world")
+    return np.linalg.norm(state.displacement[3:])
+
+
 def test_better_is_really_better(arm):
-    """What the sentence says, by the equilibrium at the other posture."""
-    W = [0, 0, 0, 0, 0, -200]
-    said = words(report_page(arm, Q, wrench=W, load_axes="world"))
+    """What the sentence says, by the equilibrium at the other posture; five joints keep no pose."""
+    W, five = [0, 0, 0, 0, 0, -200], f"<robot name='arm'>{ARM}</robot>"
+    arm = cartstiff.load(five, frame="l5", stiffness=2e4, gravity=[0, 0, -9.81])
+    q = Q[: len(arm.q)]
+    said = words(report_page(arm, q, wrench=W, load_axes="world"))
     name, at, less = re.search(r"(j\d) at (-?[\d.]+) deg instead, (\d+) % less", said).groups()
-    other = list(Q)
+    other = list(q)
     other[int(name[1]) - 1] = np.radians(float(at))
+    gained = 100 * (1 - moved_by(arm, other, W) / moved_by(arm, q, W))
+    assert gained == pytest.approx(float(less), abs=1.5)
 
-    def moved(q):
-        state = equilibrium(arm, q0=q, wrench=W, load_axes="world")
-        return np.linalg.norm(state.displacement[3:])
 
-    assert 100 * (1 - moved(other) / moved(Q)) == pytest.approx(float(less), abs=1.5)
+@pytest.mark.parametrize(("name", "W"), [("panda", [0, 0, -50]), ("ur5", [0, 0, -100])])
+def test_a_better_posture_keeps_the_tip_where_it_is(name, W):
+    """Self-motion of seven joints, another branch of six: same pose, less displacement."""
+    arm, W = cartstiff.load(name), [0, 0, 0, *W]
+    said = words(report_page(arm, wrench=W, load_axes="world"))
+    places, less = re.search(r"\(the tip stays where it is\): (.*?); (\d+) % less", said).groups()
+    degrees = [float(place.split()[1]) for place in places.split(", ")]
+    assert [place.split()[0] for place in places.split(", ")] == list(arm.names)
+    q = np.radians(degrees)
+    apart = arm.mechanism.at(q).pose - arm.mechanism.at(arm.q).pose
+    assert np.abs(apart).max() < 3e-3  # a tenth of a degree is what is said
+    gained = 100 * (1 - moved_by(arm, q, W) / moved_by(arm, arm.q, W))
+    assert gained == pytest.approx(float(less), abs=1.5)
+
+
+def test_springs_that_nobody_measured_are_doubted_before_the_answer():
+    assumed = cartstiff.load(f"<robot name='arm'>{ARM}</robot>")
+    for elastic, words_of_doubt in (
+        (assumed, "The springs are assumed: no joint stiffness was given"),
+        (cartstiff.load("ur5"), "The springs are illustrative, not measured."),
+    ):
+        text = report_page(elastic)
+        assert 0 < text.index('<p class="doubt">') < text.index("<li>")
+        assert words_of_doubt in words(text)
+    known = cartstiff.load(f"<robot name='arm'>{ARM}</robot>", stiffness=1e4)
+    assert 'class="doubt"' not in report_page(known)
+
+
+def test_legs_stand_beside_their_limits_and_passive_joints_are_left_out(tmp_path):
+    """Lengths by hand from the two ends of each leg; tensions by the spring's law."""
+    text = report_page(hexapod := cartstiff.load("hexapod"), wrench=[0, 0, 0, 0, 0, -100])
+    result = cartstiff.analyse(hexapod, wrench=[0, 0, 0, 0, 0, -100])
+    platform, T = hexapod.mechanism, result.pose
+    ends = platform.points @ T[:3, :3].T + T[:3, 3]
+    rows = table_after(text, "Legs")
+    lengths = [float(row[1].split()[0]) for row in rows[1:]]
+    assert lengths == pytest.approx(np.linalg.norm(ends - platform.anchors, axis=1), rel=1e-3)
+    forces = [float(row[-1].split()[0]) for row in rows[1:]]
+    along = (ends - platform.anchors) / np.linalg.norm(ends - platform.anchors, axis=1)[:, None]
+    # The legs hold the body against the load.
+    assert np.array(forces) @ along == pytest.approx([0, 0, -100], abs=0.05)
+    joints = table_after(report_page(five := cartstiff.load("five-bar")), "Posture")
+    assert len(joints) - 1 < len(five.names)
+    assert "passive joints without a spring are not listed" in words(report_page(five))
 
 
 @pytest.mark.parametrize("name", ["cubic", "five-bar", "grasp"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from cartstiff.arrays import checked_vector
 from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, printable
 from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
@@ -26,12 +28,13 @@ from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
-from cartstiff.page.shown import verdict
+from cartstiff.page.shown import distance_to_singularity, legs, verdict
 from cartstiff.page.source import Source
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.report.layout import placed
+from cartstiff.scene.scales import round_number
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import displacement_between
 from cartstiff.stiffness.applied_load import LoadKind
@@ -41,6 +44,8 @@ from cartstiff.version import __version__
 
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
+# Random starts of the search for other postures at the same tip pose.
+_STARTS = 16
 _COLOURS = ("#2060c0", "#c04020", "#208040", "#8040a0", "#b08000", "#008090", "#c0307a", "#606060")
 _STYLE = Path(__file__).parent / "static" / "report.css"
 
@@ -85,8 +90,9 @@ def report_page(
         result = load.result(elastic, start)
         analysis = load.analysis(result)
         swept = _swept(elastic, start, load)
-        lines, notes = _answer(elastic, start, load, result, analysis, swept)
+        lines, notes, moved = _answer(elastic, start, load, result, analysis, swept)
         picture = _picture(elastic, result, load)
+        legs_shown = _legs(result)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
     where = placed(elastic.mechanism.frame_offset, elastic.units.length)
     sits = f" M is {where} in {elastic.mechanism.frame}." if where else ""
@@ -94,10 +100,11 @@ def report_page(
         f"<h1>{_text(title)}</h1>",
         f'<p class="quiet">Lengths in {elastic.units.length}, forces in {elastic.units.force} '
         f"unless said otherwise; M is the tool's frame, F the room.{_text(sits)}</p>",
-        f'<div class="answer"><ul>{_items(lines)}</ul></div>',
+        f'<div class="answer">{_doubt(elastic)}<ul>{_items(lines)}</ul></div>',
         f'<section class="screen"><h2>In three dimensions</h2>{picture}</section>',
-        f"<section><h2>Posture</h2><figure>{_skeleton(elastic, start)}</figure>"
-        f"{_joints(result, start, analysis)}</section>",
+        f"<section><h2>Posture</h2><figure>{_skeleton(elastic, start, load, moved)}</figure>"
+        f"{_joints(result, start, analysis)}{_near(result)}</section>",
+        *([f"<section><h2>Legs</h2>{legs_shown}</section>"] if legs_shown else []),
         f"<section><h2>Load and weight</h2><ul>{_items(_acting(elastic, load))}</ul></section>",
         f"<section><h2>Stiffness</h2>{_matrix(result, load)}</section>",
     ]
@@ -111,6 +118,7 @@ def report_page(
     if elastic.source:
         notes.insert(0, f"The file says of its numbers: {elastic.source}")
     about = [
+        datetime.date.today().isoformat(),
         f"cartstiff {__version__}",
         f"Pinocchio {version('pin')}",
         f"NumPy {np.__version__}",
@@ -219,9 +227,9 @@ def _answer(
     result: PostureStiffness,
     analysis: dict[str, Any],
     swept: dict[str, tuple[Array, Array]],
-) -> tuple[list[str], list[str]]:
-    """The sentences of the answer, and everything that was assumed."""
-    lines: list[str] = []
+) -> tuple[list[str], list[str], Array | None]:
+    """The sentences of the answer, everything that was assumed, and how the tip moves in F."""
+    lines, shift = [_under(elastic, load)], None
     notes = {str(note): None for note in result.notes}
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     try:
@@ -237,7 +245,9 @@ def _answer(
         lines += beyond_limits(state.notes)
         if load.added is not None and state.stable is not False:
             turned, moved = np.split(displacement_between(before.pose, state.pose), 2)
-            along = ", ".join(f"{mm * x:+.3g}" for x in moved)
+            shift = moved
+            least = numerics.BLANK * np.abs(moved).max()
+            along = ", ".join(f"{mm * x:+.3g}" if abs(x) > least else "0" for x in moved)
             lines.append(
                 f"The tip moves {mm * np.linalg.norm(moved):.3g} mm ({along} mm along the axes of "
                 f"F) and turns {np.degrees(np.linalg.norm(turned)):.3g} deg under the load."
@@ -255,7 +265,39 @@ def _answer(
     if state_of["level"] != "good":
         lines.append(f"{state_of['title']}.")
     lines += _softest(result, analysis)
-    return [*lines, *_better(elastic, swept)], list(notes)
+    return [*lines, *_better(elastic, start, load, swept)], list(notes), shift
+
+
+def _doubt(elastic: ElasticMechanism) -> str:
+    """A line in amber where the springs are assumed, or illustrative by what their file says."""
+    assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
+    if assumed:
+        words = f"The springs are assumed: {assumed[0]}. Give them by --springs, or identify them."
+    elif "illustrative" in (elastic.source or "").lower():
+        words = f"The springs are illustrative, not measured. {elastic.source}"
+    else:
+        return ""
+    return f'<p class="doubt">{_text(words)}</p>'
+
+
+def _under(elastic: ElasticMechanism, load: _Load) -> str:
+    """What acts, and what holds the body against it."""
+    units, of = elastic.units, "F" if load.axes == "world" else "M"
+    parts = []
+    for size, unit, kind in zip(
+        () if load.added is None else (load.added[3:], load.added[:3]),
+        (units.force, units.moment),
+        ("force", "moment"),
+        strict=False,
+    ):
+        if size.any():
+            along = ", ".join(f"{x:.3g}" for x in size / np.linalg.norm(size) + 0.0)
+            parts.append(f"a {kind} of {np.linalg.norm(size):.4g} {unit} along ({along}) of {of}")
+    acting = " and ".join(parts) or "no load"
+    springs = "joints" if isinstance(elastic.mechanism, Chain) else "legs"
+    holds = f"the springs of its {springs}" if load.held is None else "the wrench named below"
+    weight = "" if elastic.gravity is None else " and its weight"
+    return f"Under {acting}{weight}, held by {holds}."
 
 
 def _links(elastic: ElasticMechanism) -> dict[str, str]:
@@ -303,8 +345,10 @@ def _softest(result: PostureStiffness, analysis: dict[str, Any]) -> list[str]:
     return [f"Softest direction: ({along}) in F, {soft:.4g} N/mm with the body free to turn."]
 
 
-def _better(elastic: ElasticMechanism, swept: dict[str, tuple[Array, Array]]) -> list[str]:
-    """The best posture among those that differ in one coordinate."""
+def _better(
+    elastic: ElasticMechanism, start: Array, load: _Load, swept: dict[str, tuple[Array, Array]]
+) -> list[str]:
+    """A better posture at the same tip pose; else the best that differs in one coordinate."""
     better = [
         (float(y[i]), name, float(x[i]))
         for name, (x, y) in swept.items()
@@ -312,27 +356,118 @@ def _better(elastic: ElasticMechanism, swept: dict[str, tuple[Array, Array]]) ->
     ]
     if not better:
         return []
-    least, name, at = min(better)
     here = float(next(iter(swept.values()))[1][_COUNT // 2])
+    if same := _at_same_pose(elastic, start, load, here):
+        return [same]
+    least, name, at = min(better)
     if not least < 0.99 * here:
         return ["No single coordinate, moved from here, makes it better by 1 %."]
-    where = elastic.mechanism.coordinates[elastic.names.index(name)]
-    length = f"{at:.4g} {elastic.units.length}"
-    place = length if where.is_length else f"{np.degrees(at):.1f} deg"
+    j = elastic.names.index(name)
+    place = _place(elastic, at, elastic.mechanism.coordinates[j].is_length)
     kind = "joint" if isinstance(elastic.mechanism, Chain) else "coordinate"
+    there = np.where(np.arange(len(start)) == j, at, start)
+    less = _less(elastic, start, there, load)
     return [
-        f"Better posture (one {kind} changed): {name} at {place} instead, "
-        f"{100 * (1 - least / here):.0f} % less displacement (the tip is then at another place)."
-    ]
+        f"Better posture (one {kind} changed): {name} at {place} instead, {less}"
+        " (the tip is then at another place)."
+    ] * bool(less)
+
+
+def _less(elastic: ElasticMechanism, start: Array, there: Array, load: _Load) -> str:
+    """How much less the load moves the tip at another posture, by both equilibria; empty if not."""
+    moved = []
+    for q in (start, there):
+        term = load.kind.acting(_in_room(load), elastic.mechanism.at(q).pose, "world")
+        try:
+            state = equilibrium(elastic, term, q0=q)
+        except CartstiffError:
+            return ""
+        if state.stable is False:
+            return ""
+        moved.append(float(np.linalg.norm(state.displacement[3:])))
+    here, other = moved
+    return f"{100 * (1 - other / here):.0f} % less displacement" if other < 0.99 * here else ""
+
+
+def _at_same_pose(elastic: ElasticMechanism, start: Array, load: _Load, here: float) -> str:
+    """The best posture of an arm that leaves the tip where it is; empty where none is better.
+
+    Other branches, a move along the self-motion of a redundant arm, and, where a force acts on the
+    tool's axis, the tool turned about it.
+    """
+    if not isinstance(elastic.mechanism, Chain) or len(start) < 6:
+        return ""
+    turns: list[Literal["none", "z"]] = ["none"]
+    if load.added is not None and not any(load.kind.at[:2]) and not load.added[:3].any():
+        turns.append("z")
+    for free in turns:
+        found = inverse_kinematics(
+            elastic,
+            load.pose,
+            _STARTS,
+            free=free,
+            cost=lambda Q: _displacements(elastic, Q, load),
+        )
+        if not len(found):
+            continue
+        moved = _displacements(elastic, np.asarray(found), load)
+        if not np.isfinite(moved).any() or not np.nanmin(moved) < 0.99 * here:
+            continue
+        q = np.asarray(found)[np.nanargmin(moved)]
+        if not (less := _less(elastic, start, q, load)):
+            continue
+        places = ", ".join(
+            f"{c.name} {_place(elastic, float(x), c.is_length)}"
+            for c, x in zip(elastic.mechanism.coordinates, q, strict=True)
+        )
+        how = "" if free == "none" else ", the tool turned about its z axis"
+        return (
+            f"Better posture (the tip stays where it is{how}): {places}; {less}. "
+            "Neither collisions nor the floor were looked at."
+        )
+    return ""
+
+
+def _place(elastic: ElasticMechanism, value: float, is_length: bool) -> str:
+    return f"{value:.4g} {elastic.units.length}" if is_length else f"{np.degrees(value):.1f} deg"
+
+
+def _in_room(load: _Load) -> Array:
+    """The load along the axes of F."""
+    added = np.zeros(6) if load.added is None else load.added
+    if load.axes == "world":
+        return added
+    return np.asarray(np.kron(np.eye(2), load.pose[:3, :3]) @ added)
+
+
+def _displacements(elastic: ElasticMechanism, Q: Array, load: _Load) -> Array:
+    """Displacement of the tip (N,) at postures under the load, fixed in the room.
+
+    NaN where the body does not resist it.
+    """
+    arrays = analyse_many(
+        elastic,
+        Q,
+        wrench=_in_room(load),
+        load_kind=load.kind.kind,
+        load_at=load.kind.at,
+        load_axes="world",
+        outputs=("wrench", "compliance_load"),
+    ).arrays
+    C = arrays["compliance_load"]
+    moved = np.linalg.norm(np.einsum("nij,nj->ni", C, arrays["wrench"])[:, 3:], axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(C).all(axis=(1, 2)))
+    C = np.where(known[:, None, None], C, 0.0)
+    values = np.linalg.eigvalsh((C + C.swapaxes(1, 2)) / 2)
+    return np.where(known & (values[:, 0] >= -numerics.ROUNDING * values[:, -1]), moved, np.nan)
 
 
 def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tuple[Array, Array]]:
     """Displacement of the tip under the load, fixed in the room, over each coordinate."""
-    mechanism, R = elastic.mechanism, np.kron(np.eye(2), load.pose[:3, :3])
+    mechanism = elastic.mechanism
     sweeps: dict[str, tuple[Array, Array]] = {}
     if getattr(mechanism, "closures", None) or load.added is None or load.held is not None:
         return sweeps
-    added = load.added if load.axes == "world" else R @ load.added
     posture, virtual = mechanism.at(start), _links(elastic)
     limits, length = limits_of(mechanism), posture.length
     limits = limits.leaving_out(limits.side(limits.values(posture.q, posture.pose), length))
@@ -345,25 +480,11 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
         x[_COUNT // 2] = start[j]
         Q = np.tile(start, (_COUNT, 1))
         Q[:, j] = x
-        arrays = analyse_many(
-            elastic,
-            Q,
-            wrench=added,
-            load_kind=load.kind.kind,
-            load_at=load.kind.at,
-            load_axes="world",
-            outputs=("wrench", "compliance_load"),
-        ).arrays
-        C = arrays["compliance_load"]
-        moved = np.linalg.norm(np.einsum("nij,nj->ni", C, arrays["wrench"])[:, 3:], axis=1)
-        known: NDArray[np.bool_] = np.asarray(np.isfinite(C).all(axis=(1, 2)))
-        C = np.where(known[:, None, None], C, 0.0)
-        values = np.linalg.eigvalsh((C + C.swapaxes(1, 2)) / 2)
-        held = known & (values[:, 0] >= -numerics.ROUNDING * values[:, -1])
+        moved = _displacements(elastic, Q, load)
         if limits.legs is not None:  # coordinates are within theirs, legs need not be
             poses = np.array([mechanism.at(q).pose for q in Q])
-            held &= ~limits.exceeded(limits.values(Q, poses))
-        sweeps[c.name] = x, np.where(held, moved, np.nan)
+            moved[limits.exceeded(limits.values(Q, poses))] = np.nan
+        sweeps[c.name] = x, moved
     return sweeps
 
 
@@ -384,8 +505,11 @@ def _picture(elastic: ElasticMechanism, result: PostureStiffness, load: _Load) -
     return f'<iframe title="the mechanism" srcdoc="{escape(page, quote=True)}"></iframe>'
 
 
-def _skeleton(elastic: ElasticMechanism, q: Array) -> str:
-    """Lines from joint to joint to the tip, or along the legs, from the side and from above."""
+def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | None) -> str:
+    """Lines from joint to joint to the tip, or along the legs, from the side and from above.
+
+    With the force on the tip, the tip's displacement, enlarged, and a scale bar.
+    """
     mechanism = elastic.mechanism
     posture = mechanism.at(q)
     lines: list[Array] = []
@@ -405,7 +529,8 @@ def _skeleton(elastic: ElasticMechanism, q: Array) -> str:
         return ""
     every = np.vstack(lines)
     low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDING)
-    drawn = []
+    drawn, tip = [], posture.pose[:3, 3]
+    arrows = _arrows(load, posture.pose, moved, size)
     for number, (title, across, up) in enumerate((("from the side", 0, 2), ("from above", 0, 1))):
         left = 20 + 320 * number
         for line in lines:
@@ -419,16 +544,79 @@ def _skeleton(elastic: ElasticMechanism, q: Array) -> str:
                 f'<circle cx="{left + p[across]:.1f}" cy="{235 - p[up]:.1f}" r="4" fill="#2060c0"/>'
                 for p in flat
             ]
-        tip = (posture.pose[:3, 3] - low) / size * 210
+        for vector, colour, _ in arrows:
+            a, b = ((p - low) / size * 210 for p in (tip, tip + vector))
+            drawn.append(
+                f'<line x1="{left + a[across]:.1f}" y1="{235 - a[up]:.1f}" '
+                f'x2="{left + b[across]:.1f}" y2="{235 - b[up]:.1f}" stroke="{colour}" '
+                'stroke-width="3" marker-end="url(#head)"/>'
+            )
+        at = (tip - low) / size * 210
         drawn.append(
-            f'<circle cx="{left + tip[across]:.1f}" cy="{235 - tip[up]:.1f}" r="6" '
+            f'<circle cx="{left + at[across]:.1f}" cy="{235 - at[up]:.1f}" r="6" '
             f'fill="#c04020"/><text x="{left}" y="255">{title}: {"xyz"[across]} to the '
             f"right, {'xyz'[up]} up; M in red</text>"
         )
+    bar = round_number(size / 3.0)
+    width, words = 210 * bar / size, [f"{bar:g} {elastic.units.length}"]
+    drawn.append(f'<path d="M20 264v6h{width:.1f}v-6" fill="none" stroke="#222"/>')
+    words += [said for _, _, said in arrows]
+    drawn.append(f'<text x="{30 + width:.1f}" y="272">{_text("; ".join(words))}</text>')
     return (
-        '<svg viewBox="0 0 640 260" width="640" height="260" font-size="11" '
-        f'font-family="sans-serif" role="img">{"".join(drawn)}</svg>'
+        '<svg viewBox="-20 -20 680 300" width="680" height="300" font-size="11" '
+        'font-family="sans-serif" role="img"><defs><marker id="head" viewBox="0 0 8 8" refX="6" '
+        'refY="4" markerWidth="5" markerHeight="5" orient="auto"><path d="M0 0L8 4L0 8z" '
+        f'fill="context-stroke"/></marker></defs>{"".join(drawn)}</svg>'
     )
+
+
+def _arrows(
+    load: _Load, pose: Array, moved: Array | None, size: float
+) -> list[tuple[Array, str, str]]:
+    """Force on the tip and its displacement as drawn in F, with their colours and words."""
+    arrows = []
+    force = np.zeros(3) if load.added is None else load.added[3:]
+    if load.axes == "body":
+        force = pose[:3, :3] @ force
+    if force.any():
+        arrows.append((0.15 * size * force / np.linalg.norm(force), "#222", "force in black"))
+    if moved is not None and moved.any():
+        factor = round_number(0.2 * size / float(np.linalg.norm(moved)))
+        words = f"displacement of the tip in green, drawn {factor:g} times as long"
+        arrows.append((factor * moved, "#208040", words))
+    return arrows
+
+
+def _legs(result: PostureStiffness) -> str:
+    """Lengths and forces of a platform's legs beside their limits."""
+    shown, units = legs(result), result.units
+    if shown is None:
+        return ""
+    keys = {"length": units.length, "lower": units.length, "upper": units.length}
+    known = {
+        key: unit
+        for key, unit in (keys | {"tension": units.force}).items()
+        if any(leg[key] is not None for leg in shown)
+    }
+    rows = [
+        [f"leg{i}", *(_quantity(leg[key], unit) for key, unit in known.items())]
+        for i, leg in enumerate(shown, 1)
+    ]
+    heads = {"lower": "shortest", "upper": "longest", "tension": "force (tension above zero)"}
+    return _table(rows, ["leg", *(heads.get(key, key) for key in known)])
+
+
+def _near(result: PostureStiffness) -> str:
+    """How far the posture is from each kind of singularity."""
+    return "".join(
+        f"<p>Distance to a singularity ({entry['kind']}): {entry['ratio']:.3g}, the smallest over "
+        f"the largest singular value, lengths in {entry['length']:.4g} {result.units.length}.</p>"
+        for entry in distance_to_singularity(result)
+    )
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{value:.4g} {unit}"
 
 
 def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str:
@@ -450,14 +638,26 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
             return ""
         return "rigid" if np.isinf(k) else f"{k:.6g} {units.spring(is_length)}" if k else "none"
 
-    rows = []
+    rows, passive = [], 0
     for c, value in zip(elastic.mechanism.coordinates, q.tolist(), strict=True):
         place = f"{value:.5g} {units.length}" if c.is_length else f"{np.degrees(value):.2f} deg"
-        rows.append((c.name, place, spring(c.name, c.is_length), _percent(shares.get(c.name))))
-    legs = [n for n in dict.fromkeys([*springs, *shares]) if n not in elastic.names]
-    rows += [(name, "", spring(name, True), _percent(shares.get(name))) for name in legs]
+        row = (c.name, place, spring(c.name, c.is_length), _percent(shares.get(c.name)))
+        is_passive = result.posture.closure is not None and row[2:] in _PASSIVE
+        passive += is_passive
+        size, unit = (1.0, units.length) if c.is_length else (180 / np.pi, "deg")
+        ends = [size * c.lower, size * c.upper]
+        limits = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}" if np.isfinite(ends).any() else ""
+        rows += [] if is_passive else [(*row, limits)]
+    bars = [n for n in dict.fromkeys([*springs, *shares]) if n not in elastic.names]
+    rows += [(name, "", spring(name, True), _percent(shares.get(name)), "") for name in bars]
     of = "energy" if deflection.get("kind") == "springs" else "displacement"
-    return _table(rows, ("coordinate", "position", "stiffness", f"share of the {of}"))
+    left_out = f"<p>{passive} passive joints without a spring are not listed.</p>" * bool(passive)
+    head = ("coordinate", "position", "stiffness", f"share of the {of}", "limits")
+    return _table(rows, head) + left_out
+
+
+# What the table of a joint says that has no spring, and takes no part in the displacement.
+_PASSIVE = [(spring, share) for spring in ("", "none") for share in ("", "0 %")]
 
 
 def _table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:

@@ -305,7 +305,7 @@ def shown_numbers(
         "indices": numbers,
         "symmetric": _asymmetries(shown),
         "singularity": distance_to_singularity(result),
-        "legs": _legs(result),
+        "legs": legs(result),
         "moved": _moved(result, state),
         "modes": modes_part(result) if state.mode is not None else None,
         "verdict": verdict(
@@ -480,7 +480,7 @@ def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
     }
 
 
-def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
+def legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     """Lengths, limits and tensions of a platform's lines."""
     posture = result.posture
     if not isinstance(posture, PlatformPosture):
@@ -549,7 +549,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     unstable = moved is not None and not _resists(result)
     if unstable:
         moved = None
-    forces = [leg["tension"] for leg in _legs(result) or () if leg["tension"] is not None]
+    forces = [leg["tension"] for leg in legs(result) or () if leg["tension"] is not None]
     ways = (None, None) if moved is None else (moved.whole.displacement, moved.whole.twist[:3])
     deflection, turn = (None if way is None else [float(np.linalg.norm(way))] for way in ways)
     energy = plain(result.energy)
