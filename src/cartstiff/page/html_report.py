@@ -44,6 +44,8 @@ from cartstiff.version import __version__
 
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
+# Of arrows in the drawing, in its own units.
+_SHORT = 8.0
 # Random starts of the search for other postures at the same tip pose.
 _STARTS = 16
 _COLOURS = ("#2060c0", "#c04020", "#208040", "#8040a0", "#b08000", "#008090", "#c0307a", "#606060")
@@ -546,6 +548,8 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
             ]
         for vector, colour, _ in arrows:
             a, b = ((p - low) / size * 210 for p in (tip, tip + vector))
+            if np.linalg.norm((b - a)[[across, up]]) < _SHORT:
+                continue  # towards the reader
             drawn.append(
                 f'<line x1="{left + a[across]:.1f}" y1="{235 - a[up]:.1f}" '
                 f'x2="{left + b[across]:.1f}" y2="{235 - b[up]:.1f}" stroke="{colour}" '
@@ -653,7 +657,8 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
     of = "energy" if deflection.get("kind") == "springs" else "displacement"
     left_out = f"<p>{passive} passive joints without a spring are not listed.</p>" * bool(passive)
     head = ("coordinate", "position", "stiffness", f"share of the {of}", "limits")
-    return _table(rows, head) + left_out
+    shown = 5 if any(row[4] for row in rows) else 4
+    return _table([row[:shown] for row in rows], head[:shown]) + left_out
 
 
 # What the table of a joint says that has no spring, and takes no part in the displacement.
@@ -714,7 +719,10 @@ def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> s
     """The sweeps as curves over the change of the coordinate."""
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     finite = np.concatenate([y[np.isfinite(y)] for _, y in swept.values()])
-    top = 1.05 * mm * float(np.quantile(finite, 0.98)) if finite.size else 1.0
+    largest = (mm * float(np.quantile(finite, 0.98)) if finite.size else 0.0) or 1.0
+    # Four round steps reach above the curves.
+    first = round_number(largest / 4.0)
+    top = 4.0 * next(first * x for x in (1.0, 2.0, 2.5, 5.0) if 4.0 * first * x >= largest)
     lines = []
     for tick in range(5):
         at = 220 - 50 * tick
