@@ -264,7 +264,7 @@ def test_what_is_free_near_a_singularity(distance):
 @pytest.mark.parametrize("decades", [0, 4, 9])
 @pytest.mark.parametrize(("joints", "loaded"), [(6, False), (6, True), (7, True)])
 def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, decades, distance):
-    """Held, free and whole, of one posture and of a map: right, or null, and never rounding."""
+    """Held, free and whole, of one posture and of a map, as far as J itself is known."""
     arm = _Arm(joints, joints)
     rng = np.random.default_rng([joints, decades, round(-np.log10(distance))])
     q = arm.q.copy()
@@ -280,35 +280,32 @@ def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, de
     if result.matrices["B"] is None:
         assert result.reduction.states[-1].code == "serial-singularity"
         return
-    values = np.abs(expected["all"])
-    is_plain = values.max() < 1e11 * values.min()
-    known = max(1e-9, 1e-14 / ratio) if is_plain else 2e-4 + 1e-14 / ratio
+    # What rounding of J does to springs of several decades is a little more.
+    known = max(1e-9, 3e-14 / ratio) if decades else max(1e-10, 1e-14 / ratio)
     answer = analyse_posture(result, length=length, connection="B")
     whole = answer["indices"]
-    if is_plain or whole is not None:
-        assert whole["eigenvalues"] == pytest.approx(expected["all"], rel=known)
-        assert answer["definiteness"] == whole["definiteness"] == "positive"
+    assert whole["eigenvalues"] == pytest.approx(expected["all"], rel=known)
+    assert whole["minimum_stiffness"] == pytest.approx(expected["all"][0], rel=TEN_DIGITS)
+    assert answer["definiteness"] == whole["definiteness"] == "positive"
     for freedom in ("translation", "rotation"):
         for others in ("held", "free"):
-            found = answer["ellipsoids"]["stiffness"][freedom][others]
-            if is_plain or found is not None:
-                assert found["eigenvalues"] == pytest.approx(expected[freedom, others], rel=known)
-            back = answer["ellipsoids"]["compliance"][freedom][others]
-            if is_plain or back is not None:
-                wanted = 1 / expected[freedom, others][::-1]
-                assert back["eigenvalues"] == pytest.approx(wanted, rel=known)
+            found = answer["ellipsoids"]["stiffness"][freedom][others]["eigenvalues"]
+            assert found == pytest.approx(expected[freedom, others], rel=known)
+            back = answer["ellipsoids"]["compliance"][freedom][others]["eigenvalues"]
+            assert back == pytest.approx(1 / np.array(found[::-1]), rel=1e-12)
     # What only K is read for says how much K knows.
     told = [n["values"] for n in answer["notes"] if n["code"] == "ill-conditioned"]
-    assert told or values.max() < 1e11 * values.min()
+    condition = expected["all"][-1] / expected["all"][0]
+    assert told or condition < 1e11
     moving, turning = expected["translation", "held"], expected["rotation", "held"]
     wanted = {
-        "translation_held_min": moving[0],
-        "translation_held_max": moving[2],
-        "rotation_held_min": turning[0],
-        "translation_free_max": expected["translation", "free"][2],
-        "minimum": expected["all"][0],
-        "condition": expected["all"][-1] / expected["all"][0],
-        "unstable_directions": 0.0,
+        "translation_held_min": (moving[0], known),
+        "translation_held_max": (moving[2], known),
+        "rotation_held_min": (turning[0], known),
+        "translation_free_max": (expected["translation", "free"][2], known),
+        "minimum": (expected["all"][0], TEN_DIGITS),
+        "condition": (condition, 2 * known),
+        "unstable_directions": (0.0, 0.0),
     }
     settings = Settings("B", length)
     quantities = choose_quantities(tuple(wanted), settings, elastic)
@@ -316,18 +313,17 @@ def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, de
     many = analyse_many(elastic, q[None], wrench=W if loaded else None, outputs=outputs)
     assert many.is_regular.all() or many.counts() == {"ill-conditioned": 1}
     for name, (value,) in evaluate(quantities, many.arrays, settings).items():
-        if is_plain or np.isfinite(value):
-            assert value == pytest.approx(wanted[name], rel=2 * known), name
+        assert value == pytest.approx(wanted[name][0], rel=wanted[name][1]), name
 
 
 @pytest.mark.parametrize("loaded", [False, True])
 def test_principal_compliances_at_a_singularity(loaded):
-    """Where there is no stiffness: free and held, of springs over five decades."""
+    """Where there is no stiffness: free and held, of springs over nine decades."""
     arm = _Arm(5, 6)
     q = arm.q.copy()
     q[-2] = 0.0
-    k = np.array([1e8, 1e3, 1e8, 1e5, 1e8, 1e5])
-    W = 3e-1 * np.random.default_rng(1).normal(size=6) * loaded
+    k = np.array([1e6, 1e-3, 1e6, 1e2, 1e6, 1e2])
+    W = 3e-5 * np.random.default_rng(1).normal(size=6) * loaded
     elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
     result = cartstiff.analyse(elastic, q, wrench=W if loaded else None)
     assert result.matrices["B"] is None

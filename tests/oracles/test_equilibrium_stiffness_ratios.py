@@ -161,12 +161,12 @@ def test_a_posture_that_rounding_hides_is_named():
         np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in corners + np.tile([-h, h], 3)])
         for r, h in ((0.5, 0.3), (0.3, 0.7))
     )
-    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - 1e-4])
+    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - 1e-5])
     legs = [1e6, 1.1e5, 1.4, 330.0, 1e-3, 105.0]
     elastic = platform_mechanism(base, top, legs, np.full(6, np.nan), q=q)
     load = np.array([2e-6, -1e-6, 3e-6, 1e-6, 0.0, 2e-6])
     C = cartstiff.analyse(elastic).compliances["B"]
-    load *= 1e-7 / np.abs(C @ load).max()  # linear over a share of the distance
+    load *= 1e-8 / np.abs(C @ load).max()  # linear over a share of the distance
     state = equilibrium(elastic, wrench=load)
     expected = C @ load
     twist = se3.log(se3.inverse(state.start.pose) @ state.pose)
@@ -174,7 +174,7 @@ def test_a_posture_that_rounding_hides_is_named():
     notes = {n.code: n for n in state.notes}
     told = notes["posture-unresolved"].values["largest"] if "posture-unresolved" in notes else 0.0
     assert missed < max(1e-3 * np.abs(expected).max(), 4.0 * told)
-    assert told > 1e-10
+    assert told > 1e-9
     plain = elastic.with_springs([100.0, 200.0, 300.0, 150.0, 120.0, 90.0])
     assert "posture-unresolved" not in {n.code for n in equilibrium(plain, wrench=load).notes}
 
@@ -186,7 +186,7 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
 
     elastic = cartstiff.load("3-rrr")
     k = np.array([3e3 * 10.0 ** (3.5 * (i % 3)) for i in range(len(elastic.names))])
-    elastic, load = elastic.with_springs(k), DeadForce([3e3, -2e3, 0.0])
+    elastic, load = elastic.with_springs(k), DeadForce([3e9, -2e9, 0.0])
     seen, at = [0], System.at
 
     def counted(self, q):
@@ -196,7 +196,7 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     monkeypatch.setattr(System, "at", counted)
     monkeypatch.setattr(effort, "_FEWEST", 0)
     taken = []
-    for most in (2 * effort.cost(elastic), 4 * effort.cost(elastic)):
+    for most in (70 * effort.cost(elastic), 140 * effort.cost(elastic)):
         monkeypatch.setattr(effort, "_MOST", most)
         bound = most // effort.cost(elastic)
         seen[0] = 0
@@ -205,7 +205,7 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
         assert seen[0] <= bound + 1  # the last is refused
         assert np.isfinite(caught.value.residual)
         taken.append(caught.value.iterations)
-    assert 0 < taken[0] <= taken[1]
+    assert 0 < taken[0] < taken[1]
     monkeypatch.setattr(effort, "_MOST", 1)
     with pytest.raises(ConvergenceError, match="given up after 0 postures"):
         equilibrium(elastic)
