@@ -88,14 +88,14 @@ def test_unloaded_minus_loaded(campaign):
 
 
 def test_no_false_alarm(tmp_path):
-    """Sixty campaigns, from little noise to nothing but noise, few rows and many."""
+    """Campaigns, from little noise to nothing but noise, few rows and many."""
     arms = {name: load(arm(name, tmp_path)) for name in ("elbow", "scara")}
     rng = np.random.default_rng(5)
     made = {
         name: random_campaign(elastic, SPRINGS[name], 40, 3, sd=0.0)
         for name, elastic in arms.items()
     }
-    for n in range(60):
+    for n in range(24):
         name = ("elbow", "scara")[n % 2]
         rows = rng.choice(40, rng.integers(8, 30), replace=False)
         q, W, d = (part[rows] for part in made[name])

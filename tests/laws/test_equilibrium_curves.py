@@ -385,7 +385,7 @@ def test_an_equilibrium_says_what_its_load_passes_on_the_way():
     assert mirrored.q == pytest.approx(-buckled.q, abs=1e-9)
 
 
-@pytest.mark.parametrize("imperfection", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("imperfection", [1e-2, 1e-6])
 def test_a_coarse_curve_stays_on_its_branch_beside_a_pitchfork(imperfection):
     """One link that leans from the start never snaps through: P = (x - x_0) / sin x, x_0 < x < pi.
 

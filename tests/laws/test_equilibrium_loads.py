@@ -50,7 +50,7 @@ def test_loads_within_the_elastic_range(name, size):
     elastic = unloaded_platform() if name == "platform" else mechanism(name)
     rng = np.random.default_rng(7)
     length = elastic.mechanism.at(elastic.q).length
-    for _ in range(250):
+    for _ in range(60):
         load = DeadForce(size * rng.normal(size=3), 0.2 * length * rng.normal(size=3))
         state = equilibrium(elastic, load)
         assert state.residual < 1e-9
@@ -61,7 +61,7 @@ def test_loads_within_the_elastic_range(name, size):
 def test_loads_under_which_the_preloaded_platform_snaps():
     elastic = mechanism("stewart-gough")
     rng = np.random.default_rng(7)
-    for _ in range(100):
+    for _ in range(40):
         load = DeadForce(30 * rng.normal(size=3), 4 * rng.normal(size=3))
         state = equilibrium(elastic, load)
         assert state.stable is True
@@ -71,7 +71,7 @@ def test_loads_under_which_the_preloaded_platform_snaps():
 def test_follower_loads_within_the_elastic_range():
     elastic = mechanism("ur5")
     rng = np.random.default_rng(8)
-    for _ in range(100):
+    for _ in range(40):
         wrench = np.concatenate([10 * rng.normal(size=3), 100 * rng.normal(size=3)])
         state = equilibrium(elastic, FollowerWrench(wrench))
         assert state.residual < 1e-9
@@ -96,7 +96,7 @@ def test_loads_that_must_be_put_on_in_stages():
 
 
 @pytest.mark.parametrize(
-    ("name", "count"), [("ur5", 12), ("panda", 9), ("stewart-gough", 12), ("five-bar", 9)]
+    ("name", "count"), [("ur5", 6), ("panda", 6), ("stewart-gough", 6), ("five-bar", 6)]
 )
 def test_absurd_loads_end_in_an_answer_or_a_refusal(name, count):
     elastic = mechanism(name)

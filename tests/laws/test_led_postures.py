@@ -109,8 +109,8 @@ def test_all_ways_lead_to_the_same_posture():
     elastic = cartstiff.load("delta")
     motors = list(elastic.mechanism.actuated)
     rng = np.random.default_rng(1)
-    q = np.tile(elastic.q, (150, 1))
-    q[:, motors] += rng.uniform(-1.0, 1.0, (150, 3))
+    q = np.tile(elastic.q, (110, 1))
+    q[:, motors] += rng.uniform(-1.0, 1.0, (110, 3))
     engine = np.array([elastic.mechanism.closed(row).q for row in q[:25]])
     many = cartstiff.analyse_many(elastic, q)
     assert many.fallback < 5
@@ -118,7 +118,7 @@ def test_all_ways_lead_to_the_same_posture():
     single = Assembler(elastic, elastic.q, [], "auto", 64).together(q)
     assert single[1].all()
     np.testing.assert_allclose(single[0], many.q, atol=CLOSE)
-    for _ in range(3):  # machine code answers from the 200th question on
+    for _ in range(2):  # machine code answers from the 200th question on
         one = np.array([cartstiff.analyse(elastic, row).q for row in q])
     np.testing.assert_allclose(one, many.q, atol=CLOSE)
 

@@ -33,6 +33,7 @@ AGREEMENT = 1e-12
 #: or where a matrix is inverted, some rounding errors times its condition number.
 PER_CONDITION = 3e-15
 
+OPTIMISED = True
 PATHS = ("portable", "compiled")
 COUNT = 13  # not a multiple of any vector's length
 
@@ -109,7 +110,7 @@ def postures(elastic: ElasticMechanism, seed: int = 1, count: int = COUNT) -> Ar
     return rng.uniform(-1.6, 1.6, (count, len(elastic.q)))
 
 
-ARMS = ["RRR", "PR", "RRPR", "RRRRRR", "RPRRRR", "RRPRRH", "HRRRRRP", "RRRRPRRRRRRR"]
+ARMS = ["PR", "RRPR", "RRRRRR", "RRPRRH", "HRRRRRP", "RRRRPRRRRRRR"]
 # What is compiled is what runs over arrays: of these, every kind of joint once and redundancy.
 COMPILED = ["PR", "RRPRRH", "RRRRRR", "HRRRRRP"]
 
@@ -233,6 +234,7 @@ def test_other_potentials():
 
 
 TABLE = TabulatedLaw((-0.5, -0.1, 0.0, 0.05, 0.3), (-150.0, -20.0, 0.0, 20.0, 90.0))
+FALLING = PolynomialLaw((300.0, -500.0, 0.0, 2000.0))  # between 0.3 and more
 
 
 @pytest.mark.parametrize(
@@ -241,7 +243,7 @@ TABLE = TabulatedLaw((-0.5, -0.1, 0.0, 0.05, 0.3), (-150.0, -20.0, 0.0, 20.0, 90
         PolynomialLaw((300.0, 40.0, 4000.0)),
         PolynomialLaw((300.0,)),
         PolynomialLaw((0.0, 0.0, 4000.0)),  # the engine's: at rest it has no stiffness
-        PolynomialLaw((300.0, -500.0, 0.0, 2000.0)),  # it falls between 0.3 and more
+        FALLING,
         TABLE,
         replace(TABLE, torques=tuple(-t for t in TABLE.torques)),  # the engine's: it falls
     ],
@@ -252,12 +254,14 @@ def test_rest_positions_of_nonlinear_springs_are_chosen(law):
     springs = replace(elastic.springs, laws={1: law, 3: law}, rest=np.full(6, np.nan))
     curved = replace(elastic, springs=springs)
     q = postures(curved)
-    assert_same(curved, q, outputs=("energy", "wrench", "stiffness_B", "compliance_K"))
+    paths = PATHS if law in (TABLE, FALLING) else ("portable",)
+    outputs = ("energy", "wrench", "stiffness_B", "compliance_K")
+    assert_same(curved, q, *paths, outputs=outputs)
     load = [1.0, 2.0, -1.0, 10.0, 20.0, -15.0]
-    assert_same(curved, q, wrench=load, outputs=("energy", "wrench", "stiffness_B"))
+    assert_same(curved, q, *paths, wrench=load, outputs=outputs[:3])
 
 
-@pytest.mark.parametrize("law", [PolynomialLaw((300.0, -500.0, 0.0, 2000.0)), TABLE])
+@pytest.mark.parametrize("law", [FALLING, TABLE])
 def test_deflections_are_the_laws_own(law):
     """Over all torques: where the tape knows one, it is what the spring says."""
     torques = np.linspace(-45.0, 45.0, 4001)

@@ -25,6 +25,7 @@ from cartstiff.batch.plans import plan, program_for
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.tape import Number, Tape, cosine, sine
 
+OPTIMISED = True
 OUTPUTS = ("jacobian", "wrench", "energy", "stiffness_A", "stiffness_F")
 #: The same operations, fused or not: rounding errors times the condition of ordinary postures.
 FUSED = 1e-11

@@ -74,7 +74,6 @@ LOADED = {
     "panda": lambda: _given("panda"),
     "6-ups": lambda: _given("6-ups", 100.0),
     "6-ups, springs everywhere": lambda: _displaced("6-ups", 0.01, 2e3),
-    "3-rrr, springs everywhere": lambda: _displaced("3-rrr", 0.01, 200.0),
     "delta": lambda: _displaced("delta", 0.02),
     "grasp": lambda: _displaced("grasp", 0.05),
     "grasp, springs everywhere": lambda: _displaced("grasp", 0.1, 0.05),
@@ -93,7 +92,6 @@ def test_loaded(case):
 INTERNAL = {
     "6-ups": lambda: _displaced("6-ups", 0.01, 2e3, None),
     "3-rrr": lambda: _displaced("3-rrr", 0.01, 200.0, None),
-    "delta": lambda: _displaced("delta", 0.02, 1.0, None),
     "grasp as bundled": lambda: analyse(load("grasp")),
     "grasp": lambda: _displaced("grasp", 0.01, 0.5, None),
 }

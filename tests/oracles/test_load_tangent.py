@@ -30,6 +30,7 @@ MECHANISMS = {
     "hexapod": (0.1, 20.0),
     "6-ups": (0.1, 20.0),
 }
+HEXAPOD = ("dead wrench", "conservative")
 
 
 def _crossed_bars(moment: np.ndarray, size: float) -> list[DeadForce]:
@@ -73,8 +74,11 @@ def _motion_per_wrench(elastic, loads, state, T, size):
     return np.column_stack(columns)
 
 
-@pytest.mark.parametrize("load", WRENCHES)
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize(
+    ("name", "load"),
+    # A second platform under what differs most.
+    [(n, w) for n in MECHANISMS for w in WRENCHES if n != "hexapod" or w in HEXAPOD],
+)
 def test_the_tangent_is_the_derivative_of_the_equilibrium(name, load):
     if name in ("ur5", "panda"):
         robot_file("ur_description/urdf/ur5_robot.urdf")

@@ -91,7 +91,7 @@ def reduced_energy(model, elastic: ElasticMechanism, frame: str, q, **ties) -> R
     )
 
 
-@pytest.mark.parametrize(("kinds", "seed"), [("RRRRRRR", 1), ("RRPRRRR", 2), ("RRRRPRRRR", 3)])
+@pytest.mark.parametrize(("kinds", "seed"), [("RRRRRRR", 1), ("RRRRPRRRR", 3)])
 def test_redundant_arm(kinds, seed):
     arm = loaded_arm(kinds, seed)
     result = analyse(arm.elastic)
@@ -118,12 +118,15 @@ def _ties() -> dict[str, list[tuple[str, str]]]:
     return {"points": [(f"point{s}", f"tip{s}") for s in range(1, 6)]}
 
 
-@pytest.mark.parametrize("case", ["springs in the legs", "springs everywhere", "with gravity"])
+@pytest.mark.parametrize("case", ["springs in the legs", "springs everywhere and gravity"])
 def test_six_ups_tree(case):
     options = {
         "springs in the legs": {},
-        "springs everywhere": {"passive": 60.0, "passive_torque": 3.0},
-        "with gravity": {"passive": 60.0, "passive_torque": 3.0, "gravity": GRAVITY},
+        "springs everywhere and gravity": {
+            "passive": 60.0,
+            "passive_torque": 3.0,
+            "gravity": GRAVITY,
+        },
     }[case]
     model, elastic = legs_as_tree(general_legs(), **options)
     posture = elastic.mechanism.at(elastic.q)

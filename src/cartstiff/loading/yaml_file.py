@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import stat
+from copy import deepcopy
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -86,11 +88,15 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     InputError
         With file and line.
     """
+    data, lines = _parsed(read_text(path), one_line(str(path)))
+    return deepcopy(data), lines.copy()
+
+
+@lru_cache(maxsize=32)  # a study reads the same file for each of its machines
+def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    where = one_line(str(path))
-    text = read_text(path)
     _check_directives(text, where)
     if _BRACKETS.search(text):
         raise InputError("YAML is nested too deeply", where=where)
