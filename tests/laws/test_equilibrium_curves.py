@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
-from tests.support import robot_file
+from tests.support import links, robot_file
 
 import cartstiff
 from cartstiff.errors import (
@@ -55,15 +55,7 @@ def truss() -> ElasticMechanism:
 
 
 def column(n: int, imperfection: float = 0.0) -> ElasticMechanism:
-    model = pin.Model()
-    joint = 0
-    for i in range(n):
-        at = pin.SE3(np.eye(3), np.array([1.0 if i else 0.0, 0.0, 0.0]))
-        joint = model.addJoint(joint, pin.JointModelRZ(), at, f"joint{i + 1}")
-    tip = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
-    springs = JointSprings(np.ones(n), np.full(n, imperfection))
-    return ElasticMechanism("column", Chain(plain_tree(model), "tip"), np.zeros(n), springs)
+    return links(np.ones(n), rest=imperfection)
 
 
 def truss_load(z):
@@ -469,15 +461,7 @@ def test_a_saddle_under_a_moment_is_unstable_up_to_a_ratio_of_inertias(n, push, 
 
 def spatial_column(n):
     """Links with two joints each, so that a moment makes the tangent unsymmetric."""
-    model, joint = pin.Model(), 0
-    for i in range(n):
-        at = pin.SE3(np.eye(3), np.array([1.0 if i else 0.0, 0.0, 0.0]))
-        joint = model.addJoint(joint, pin.JointModelRZ(), at, f"z{i}")
-        joint = model.addJoint(joint, pin.JointModelRY(), pin.SE3.Identity(), f"y{i}")
-    tip = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
-    springs = JointSprings(np.ones(2 * n), np.zeros(2 * n))
-    return ElasticMechanism("column", Chain(plain_tree(model), "tip"), np.zeros(2 * n), springs)
+    return links(np.ones(2 * n), axes="ZY")
 
 
 @pytest.mark.parametrize("load", [DeadWrench, FollowerWrench])

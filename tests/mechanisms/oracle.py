@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from tests.support import (
     adjoint_reference,
     bend,
+    relative_error,
     slope,
     twist_matrix,
 )
@@ -294,3 +295,20 @@ def natural_error(got: Any, expected: Any, length: float) -> float:
     s = np.outer(s, s) / s.mean() ** 2
     got, expected = np.asarray(got, float) * s, np.asarray(expected, float) * s
     return float(np.abs(got - expected).max() / np.abs(expected).max())
+
+
+def missed(result: Any, held: Any, step: float, seed: int = 2) -> tuple[float, float, float]:
+    """Largest errors of K^A, K^B and K^K, of K^B and of the load at the pose of `held`.
+
+    Against their definitions and against second and first differences of the energy, those of the
+    load in sizes of the forces that meet in the body.
+    """
+    length = result.posture.length
+    sizes = np.array([1.0] * 3 + [length] * 3)
+    defined = stiffness_by_definition(held.wrench, held.pose0, sizes, step)
+    wrong = max(natural_error(result.matrices[name], K, length) for name, K in defined.items())
+    x, slopes, bends = by_energy(held, sizes, step, np.random.default_rng(seed))
+    bent = np.einsum("ki,ij,kj->k", x, result.matrices["B"], x)
+    forces = np.abs(x) @ np.abs(held.forces)
+    pulled = np.abs(slopes - x @ result.wrench).max() / forces.max()
+    return wrong, relative_error(bends, bent), float(pulled)

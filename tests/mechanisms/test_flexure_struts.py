@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, write_file, write_urdf
-from tests.support import relative_error
+from tests.support import gradient_of, relative_error
 
 import cartstiff
 from cartstiff import analyse, load
@@ -135,18 +135,11 @@ def test_gradient_and_stiffness_are_those_of_the_energy():
     T = T @ se3.exp([0.05, -0.1, 0.07, 0.004, -0.003, 0.001])
     strut = replace(strut, rest_length=np.array([0.199]))
     energy, wrench, K = strut.on_pose(T)
-    h = 2e-3
-    steps = np.eye(6) * np.repeat([h, 0.2 * h], 3)
-
-    def along(f, x):  # of eighth order
-        weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-        return sum(w * (f(n * x) - f(-n * x)) for n, w in weights.items())
-
-    first = [along(lambda x: strut.on_pose(T @ se3.exp(x))[0], x) for x in steps]
-    assert np.allclose(first, wrench * steps.diagonal(), rtol=1e-9, atol=1e-11 * energy)
+    sizes = 2e-3 * np.repeat([1.0, 0.2], 3)
+    first = gradient_of(lambda x: strut.on_pose(T @ se3.exp(x))[0], sizes, 1.0)
+    assert np.allclose(first * sizes, wrench * sizes, rtol=1e-9, atol=1e-11 * energy)
     # K^B: derivative of the wrench, less half its bracket.
-    K_A = np.array([along(lambda x: strut.on_pose(T @ se3.exp(x))[1], x) for x in steps]).T
-    K_A = K_A / steps.diagonal()
+    K_A = gradient_of(lambda x: strut.on_pose(T @ se3.exp(x))[1], sizes, 1.0)
     expected = 0.5 * (K_A + K_A.T)
     size = np.sqrt(np.abs(np.diag(K)))
     assert np.abs((K - expected) / np.outer(size, size)).max() <= 1e-8

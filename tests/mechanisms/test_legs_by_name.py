@@ -18,6 +18,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from tests.support.digits import skew, turned
 
 import cartstiff
 from cartstiff.loading.catalogue import bundled_files
@@ -40,22 +41,13 @@ def rotation(axis: int, angle: Any) -> Any:
     return R
 
 
-def turned(v: Sequence[Any]) -> Any:
-    """Rotation by a vector."""
-    angle = mp.sqrt(sum(x * x for x in v))
-    K = mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    if angle == 0:
-        return mp.eye(3)
-    return mp.eye(3) + mp.sin(angle) / angle * K + (1 - mp.cos(angle)) / angle**2 * K * K
-
-
 def logarithm(R: Any, p: Vector) -> Vector:
     """Twist (angular, linear) whose exponential is a small motion."""
     s = [(R[2, 1] - R[1, 2]) / 2, (R[0, 2] - R[2, 0]) / 2, (R[1, 0] - R[0, 1]) / 2]
     sine = mp.sqrt(sum(x * x for x in s))
     angle = mp.asin(sine)
     w = s if sine == 0 else [x * angle / sine for x in s]
-    K = mp.matrix([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    K = skew(w)
     # To the second order, and the steps are 1e-14.
     v = (mp.eye(3) - K / 2 + K * K / 12) * mp.matrix(p)
     return [*w, *v]
@@ -118,7 +110,7 @@ def six(name: str, drive: Callable[[int, Vector], Any]) -> Formula:
     R0, p0 = free(name)
 
     def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
-        K = mp.matrix([[0, -y[2], y[1]], [y[2], 0, -y[0]], [-y[1], y[0], 0]])
+        K = skew(y)
         v = (mp.eye(3) + K / 2 + K * K / 6) * mp.matrix(y[3:])
         R, p = R0 * turned(y[:3]), plus(p0, list(R0 * v))
         return R, p, [drive(k, carried(R, p, b)) for k, b in enumerate(points)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_flexure_struts import AXIAL, BODY, LAYOUT, LOWER, SAME, UPPER
-from tests.support import relative_error
+from tests.support import gradient_of, relative_error
 
 import cartstiff
 from cartstiff import analyse, load
@@ -65,16 +65,10 @@ def test_gradient_and_stiffness_are_those_of_the_energy(tmp_path):
     struts = replace(elastic.springs, rest_length=elastic.springs.made + RESTS)
     T = elastic.mechanism.pose_of(elastic.q) @ se3.exp([0.01, -0.02, 0.015, 5e-4, -4e-4, 3e-4])
     energy, wrench, K = struts.on_pose(T)
-    steps = np.eye(6) * np.repeat([1e-3, 1e-4], 3)
-
-    def along(f, x):  # of eighth order
-        weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-        return sum(w * (f(n * x) - f(-n * x)) for n, w in weights.items())
-
-    first = [along(lambda x: struts.on_pose(T @ se3.exp(x))[0], x) for x in steps]
-    assert np.allclose(first, wrench * steps.diagonal(), rtol=1e-9, atol=1e-10 * energy)
-    K_A = np.array([along(lambda x: struts.on_pose(T @ se3.exp(x))[1], x) for x in steps]).T
-    K_A = K_A / steps.diagonal()
+    sizes = np.repeat([1e-3, 1e-4], 3)
+    first = gradient_of(lambda x: struts.on_pose(T @ se3.exp(x))[0], sizes, 1.0)
+    assert np.allclose(first * sizes, wrench * sizes, rtol=1e-9, atol=1e-10 * energy)
+    K_A = gradient_of(lambda x: struts.on_pose(T @ se3.exp(x))[1], sizes, 1.0)
     size = np.sqrt(np.diag(K))
     # K^B: derivative of the wrench, less half its bracket. What the load adds is a hundred times
     # the first bound.

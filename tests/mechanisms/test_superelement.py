@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.mechanisms.beams import element
 from tests.mechanisms.machines import joint, write_file, write_urdf
 
 from cartstiff import analyse, load
@@ -17,24 +18,14 @@ ROUNDING = 1e-9
 NODES = np.array([[0.0, 0, 0], [0.2, 0, 0], [0.35, 0, 0], [0.6, 0, 0]])
 
 
-def _element(length):
-    """Euler-Bernoulli beam along x: ux uy uz rx ry rz of both ends."""
-    K = np.zeros((12, 12))
-    for k, stiffness in ((0, E * AREA), (3, G * J)):
-        K[np.ix_([k, k + 6], [k, k + 6])] = stiffness / length * np.array([[1, -1], [-1, 1]])
-    for rows, EI, s in (([1, 5, 7, 11], E * IZ, 1), ([2, 4, 8, 10], E * IY, -1)):
-        a, b, c = 12 / length**3, s * 6 / length**2, 4 / length
-        K[np.ix_(rows, rows)] = EI * np.array(
-            [[a, b, -a, b], [b, c, -b, c / 2], [-a, -b, a, -b], [b, c / 2, -b, c]]
-        )
-    return K
+SECTION = {"E": E, "G": G, "area": AREA, "Iy": IY, "Iz": IZ, "J": J}
 
 
-def beam_matrix(places):
+def beam_matrix(places, of=lambda length: element(SECTION, length)):
     """Of a beam along x with nodes at some places."""
     K = np.zeros((6 * len(places),) * 2)
     for i, length in enumerate(np.diff(places)):
-        K[6 * i : 6 * i + 12, 6 * i : 6 * i + 12] += _element(length)
+        K[6 * i : 6 * i + 12, 6 * i : 6 * i + 12] += of(length)
     return K
 
 
@@ -44,7 +35,7 @@ def matrix():
 
 
 def test_spring_of_a_beam_is_the_beam(matrix, tmp_path):
-    section = {"E": E, "G": G, "length": 0.6, "area": AREA, "Iy": IY, "Iz": IZ, "J": J}
+    section = {**SECTION, "length": 0.6}
     spring = superelement_spring(matrix, NODES)
     found = []
     np.savetxt(tmp_path / "K.txt", matrix, delimiter=",", header="a comment")
@@ -160,7 +151,7 @@ def test_a_stiff_part_beside_soft_ones_is_their_sum_or_refused(ratio):
     """Compliances of beams one after the other add up, each moved to the tip."""
     lengths, K, expected = np.diff(NODES[:, 0]), np.zeros((24, 24)), np.zeros((6, 6))
     for i, length in enumerate(lengths):
-        part = _element(length) * (ratio if i == 1 else 1.0)
+        part = element(SECTION, length) * (ratio if i == 1 else 1.0)
         K[6 * i : 6 * i + 12, 6 * i : 6 * i + 12] += part
         to_tip = np.eye(6)
         to_tip[3:, :3] = np.cross(NODES[3] - NODES[i + 1], np.eye(3))

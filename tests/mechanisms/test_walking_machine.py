@@ -8,14 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.mechanisms.machines import codes, write_file
-from tests.mechanisms.oracle import (
-    GRAVITY,
-    Held,
-    by_energy,
-    displaced,
-    natural_error,
-    stiffness_by_definition,
-)
+from tests.mechanisms.oracle import GRAVITY, Held, displaced, missed
 from tests.support import body_jacobian, frame_pose, relative_error, robot_file
 
 from cartstiff import analyse, load
@@ -91,14 +84,7 @@ def test_against_energy_differences(solo, case):
         by = np.array([0.03, -0.04, 0.05, 0.004, -0.006, -0.01])
         result = analyse(*displaced(solo, by, 0.1, seed=4))
         assert np.abs(result.wrench).max() > 5.0
-    held = Held(result.elastic, result.q)
-    length = result.posture.length
-    sizes = np.array([1.0] * 3 + [length] * 3)
-    for name, K in stiffness_by_definition(held.wrench, held.pose0, sizes, 0.005).items():
-        assert natural_error(result.matrices[name], K, length) <= DIFFERENCES
-    x, _, bends = by_energy(held, sizes, 0.005, np.random.default_rng(2))
-    quadratic = np.einsum("ki,ij,kj->k", x, result.matrices["B"], x)
-    assert relative_error(bends, quadratic) <= DIFFERENCES
+    assert max(missed(result, Held(result.elastic, result.q), 0.005)[:2]) <= DIFFERENCES
 
 
 def test_the_branch_is_kept_there_and_back(solo):

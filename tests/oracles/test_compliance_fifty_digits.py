@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.support import add_frame, random_pose, translation
+from tests.support.digits import matrix, skew, turned
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
@@ -29,18 +30,10 @@ DISTANCES = [1e-1, 1e-3, 1e-5, 1e-7, 1e-9, 1e-12]
 _DIGITS = 50
 
 
-def _skew(a):
-    return mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-
-
-def _mp(matrix):
-    return mp.matrix(np.asarray(matrix, float).tolist())
-
-
 def _turn(axis, angle):
-    """Rotation matrix (4, 4) about a unit axis, by Rodrigues' formula."""
-    K, T = _skew(axis), mp.eye(4)
-    T[:3, :3] = mp.eye(3) + mp.sin(angle) * K + (1 - mp.cos(angle)) * K * K
+    """Rotation (4, 4) about a unit axis."""
+    T = mp.eye(4)
+    T[:3, :3] = turned([x * angle for x in axis])
     return T
 
 
@@ -54,13 +47,13 @@ def _inverse(T):
 def _adjoint(T):
     R, p = T[:3, :3], T[:3, 3]
     found = mp.zeros(6, 6)
-    found[:3, :3], found[3:, 3:], found[3:, :3] = R, R, _skew(p) * R
+    found[:3, :3], found[3:, 3:], found[3:, :3] = R, R, skew(p) * R
     return found
 
 
 def _bracket(x, y):
     def cross(a, b):
-        return _skew(a) * b
+        return skew(a) * b
 
     found = mp.zeros(6, 1)
     found[:3, 0] = cross(x[:3, 0], y[:3, 0])
@@ -90,11 +83,11 @@ class _Arm:
         self.q = rng.uniform(-1.5, 1.5, joints)
 
     def jacobian(self, q):
-        columns, behind = [], _mp(self.tip)
+        columns, behind = [], matrix(self.tip)
         for axis, place, angle in reversed(list(zip(self.axes, self.places, q, strict=True))):
             twist = mp.matrix([*axis.tolist(), 0, 0, 0])
             columns.insert(0, _adjoint(_inverse(behind)) * twist)
-            behind = _mp(place) * _turn(axis.tolist(), mp.mpf(float(angle))) * behind
+            behind = matrix(place) * _turn(axis.tolist(), mp.mpf(float(angle))) * behind
         J = mp.zeros(6, len(columns))
         for a, column in enumerate(columns):
             J[:, a] = column
@@ -102,13 +95,13 @@ class _Arm:
 
     def compliances(self, q, k, W):
         """C^A, C^B, C^K, C^F."""
-        J, n, W = self.jacobian(q), len(k), _mp(W)
+        J, n, W = self.jacobian(q), len(k), matrix(W)
         K_q = mp.diag([mp.mpf(float(x)) for x in k])
         S = mp.zeros(n, n)
         for a in range(n):
             for b in range(a + 1, n):
                 S[a, b] = S[b, a] = (W.T * _bracket(J[:, a], J[:, b]))[0] / 2
-        moment, force = _skew(W[:3, 0]), _skew(W[3:, 0])
+        moment, force = skew(W[:3, 0]), skew(W[3:, 0])
         D_A, D_K = mp.zeros(6, 6), mp.zeros(6, 6)
         D_A[:3, :3], D_A[:3, 3:], D_A[3:, :3] = moment / 2, force / 2, force / 2
         D_K[:3, 3:], D_K[3:, :3] = force / 2, -force / 2
@@ -128,7 +121,7 @@ class _Arm:
 
         Also the smallest over the largest singular value of J.
         """
-        J, n, W = self.jacobian(q), len(k), _mp(W)
+        J, n, W = self.jacobian(q), len(k), matrix(W)
         H = mp.diag([mp.mpf(float(x)) for x in k])
         for a in range(n):
             for b in range(a + 1, n):
@@ -331,7 +324,7 @@ def test_principal_compliances_at_a_singularity(loaded):
     J, H = arm.jacobian(q), mp.diag([mp.mpf(float(x)) for x in k])
     for a in range(6):
         for b in range(a + 1, 6):
-            s = (_mp(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
+            s = (matrix(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
             H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
     with mp.workdps(2 * _DIGITS):
         C = J * mp.inverse(H) * J.T
@@ -395,8 +388,8 @@ def test_stiff_motor_of_a_closed_chain(stiffness):
     result = cartstiff.analyse(elastic)
     posture = result.posture
     with mp.workdps(80):
-        J, C = _mp(posture.motion.jacobian), _mp(posture.closure.jacobian)
-        H = _mp(result.evaluation.hessian)
+        J, C = matrix(posture.motion.jacobian), matrix(posture.closure.jacobian)
+        H = matrix(result.evaluation.hessian)
         n, m = H.rows, C.rows
         saddle = mp.zeros(n + m + 6, n + m + 6)
         saddle[:n, :n] = H
@@ -445,7 +438,7 @@ def test_screws_axes_centres_and_springs_near_a_singularity(distance, loaded):
         J, H = arm.jacobian(q), mp.diag([mp.mpf(float(x)) for x in k])
         for a in range(6):
             for b in range(a + 1, 6):
-                s = (_mp(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
+                s = (matrix(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
                 H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
         C = J * mp.inverse(H) * J.T
         K = mp.inverse(C)
@@ -491,7 +484,7 @@ def test_screws_axes_centres_and_springs_near_a_singularity(distance, loaded):
     for spring in springs:
         u, p = np.array(spring["direction"]), np.array(spring["point"])
         w = np.array([*(np.cross(p, u) + (spring["pitch"] or 0.0) * u), *u])
-        total += mp.mpf(spring["stiffness"]) * _mp(w) * _mp(w).T
+        total += mp.mpf(spring["stiffness"]) * matrix(w) * matrix(w).T
     sums = [float(x) for x in mp.eigsy(total[3:, 3:], eigvals_only=True)]
     assert sums == pytest.approx([float(x) for x in held], rel=1e-3)
 

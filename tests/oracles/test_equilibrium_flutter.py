@@ -13,14 +13,10 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from tests.support import links
 
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.loads import DeadForce, FollowerWrench
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.statics import describe_curve, describe_equilibrium
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.equilibrium import equilibrium
@@ -31,18 +27,7 @@ PUSH = FollowerWrench([0.0, 0.0, 0.0, -K / LENGTH, 0.0, 0.0])  # factor P l / k
 
 def column(masses):
     """Links along x that turn about z."""
-    model, parent = pin.Model(), 0
-    for i, mass in enumerate(masses):
-        at = pin.SE3(np.eye(3), np.array([LENGTH if i else 0.0, 0.0, 0.0]))
-        parent = model.addJoint(parent, pin.JointModelRZ(), at, f"j{i}")
-        if mass:
-            body = pin.Inertia(mass, np.array([LENGTH, 0.0, 0.0]), np.zeros((3, 3)))
-            model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-    tip = pin.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", parent, tip, pin.FrameType.OP_FRAME))
-    n = len(masses)
-    springs = JointSprings(np.full(n, K), np.zeros(n))
-    return ElasticMechanism("column", Chain(plain_tree(model), "tip"), np.zeros(n), springs)
+    return links(np.full(len(masses), K), length=LENGTH, masses=masses)
 
 
 def by_hand(p, m_1, m_2):

@@ -9,6 +9,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from tests.support import platform_mechanism
+from tests.support.digits import skew
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
@@ -30,10 +31,6 @@ def hexagons(rng, distance, decades):
     k[rng.permutation(6)[:2]] = 1e-3, 10.0 ** (decades - 3)
     q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - distance])
     return platform_mechanism(base, top, k, np.full(6, np.nan), q=q)
-
-
-def skew(a):
-    return mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
 def exact(elastic, tensions, stiffness=None):

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from tests.mechanisms.machines import write_file
 from tests.support import loaded_arm
+from tests.support.digits import skew, turned
 
 from cartstiff import accuracy, analyse, equilibrium, load, modes, sensitivities
 from cartstiff.analysis.tolerances import Tolerances
@@ -35,19 +36,6 @@ def check(found, wanted):
 
 def vector(x):
     return mp.matrix([mp.mpf(float(v)) for v in np.ravel(x)])
-
-
-def skew(a):
-    return mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-
-
-def exp(w):
-    """Rotation by a rotation vector."""
-    angle = mp.sqrt(mp.fdot(w, w))
-    if angle == 0:
-        return mp.eye(3)
-    W = skew(w) / angle
-    return mp.eye(3) + mp.sin(angle) * W + (1 - mp.cos(angle)) * W * W
 
 
 def bodies_frequencies(K, M):
@@ -119,7 +107,7 @@ class Platform:
         for _ in range(3):
             g, H = self._at(values, R, p)
             step = -mp.lu_solve(H, g)
-            R, p = R * exp(step[:3]), p + R * step[3:]
+            R, p = R * turned(step[:3]), p + R * step[3:]
         H = self._at(values, R, p)[1]
         c, M = vector(CENTRE), mp.zeros(6, 6)
         D = mp.zeros(3, 6)
@@ -213,7 +201,7 @@ def moved_placement(T, axis, x):
     if axis.startswith("r"):
         w = mp.zeros(3, 1)
         w["xyz".index(axis[1])] = x
-        return transform(R * exp(w), p)
+        return transform(R * turned(w), p)
     p = p.copy()
     p["xyz".index(axis)] += x
     return transform(R, p)
@@ -223,7 +211,7 @@ def chain_twists(places, axes, q):
     """Pose of the body, body Jacobian (6 x n) of revolute joints; poses of the joints."""
     poses, T = [], mp.eye(4)
     for place, axis, x in zip(places, axes, q, strict=False):
-        T = T * place * transform(exp(x * axis), mp.zeros(3, 1))
+        T = T * place * transform(turned(x * axis), mp.zeros(3, 1))
         poses.append(T)
     end = T * places[-1]
     J = mp.zeros(6, len(q))

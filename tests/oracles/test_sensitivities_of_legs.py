@@ -6,6 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from tests.mechanisms.machines import write_file
+from tests.support.digits import skew
 
 import cartstiff
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
@@ -20,10 +21,6 @@ DIGITS = 50
 TINY = mp.mpf(10) ** -30
 MIDDLE = [0.0, 0.0, 0.06]  # of M in P, as in the file
 LOAD = [3.0, -2.0, 1.0, 50.0, 80.0, -400.0]
-
-
-def skew(p):
-    return mp.matrix([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
 
 
 def strut_stiffness(i, pose, values):

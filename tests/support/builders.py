@@ -171,6 +171,31 @@ def paper_platform(T_P_M: Any = None, scale: float = 1.0, **options: Any) -> Ela
     )
 
 
+def links(
+    stiffness: Any,
+    *,
+    rest: float = 0.0,
+    length: float = 1.0,
+    masses: Any = (),
+    inertia: float = 0.0,
+    axes: str = "Z",
+) -> ElasticMechanism:
+    """Links along x on springs at their feet, about each of some axes; masses at their ends."""
+    k = np.asarray(stiffness, float)
+    model, joint = pin.Model(), 0
+    for i in range(len(k)):
+        first = i % len(axes) == 0
+        at = pin.SE3(translation(length if i and first else 0.0, 0.0, 0.0))
+        turn = getattr(pin, f"JointModelR{axes[i % len(axes)]}")()
+        joint = model.addJoint(joint, turn, at, f"joint{i + 1}")
+        if i < len(masses) and masses[i]:
+            body = pin.Inertia(masses[i], np.array([length, 0.0, 0.0]), inertia * np.eye(3))
+            model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    add_frame(model, "tip", joint, translation(length, 0.0, 0.0))
+    springs = JointSprings(k, np.full(len(k), rest))
+    return ElasticMechanism("links", Chain(plain_tree(model), "tip"), np.zeros(len(k)), springs)
+
+
 @dataclass
 class LegGeometry:
     """Six legs, a platform pose, springs along the legs."""

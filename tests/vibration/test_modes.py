@@ -5,20 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from tests.mechanisms.machines import write_file
-from tests.support import exp_reference, loaded_arm, relative_error
+from tests.support import exp_reference, links, loaded_arm, relative_error
 
 import cartstiff
 from cartstiff import analyse, equilibrium, load, modes
 from cartstiff.errors import InputError, UndefinedError
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.loads import DeadForce, FollowerWrench, payload
-from cartstiff.potentials.springs import JointSprings
 
 #: Hz, as the simulator's documentation prints them, to a tenth.
 PRINTED = [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.6]
@@ -159,18 +154,7 @@ K, LENGTH, M_1, M_2 = 3.0, 0.7, 2.5, 1.25
 
 
 def column(masses=(M_1, M_2), stiffness=(K, K), inertia=0.0):
-    model, parent = pin.Model(), 0
-    for i, mass in enumerate(masses):
-        at = pin.SE3(np.eye(3), np.array([LENGTH if i else 0.0, 0.0, 0.0]))
-        parent = model.addJoint(parent, pin.JointModelRZ(), at, f"j{i}")
-        if mass:
-            body = pin.Inertia(mass, np.array([LENGTH, 0.0, 0.0]), inertia * np.eye(3))
-            model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-    tip = pin.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", parent, tip, pin.FrameType.OP_FRAME))
-    springs = JointSprings(np.array(stiffness, float), np.zeros(len(masses)))
-    chain = Chain(plain_tree(model), "tip")
-    return ElasticMechanism("column", chain, np.zeros(len(masses)), springs)
+    return links(stiffness, length=LENGTH, masses=masses, inertia=inertia)
 
 
 def by_hand(p):

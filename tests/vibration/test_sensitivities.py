@@ -110,7 +110,7 @@ def test_scaling_laws():
     known = sensitivities(modes(one), geometry=False)
     f = np.sqrt(K / M_1) / (2 * np.pi * LENGTH)
     assert known.of("mass.tip") == pytest.approx([-0.5 * f / M_1])
-    assert known.of("stiffness.j0") == pytest.approx([0.5 * f / K])
+    assert known.of("stiffness.joint1") == pytest.approx([0.5 * f / K])
 
 
 def test_repeated_modes_part_as_a_subspace():
