@@ -183,7 +183,7 @@ def test_a_buckled_strut_is_a_state_wherever_postures_are_read(tmp_path):
     held = elastic.with_springs(rest=made)
     many = cartstiff.analyse_many(held, held.q + np.array([[0.0] * 6, [0, 0, -5e-3, 0, 0, 0]]))
     assert many.counts() == {"regular": 1, "strut-buckled": 1}
-    reached = cartstiff.workspace(held, directions=8, scan=2, fits=False)
+    reached = cartstiff.workspace(held, directions=8, scan=4, fits=False)
     limits = [edge[3] for edge in reached.positions.edges]
     assert "flexures" in limits
     last = reached.boundary[limits.index("flexures")] - reached.centre
