@@ -310,5 +310,5 @@ def missed(result: Any, held: Any, step: float, seed: int = 2) -> tuple[float, f
     x, slopes, bends = by_energy(held, sizes, step, np.random.default_rng(seed))
     bent = np.einsum("ki,ij,kj->k", x, result.matrices["B"], x)
     forces = np.abs(x) @ np.abs(held.forces)
-    pulled = np.abs(slopes - x @ result.wrench).max() / forces.max()
+    pulled = np.abs(slopes - x @ result.wrench).max() / max(forces.max(), 1e-300)
     return wrong, relative_error(bends, bent), float(pulled)

@@ -193,7 +193,7 @@ def links(
             model.appendBodyToJoint(joint, body, pin.SE3.Identity())
     add_frame(model, "tip", joint, translation(length, 0.0, 0.0))
     springs = JointSprings(k, np.full(len(k), rest))
-    return ElasticMechanism("links", Chain(plain_tree(model), "tip"), np.zeros(len(k)), springs)
+    return ElasticMechanism("column", Chain(plain_tree(model), "tip"), np.zeros(len(k)), springs)
 
 
 @dataclass
