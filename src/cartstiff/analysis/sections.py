@@ -2,7 +2,7 @@
 
 The table `sections.yaml` says it once: JSON schema, the page on it, the numbers that have an
 uncertainty and the units of numbers in maps follow from there. The tables of the commands' keys
-(`cartstiff.report.json_schema`) are written in the same way.
+(`cartstiff.described`) are written in the same way.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-import yaml
 
 from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, UNITS, Definiteness
 from cartstiff.arrays import Array
+from cartstiff.described import read_keys
 from cartstiff.errors import UndefinedError
 from cartstiff.notes import Note
 
@@ -41,13 +41,6 @@ _LISTS: dict[str, Schema] = {
     "texts": {"type": "string"},
     "flags": {"type": "boolean"},
 }
-
-
-def read_keys(path: Path) -> dict[str, Schema]:
-    """A table of keys."""
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # seven times as fast
-    table: dict[str, Schema] = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
-    return table
 
 
 def object_schema(keys: Schema, own: Schema) -> Schema:

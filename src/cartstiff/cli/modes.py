@@ -287,7 +287,7 @@ def command(
     import numpy as np
 
     from cartstiff.report.modes import describe_comparison, describe_modes
-    from cartstiff.vibration.modes import MODES_SCHEMA, modes
+    from cartstiff.vibration.modes import modes
 
     try:
         with np.errstate(all="ignore"):
@@ -297,7 +297,7 @@ def command(
         if strict:
             raise
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
-        data: dict[str, Any] = {"schema": MODES_SCHEMA, "frequencies": [], "notes": [note]}
+        data: dict[str, Any] = {"schema": "cartstiff-modes/1", "frequencies": [], "notes": [note]}
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
         out.show(data, robot.mechanism, lambda: words)
         return

@@ -26,9 +26,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cartstiff.arrays import checked_number, csv_rows, plain_dict
+from cartstiff.arrays import checked_number, csv_rows
 from cartstiff.batch.kernels import lasting_path
 from cartstiff.checked_call import checked
+from cartstiff.described import described
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
 from cartstiff.errors import (
     CartstiffError,
@@ -385,10 +386,6 @@ def _reason(state: Array, lacking: Array) -> str:
     return f"{counted(lacking)} of {len(state)} poses{also}"
 
 
-#: Name and version of the form of the JSON output.
-DESIGN_SCHEMA = "cartstiff-design/1"
-
-
 @dataclass(frozen=True, repr=False)
 class Designs(ShownInLines):
     """What became of a study.
@@ -518,15 +515,12 @@ class Designs(ShownInLines):
         def named(name: str, measure: Measure) -> dict[str, Any]:
             return {"name": name, "of": measure.words, "case": measure.case}
 
-        data = {
-            "schema": DESIGN_SCHEMA,
+        own = {
             "mechanism": self.home.name,
-            **self.home.mechanism.frames_as_dict(),
             "method": study.method.kind,
             "variables": list(study.variables),
             "set": study.set,
             "poses": study.poses.count,
-            **gravity_loads(self.home).as_dict(),
             "objectives": [
                 {**named(name, m), "goal": self.better[name], "unit": self.units[name]}
                 for name, m in study.objectives.items()
@@ -544,11 +538,9 @@ class Designs(ShownInLines):
             "best": {name: self.designs.index(self.best(name)) for name in self.better}
             if self.feasible
             else None,
-            "front": self.front,
-            "designs": self.designs,
-            "notes": self.notes,
         }
-        return plain_dict(data)
+        frames = self.home.mechanism.frames_as_dict()
+        return described("design", own, frames, gravity_loads(self.home).as_dict(), self)
 
     @property
     def notes(self) -> list[Note]:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import quantile
-from cartstiff.arrays import Array, plain_dict
+from cartstiff.arrays import Array
+from cartstiff.described import described
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.identify.fitting import Fit, Robust, Solved
@@ -373,9 +374,6 @@ def estimates(
     return answer
 
 
-IDENTIFY_SCHEMA = "cartstiff-identify/1"
-
-
 @dataclass(frozen=True)
 class Rejected:
     """A row that was left out: its number from 1, and why."""
@@ -526,30 +524,16 @@ class Identification:
                     "robust": robust[e.name] if known else None,
                 }
             )
-        data = {
-            "schema": IDENTIFY_SCHEMA,
-            **self.elastic.about(),
+        own = {
             "model": "loaded equilibrium" if self.loaded else "linear in the load",
-            "fit": self.fit,
-            "level": self.level,
-            "rows": self.rows,
             "used": self.measured.rows,
-            "rejected": self.rejected,
             "parameters": parameters,
-            "covariance": self.covariance,
-            "degrees": self.degrees,
-            "residual_rms": first["residual_rms"],
-            "sigma": first["sigma"],
-            "leave_one_out_rms": first["leave_one_out_rms"],
             "noise": noise,
-            "inflation": self.inflation,
-            "suspects": self.suspects,
             "singular_values": self.chosen.solved.singular_values,
             "unseen": self.weak_directions(),
             "checks": {k: v for k, v in vars(self.checks).items() if k != "left_out"},
-            "notes": self.notes,
         }
-        return plain_dict(data)
+        return described("identify", own, first, self.elastic.about(), self)
 
 
 def _rms(values: Array) -> float:

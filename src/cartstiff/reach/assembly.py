@@ -19,6 +19,7 @@ from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_seed, checked_vector, plain_dict
 from cartstiff.batch.kernels import Closer
 from cartstiff.checked_call import checked
+from cartstiff.described import described
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -234,8 +235,6 @@ class AssemblyMode(ShownInLines):
         return [note for note in self.notes if note.code not in general]
 
 
-#: Name and version of the form of `AssemblyModes.as_dict`.
-ASSEMBLE_SCHEMA = "cartstiff-assemble/1"
 _Stiffness = Callable[[Array], PostureStiffness]
 # Random starts of closed chains, where none are said.
 _STARTS = 64
@@ -310,16 +309,8 @@ class AssemblyModes(ShownInLines):
                 "found": search.found,
                 "complete": False,
             }
-        data = {
-            "schema": ASSEMBLE_SCHEMA,
-            **elastic.about(),
-            "given": self.given,
-            **gravity_loads(elastic).as_dict(),
-            "search": method,
-            "modes": [mode.as_dict() for mode in self.modes],
-            "notes": self.notes,
-        }
-        return plain_dict(data)
+        own = {"search": method, "modes": [mode.as_dict() for mode in self.modes]}
+        return described("assemble", own, elastic.about(), gravity_loads(elastic).as_dict(), self)
 
 
 @checked

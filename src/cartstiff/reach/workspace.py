@@ -60,10 +60,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_input, checked_length, plain, plain_dict
+from cartstiff.arrays import checked_flag, checked_input, checked_length, plain
 from cartstiff.batch.postures import tensions_of_many
 from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
+from cartstiff.described import described
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -1011,10 +1012,6 @@ def singular_note(margins: Margins, pose: Array) -> Note | None:
     return Note("orientation-singularity", message, {"rank": rank})
 
 
-#: Name and version of the form of `Workspace.as_dict`.
-WORKSPACE_SCHEMA = "cartstiff-workspace/1"
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Workspace(ShownInLines):
     """What a platform, or a body on legs, reaches with one orientation, and around one position.
@@ -1127,16 +1124,8 @@ class Workspace(ShownInLines):
     def as_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
         sphere, cube, near = self.sphere, self.cube, self.singularity
-        data = {
-            "schema": WORKSPACE_SCHEMA,
-            **self.elastic.about(),
-            "pose": self.pose,
-            **gravity_loads(self.elastic).as_dict(),
-            "load": self.load,
-            "volume": self.volume,
-            "volume_error": self.volume_error,
+        own = {
             "cut_by": {} if self.positions is None else self.positions.shares(),
-            "axes": self.axes,
             "slices": [{"z": z, "area": area} for z, area in self.slices],
             "poses": sum(
                 r.poses for r in (self.positions, self.turns, self.columns) if r is not None
@@ -1152,11 +1141,10 @@ class Workspace(ShownInLines):
             "singularity": near and {"least_ratio": near[0], "position": near[1]},
             "singular": self.singular and self.singular.as_dict(),
             "tensions": self.distribution or None,
-            "boundary": self.boundary,
             "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
-            "notes": self.notes,
         }
-        return plain_dict(data)
+        elastic = self.elastic
+        return described("workspace", own, elastic.about(), gravity_loads(elastic).as_dict(), self)
 
 
 @checked

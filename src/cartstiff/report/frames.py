@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.arrays import plain
+from cartstiff.described import described
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
@@ -17,9 +18,6 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.layout import body_frame, placed, vector
-
-#: Name and version of the form of `frames_of`.
-FRAMES_SCHEMA = "cartstiff-frames/1"
 
 
 def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
@@ -35,18 +33,13 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
     """
     mechanism = elastic.mechanism
     answer: dict[str, Any] = {
-        "schema": FRAMES_SCHEMA,
         "mechanism": {"name": elastic.name, "kind": mechanism.kind},
-        **mechanism.frames_as_dict(),
-        "units": elastic.units.as_dict(),
         "frames": ["world"],
         "joints": [],
         "closures": [],
         "legs": [],
         "payload": mechanism.masses().get("payload"),
-        "gravity": gravity_loads(elastic).as_dict()["gravity"],
-        "pose": elastic.mechanism.at(elastic.q).pose.tolist(),
-        "notes": [note.as_dict() for note in elastic.notes],
+        "pose": elastic.mechanism.at(elastic.q).pose,
     }
     if isinstance(mechanism, Chain):
         answer["joints"] = _joints(elastic, mechanism)
@@ -58,7 +51,8 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         answer["joints"] = [_body(mechanism)]
     if isinstance(elastic.springs, LineSprings):
         answer["legs"] = _legs(mechanism, elastic.springs)
-    return answer
+    gravity = gravity_loads(elastic).as_dict()
+    return described("frames", answer, elastic.about(), gravity, elastic)
 
 
 def _frames_on(chain: Chain, joint: int) -> list[str]:

@@ -1,16 +1,13 @@
-"""JSON Schema of what the commands print with ``--json``, from the table `output_keys.yaml`.
+"""JSON Schema of what the commands print with ``--json``, from the table of `cartstiff.described`.
 
-The table holds each key once, with its kind and its words; the reference page is made from it, and
-the analysis adds its own description (`cartstiff.analysis.sections`).
+The analysis adds its own description (`cartstiff.analysis.sections`).
 """
 
 from __future__ import annotations
 
-from functools import cache
-from pathlib import Path
-
-from cartstiff.analysis.sections import Schema, object_schema, read_keys
+from cartstiff.analysis.sections import Schema, object_schema
 from cartstiff.analysis.sections import schema as schema_of_analysis
+from cartstiff.described import output_keys
 from cartstiff.errors import UnknownNameError
 
 _DRAFT = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
@@ -37,11 +34,12 @@ def json_schema(command: str = "analyse") -> Schema:
     """
     if command == "analysis":
         return _DRAFT | schema_of_analysis()
-    if command not in _table():
-        raise UnknownNameError("command", command, [*_table(), "analysis"])
-    keys = _table()[command]
+    table = output_keys()
+    if command not in table:
+        raise UnknownNameError("command", command, [*table, "analysis"])
+    keys = table[command]
     if command == "equilibrium":
-        keys = _table()["analyse"] | keys
+        keys = table["analyse"] | keys
     schema = object_schema(keys, {"type": "object"}) | {
         "description": f"Output of cartstiff {command} --json"
     }
@@ -49,11 +47,3 @@ def json_schema(command: str = "analyse") -> Schema:
         words = {"description": "unless --analysis none"}
         schema["properties"]["analysis"] = schema_of_analysis() | words
     return _DRAFT | schema
-
-
-@cache
-def _table() -> dict[str, Schema]:
-    table = read_keys(Path(__file__).with_name("output_keys.yaml"))
-    for keys in table.values():
-        keys |= {key: table["analyse"][key] for key, kind in keys.items() if kind == "as analyse"}
-    return table

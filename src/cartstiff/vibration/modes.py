@@ -21,8 +21,9 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
-from cartstiff.arrays import Array, Result, checked_input, fixed, plain, plain_dict
+from cartstiff.arrays import Array, Result, checked_input, fixed, plain
 from cartstiff.checked_call import checked
+from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
@@ -196,10 +197,6 @@ def notes_on_states(
         )
         values = {"shapes": (basis @ spectrum.loose).T.tolist()}
         yield Note("massless-free-motion", words, values)
-
-
-#: Name and version of the form of `Modes.as_dict`.
-MODES_SCHEMA = "cartstiff-modes/1"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -380,36 +377,21 @@ class Modes(Result, ShownInLines):
         """The object of ``cartstiff modes --json``; complex numbers as [real, imaginary]."""
         elastic = self.elastic
         total = None if self._momentum is None else self._momentum[1]
-        data = {
-            "schema": MODES_SCHEMA,
-            "mechanism": {
-                "name": elastic.name,
-                "kind": elastic.mechanism.kind,
-                "joints": elastic.names,
-            },
-            **elastic.mechanism.frames_as_dict(),
-            "order": "angular-linear",
-            "units": elastic.units.as_dict(),
-            "q": self.q,
-            "frequencies": self.frequencies,
+        own = {
             "eigenvalues": self.squares,
             "modes": self.shapes.T,
             "twists": self.twists.T,
             "nodal_axes": [_screw_dict(s) for s in self.nodal_axes],
             "repeated": [[i + 1 for i in g] for g in self.groups if len(g) > 1],
-            "participation": self.participation,
-            "effective_masses": self.effective_masses,
             "moving_mass": total,
             "mass_matrix": self.full_mass,
             "stiffness_matrix": self.stiffness,
-            "basis": self.basis,
             "load": {k: v for k, v in self.load.items() if k != "words"},
             "weighed": [
                 {"name": name, "mass": mass} for name, mass in masses_that_move(elastic).items()
             ],
-            "notes": self.notes,
         }
-        return plain_dict(data)
+        return described("modes", own, elastic.about(), self)
 
 
 def _screw_dict(screw: Screw) -> dict[str, Any]:
