@@ -10,6 +10,8 @@ from tests.mechanisms.oracle import ROBOTS, Held, missed
 
 from cartstiff import analyse, analyse_many, load
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry.connections import CARTAN_PLUS
 from cartstiff.report.analysis import describe
 
 # Differences of the reduced energy and of the load, step 0.005.
@@ -164,6 +166,9 @@ def test_a_spin_on_which_nothing_works_has_no_compliance_under_the_cartan_connec
     assert np.abs(W).max() > 10 * size
     assert np.abs(K["A"][:, 1]) == pytest.approx(np.abs(bracket), abs=1e-12)
     assert result.compliances["A"] is None
+    for tensor in (result.A, result.tensor("+"), result.tensor(CARTAN_PLUS)):
+        with pytest.raises(UndefinedError, match="singular"):
+            tensor.to_frame(np.eye(4)).to_units("mm").compliance()
     assert result.compliances["B"] @ K["B"] == pytest.approx(np.eye(6), abs=1e-5)
     many = analyse_many(elastic, result.q[None], outputs=["compliance_A"])
     assert np.isnan(many["compliance_A"]).all()

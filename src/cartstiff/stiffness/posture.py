@@ -557,20 +557,26 @@ def named_tensor(
         For K^F where it does not exist.
     """
     pose, frame, units = result.pose, result.frame, result.units
-    compliances = result.compliances
-    C = compliances.get(connection if isinstance(connection, str) else connection.name)
-    if connection == "+" and compliances["A"] is not None:
-        C = compliances["A"].T
-    T_F_B = result.elastic.mechanism.base_pose
+    compliances, T_F_B = result.compliances, result.elastic.mechanism.base_pose
+
+    def known(C: Array | None) -> dict[str, Any]:
+        return {"inverse": C, "is_singular": C is None}
+
     bi_invariant = StiffnessTensor(
-        K, BI_INVARIANT, W, pose, frame, units, inverse=compliances["B"], base=T_F_B
+        K, BI_INVARIANT, W, pose, frame, units, base=T_F_B, **known(compliances["B"])
     )
+    if isinstance(connection, Connection):
+        if NAMED.get(connection.name) is not connection:
+            return bi_invariant.to_connection(connection)
+        connection = connection.name
     if connection == "B":
         return bi_invariant
+    C = compliances["A" if connection == "+" else connection]
     if connection == "F":
         flat, F = result.flat_connection(), result.matrices["F"]
         assert F is not None  # else there is no flat connection
-        return StiffnessTensor(F, flat, W, pose, frame, units, inverse=C, base=T_F_B)
+        return StiffnessTensor(F, flat, W, pose, frame, units, base=T_F_B, **known(C))
+    if connection == "+" and C is not None:
+        C = C.T
     other = result.load.connection if connection == "load" else connection
-    moved = bi_invariant.to_connection(other)
-    return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)
+    return replace(bi_invariant.to_connection(other), **known(C))

@@ -212,6 +212,8 @@ class StiffnessTensor(LabelledMatrix):
         C = K^-1 where it is known better than K tells it; it changes along with K.
     base : ndarray, shape (4, 4)
         ``T_F_B`` of the robot's own base frame.
+    is_singular : bool
+        Whether K is known to have no inverse, though its rounded numbers may have one.
     """
 
     matrix: Array
@@ -223,6 +225,7 @@ class StiffnessTensor(LabelledMatrix):
     order: Order = "angular-linear"
     inverse: Array | None = field(default=None, repr=False)
     base: Array = field(default_factory=lambda: np.eye(4), repr=False)
+    is_singular: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -318,6 +321,7 @@ class StiffnessTensor(LabelledMatrix):
             matrix=here.matrix + change,
             connection=connection,
             inverse=None if C is None else numerics.inverse_of_sum(C, change),
+            is_singular=False,
         )
         return moved.to_order(self.order)
 
@@ -398,7 +402,7 @@ class StiffnessTensor(LabelledMatrix):
         here = self.to_order("angular-linear")
         inverse = here.inverse
         if inverse is None:
-            compliance = numerics.invert(here.matrix)
+            compliance = None if self.is_singular else numerics.invert(here.matrix)
             if compliance is None:
                 values = np.linalg.svd(here.matrix, compute_uv=False)
                 raise UndefinedError(
