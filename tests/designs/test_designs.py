@@ -449,6 +449,17 @@ def test_refusals(keys: dict[str, Any], words: str) -> None:
         cartstiff.design(study(**keys))
 
 
+def test_a_number_of_the_analysis_has_its_unit_in_a_study() -> None:
+    """A point is a length, a stiffness per angle a moment: whatever name the number has."""
+    paths = {"centres.stiffness.2": "m", "ellipsoids.stiffness.rotation.held.radii.0": "N m/rad"}
+    objectives = {
+        f"o{i}": {"quantity": p, "of": "min", "goal": "largest"} for i, p in enumerate(paths)
+    }
+    evaluation = StudyEvaluator(*read_study(study(objectives=objectives)))
+    units = [evaluation.unit(one) for one in evaluation.study.objectives.values()]
+    assert units == list(paths.values())
+
+
 def test_refusals_name_the_line(tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"
     path.write_text("mechanism: cubic\nvariables:\n  r: [1, 2]\n  s: [2, 1]\nobjectives: {}\n")

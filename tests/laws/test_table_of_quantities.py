@@ -16,6 +16,7 @@ import pytest
 import cartstiff
 from cartstiff.analysis.ellipsoids import compliance_ellipsoid
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.sections import unit_of
 from cartstiff.batch.postures import Reader, analyse_many
 from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings
 from cartstiff.batch.readings import READINGS, Readings
@@ -43,8 +44,14 @@ def _axis(kind, others):
     return lambda r, a: next(d for d in a["directions"] if d["name"] == "given")[kind][others]
 
 
-def _path(path):
-    return lambda r, a: _at(a, path)
+class PathOfAnalysis:
+    """The number at a path of the analysis."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __call__(self, r, a):
+        return _at(a, self.path)
 
 
 def _unstable(r, a):
@@ -85,7 +92,7 @@ def _wrench(part, r, a):
 #: The way of one posture to each quantity, from its stiffness and its analysis.
 SINGLE = {
     **{
-        f"{prefix}{freedom}_{others}_{end}": _path(
+        f"{prefix}{freedom}_{others}_{end}": PathOfAnalysis(
             f"ellipsoids.{kind}.{freedom}.{others}.eigenvalues.{i}"
         )
         for prefix, kind in (("", "stiffness"), ("compliance_", "compliance"))
@@ -96,15 +103,15 @@ SINGLE = {
     **{f"{kind}_{o}": _axis(kind, o) for kind in ("along", "about") for o in ("free", "held")},
     "deflection": partial(_deflection, "displacement"),
     "deflection_angle": partial(_deflection, "twist"),
-    "condition": _path("indices.condition_number"),
-    "isotropy": _path("indices.isotropy"),
-    "minimum": _path("indices.minimum_stiffness"),
-    "translation_condition": _path("indices.translational_condition"),
-    "rotation_condition": _path("indices.rotational_condition"),
-    "determinant": _path("indices.determinant"),
+    "condition": PathOfAnalysis("indices.condition_number"),
+    "isotropy": PathOfAnalysis("indices.isotropy"),
+    "minimum": PathOfAnalysis("indices.minimum_stiffness"),
+    "translation_condition": PathOfAnalysis("indices.translational_condition"),
+    "rotation_condition": PathOfAnalysis("indices.rotational_condition"),
+    "determinant": PathOfAnalysis("indices.determinant"),
     "unstable_directions": _unstable,
     "natural_length": lambda r, a: a["natural"],
-    "asymmetry": _path("asymmetry.size"),
+    "asymmetry": PathOfAnalysis("asymmetry.size"),
     "connection_change": _connection_change,
     "singular_value_ratio": _ratio,
     "manipulability": lambda r, a: np.prod(_singular_values(r, a, 1.0)),
@@ -162,6 +169,12 @@ def test_every_quantity_has_a_way_to_it_here():
         "limiting_depth",
         *(n for n in OF_MODES if n.startswith("damping")),
     }
+
+
+def test_units_are_those_of_the_analysis():
+    for name, way in SINGLE.items():
+        if isinstance(way, PathOfAnalysis):
+            assert unit_of(way.path) == QUANTITIES[name].unit, name
 
 
 @pytest.mark.parametrize("name", CASES)

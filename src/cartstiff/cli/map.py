@@ -203,13 +203,13 @@ def level_of(
     limit: tuple[float, str] | None, where: str, quantity: str, elastic: Any
 ) -> float | None:
     """The value of --below or --above in the unit of the quantity."""
-    from cartstiff.maps.quantities import QUANTITIES
+    from cartstiff.maps.quantities import quantity_named
     from cartstiff.mechanisms.contract import FORCES, LENGTHS
 
     if limit is None or not limit[1]:
         return None if limit is None else limit[0]
     value, unit = limit
-    own = QUANTITIES[quantity].unit_in(elastic.units) if quantity in QUANTITIES else ""
+    own = quantity_named(quantity).unit_in(elastic.units)
     known = {**LENGTHS, "rad": 1.0, "deg": 0.017453292519943295}
     kinds = [LENGTHS, {k: known[k] for k in ("rad", "deg")}]
     kinds.append({f"{f}/{x}": a / b for f, a in FORCES.items() for x, b in LENGTHS.items()})

@@ -46,7 +46,7 @@ from cartstiff.lazily import cached_property
 from cartstiff.loading import file_reader, tool_of
 from cartstiff.maps.cartesian import AtPoses
 from cartstiff.maps.job import STATES, MapJob
-from cartstiff.maps.quantities import QUANTITIES
+from cartstiff.maps.quantities import quantity_named
 from cartstiff.maps.run import map_job
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
 from cartstiff.mechanisms.chain import Chain
@@ -221,8 +221,7 @@ class StudyEvaluator:
             return "1"
         if measure.quantity is None:
             return ""
-        known = QUANTITIES.get(measure.quantity)
-        return "" if known is None else known.unit_in(self.home.units)
+        return quantity_named(measure.quantity).unit_in(self.home.units)
 
     def better(self, name: str) -> Literal["largest", "smallest"]:
         """Which end of an objective is the better one.
@@ -240,16 +239,13 @@ class StudyEvaluator:
         return "largest" if self._better(measure) == "larger" else "smallest"
 
     def _better(self, measure: Measure) -> str:
-        name = measure.quantity or ""
-        known = QUANTITIES.get(name)
-        if known is None and "." not in name:
-            raise UnknownNameError("quantity", name, QUANTITIES)
-        if known is None or known.better is None:
+        better = quantity_named(measure.quantity or "").better
+        if better is None:
             raise InputError(
                 f"neither end of {measure.quantity} is better",
                 expected="a goal, and min or max, not worst or best",
             )
-        return known.better
+        return better
 
     def _sampling(self, elastic: ElasticMechanism) -> Sampling:
         poses, names, home = self.study.poses, elastic.names, elastic.q
@@ -293,8 +289,7 @@ class StudyEvaluator:
             elastic = replace(elastic, mechanism=mechanism.as_one_of_many())
         sampling = self._sampling(elastic)
         keywords = case.keywords()
-        known = [QUANTITIES.get(name) for name in quantities]
-        if all(q is not None and q.asks != "length" for q in known):
+        if all(quantity_named(name).asks != "length" for name in quantities):
             keywords["length"] = keywords["length"] or 1.0  # nothing depends on it
         job = map_job(elastic, sampling, quantities, **keywords)
         kind: Literal["none", "shared", "each"]

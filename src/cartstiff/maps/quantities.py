@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,20 +69,9 @@ def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, 
 
 def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
     """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
-    exists = np.isfinite(K).all(axis=(1, 2))
-    if not exists.all():
-        values = np.full((len(K), 6), np.nan)
-        if exists.any():
-            lengths = np.broadcast_to(length, exists.shape)[exists]
-            values[exists] = eigenvalues(K[exists], C[exists], lengths)
-        return values
     scaled = with_angles_times(K, 1.0 / np.asarray(length))
-    values = numerics.eigenvalues(scaled)
-    plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
-    rows = np.logical_not(plain) & np.isfinite(C).all(axis=(1, 2))
-    if rows.any():
-        inverse = with_angles_times(C, length)
-        values[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
+    values = numerics.eigenvalues(scaled, with_angles_times(C, length))
+    values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
     return values
 
 
@@ -109,28 +99,23 @@ def block_values(
     one : callable
         Values (3,) of one matrix, and its inverse.
     """
-    exists = np.isfinite(stack).all(axis=(1, 2))
-    if not exists.all():
-        values = np.full((len(stack), 3), np.nan)
-        if exists.any():
-            values[exists] = block_values(stack[exists], inverse[exists], keep, is_held, one)
-        return values
+    exists, known = (np.isfinite(matrices).all(axis=(1, 2)) for matrices in (stack, inverse))
     values = numerics.eigenvalues((stack if is_held else inverse)[:, keep, keep])
     plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
     if not is_held:
         values = np.sort(1.0 / values, axis=1)
-    known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
-    for i in np.flatnonzero(known & np.logical_not(plain)):
+    values[~exists] = np.nan
+    for i in np.flatnonzero(exists & known & ~plain):
         try:
             values[i] = one(stack[i], inverse[i])
         except UndefinedError:
             values[i] = np.nan
-    if (alone := ~known).any():
+    if (alone := exists & ~known).any():
         own = stack[alone]
         blocks = own[:, keep, keep]
         size = np.abs(blocks).max(axis=(1, 2))[:, None]
-        values[alone] = numerics.eigenvalues(blocks if is_held else eliminate_each(own, keep))
-        values[alone] = np.where(np.abs(values[alone]) <= numerics.ZERO * size, 0.0, values[alone])
+        found = numerics.eigenvalues(blocks if is_held else eliminate_each(own, keep))
+        values[alone] = np.where(np.abs(found) <= numerics.ZERO * size, 0.0, found)
     return values
 
 
@@ -322,6 +307,22 @@ class MapRows(NamedTuple):
     values: dict[str, Array]
 
 
+def quantity_named(name: str) -> Quantity:
+    """The quantity of a name of the table, or of a path of the analysis.
+
+    Raises
+    ------
+    UnknownNameError, InputError
+        For another name, or a path that leads to no number.
+    """
+    if "." in name:
+        return path_quantity(name)
+    if name not in QUANTITIES:
+        raise UnknownNameError("quantity", name, QUANTITIES)
+    return QUANTITIES[name]
+
+
+@cache
 def path_quantity(path: str) -> Quantity:
     """The quantity of a dotted path: keys and, in lists, positions counted from 0.
 
@@ -425,12 +426,7 @@ def choose_quantities(
     for name in names:
         if names.count(name) > 1:
             raise InputError("quantity given twice", got=repr(name))
-        if "." in name:
-            chosen.append(path_quantity(name))
-            continue
-        if name not in QUANTITIES:
-            raise UnknownNameError("quantity", name, QUANTITIES)
-        quantity = QUANTITIES[name]
+        quantity = quantity_named(name)
         if quantity.asks == "direction" and settings.direction is None:
             raise InputError(f"the quantity {name} needs a direction")
         if quantity.asks == "deflect" and settings.deflect is None and not settings.is_loaded:

@@ -19,7 +19,7 @@ def eigenvalues(
 
     A matrix M of doubles knows its eigenvalues to about ``EPSILON |M|``, its inverse C their
     inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the others from C, with k
-    so that the worst of them has most digits. One matrix that is well conditioned needs no inverse.
+    so that the worst of them has most digits. A matrix that is well conditioned needs no inverse.
     Without an inverse what is below `ZERO` times the largest is exactly zero.
 
     Parameters
@@ -42,18 +42,21 @@ def eigenvalues(
     a = _of_symmetric(matrix)
     if inverse is None:
         return _cleaned(a)
-    if losses[0] == 1.0 and a.ndim == 1 and hold_all_digits(a):
-        return a
-    c = _of_symmetric(inverse)
-    rows, inverses = np.atleast_2d(a), np.atleast_2d(c)
+    n = a.shape[-1]
+    result = _cleaned(a).reshape(-1, n)
+    is_lossy = losses[0] != 1.0
+    todo = np.flatnonzero(is_lossy | ~(condition(result) < PLAIN_BLOCK))
+    if not todo.size:
+        return result.reshape(a.shape)
+    others = np.broadcast_to(np.asarray(inverse, float), (*a.shape, n)).reshape(-1, n, n)[todo]
+    rows, c = a.reshape(-1, n)[todo], _of_symmetric(others)
     with np.errstate(divide="ignore", invalid="ignore"):
-        result = np.where(
-            np.isnan(rows), np.sort(1.0 / _cleaned(inverses), axis=-1), _cleaned(rows)
-        )
-        inverses = 1.0 / inverses
-    both = ~np.isnan(rows).any(axis=-1) & ~np.isnan(inverses).any(axis=-1)
+        found = np.where(np.isnan(rows), np.sort(1.0 / _cleaned(c), axis=-1), result[todo])
+        c = 1.0 / c
+    both = ~np.isnan(rows).any(axis=-1) & ~np.isnan(c).any(axis=-1)
     if both.any():
-        result[both] = _merged(rows[both], inverses[both], losses, doubtful)
+        found[both] = _merged(rows[both], c[both], losses, doubtful)
+    result[todo] = found
     return result.reshape(a.shape)
 
 
