@@ -8,15 +8,13 @@ from typing import Annotated, Literal
 import click
 
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import Csv, Output, Robot, declared
+from cartstiff.cli.options import Csv, Printed, Robot, declared
 from cartstiff.cli.output import say, say_unused
-
-_Printed = Annotated[Output, Overrides("csv plot")]
 
 
 @declared("frames")
 def frames_command(
-    robot: Annotated[Robot, Overrides("pose lengths rest actuate")], out: _Printed
+    robot: Annotated[Robot, Overrides("pose lengths rest actuate")], out: Printed
 ) -> None:
     """Frames of MECHANISM as a tree, with joints, limits, springs and masses.
 
@@ -43,7 +41,7 @@ def frames_command(
 
 
 @declared("models")
-def models_command(out: _Printed) -> None:
+def models_command(out: Printed) -> None:
     """List what can be named as MECHANISM: bundled files and example robots.
 
     Parameters

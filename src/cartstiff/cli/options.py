@@ -720,37 +720,45 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
 
 
 @dataclass(frozen=True)
-class Output:
+class Printed:
     """Output.
 
     Parameters
     ----------
     json
         Print one JSON object.
-    csv
-        Write a table.
-    plot
-        Draw it to a .png, .svg or .pdf file.
     """
 
     json: bool = False
-    csv: Csv = None
-    plot: Picture = None
 
     def show(
         self,
         data: Mapping[str, Any],
         mechanism: str,
         text: Callable[[], str],
-        csv: Callable[[], str] | None = None,
-        plot: Callable[[], Any] | None = None,
+        **files: Callable[[], Any],
     ) -> None:
         """Write the files, and the result on standard output, as JSON or as text for reading."""
         from cartstiff.report.output import write_files
 
-        made = ((self.csv, csv), (self.plot, plot))
-        write_files(*((path, make) for path, make in made if make is not None))
+        write_files(*((getattr(self, name), make) for name, make in files.items()))
         say(json_text(data, mechanism) if self.json else text())
+
+
+@dataclass(frozen=True)
+class Output(Printed):
+    """Output.
+
+    Parameters
+    ----------
+    csv
+        Write a table.
+    plot
+        Draw it to a .png, .svg or .pdf file.
+    """
+
+    csv: Csv = None
+    plot: Picture = None
 
 
 class UnitsCommand(Command):
