@@ -38,6 +38,8 @@ autodoc_member_order = "bysource"
 # The contents beside each page name pages and sections: members too take a quarter of the build.
 toc_object_entries = False
 autodoc_typehints = "none"
+# Nobody writes types as comments; looking for them parses each function once more.
+autodoc_use_type_comments = False
 napoleon_numpy_docstring = True
 napoleon_google_docstring = False
 napoleon_use_ivar = True
