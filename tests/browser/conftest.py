@@ -17,6 +17,8 @@ import cartstiff
 VIEWPORT = {"width": 1100, "height": 560}
 #: Milliseconds: only what never ends takes longer, on the busiest machine too.
 _PATIENCE = 120_000
+#: Shared pages that stay open; each of them is looked at again and again by its browser.
+_OPEN = 4
 # Short messages go away; a test that is late still finds what they said.
 _HEARD = """
 window.heard = [];
@@ -143,10 +145,15 @@ class Pages:
 
     def shared(self, url: str) -> Any:
         """The same page for every test that asks for it, as if it had just been opened."""
-        if url not in self._shared:
-            self._shared[url] = self.open(url)
-            self._own.pop()
-        page = self._shared[url]
+        page = self._shared.pop(url, None)
+        if page is None:
+            for oldest in list(self._shared)[: 1 - _OPEN]:
+                self._own.append(self._shared.pop(oldest))  # closed and checked after this test
+            page = self.open(url)
+            self._own.remove(page)
+        self._shared[url] = page
+        if page.viewport_size != VIEWPORT:
+            page.set_viewport_size(VIEWPORT)
         page.evaluate(RESET)
         settled(page)
         page.evaluate(CURVES_ANEW)
@@ -197,7 +204,7 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def _pages(chromium: Any) -> Iterator[Pages]:
     found = Pages(chromium)
     yield found
@@ -213,20 +220,36 @@ def pages(_pages: Pages) -> Iterator[Pages]:
 
 @pytest.fixture(scope="session")
 def serve() -> Iterator[Callable[..., Any]]:
-    """Serve a mechanism by name, once for the same arguments; returns the server."""
+    """Serve a mechanism by name, once for the same arguments; returns the server.
+
+    Its curves are of a few postures, unless a test looks at them: they are most of a server's time.
+    """
     from cartstiff.page.server import Background
+    from cartstiff.page.session import Session
     from cartstiff.page.source import Source
 
     running: dict[str, Background] = {}
+    coarse: list[Source] = []
+    sweep = Session._sweep
 
-    def start(name: str, **options: Any) -> Background:
-        key = f"{name} {sorted((k, str(v)) for k, v in options.items())}"
+    def swept(self: Session, message: Any) -> Any:
+        if any(self.source is one for one in coarse):
+            message = message.model_copy(update={"steps": 7, "refined": False})
+        return sweep(self, message)
+
+    def start(name: str, *, curves: bool = False, **options: Any) -> Background:
+        key = f"{name} {curves} {sorted((k, str(v)) for k, v in options.items())}"
         if key not in running:
             elastic = cartstiff.load(name)
             reload = lambda frame: cartstiff.load(name, frame=frame)  # noqa: E731
-            running[key] = Background(Source(elastic, reload=reload, **options))
+            source = Source(elastic, reload=reload, **options)
+            if not curves:
+                coarse.append(source)
+            running[key] = Background(source)
         return running[key]
 
+    Session._sweep = swept
     yield start
+    Session._sweep = sweep
     for server in running.values():
         server.close()

@@ -359,7 +359,8 @@ def test_posture_a_against_posture_b(ur5):
     assert ur5.evaluate("() => window.cartstiff.numbers.result.q") == arm.q.tolist()
 
 
-def test_a_sweep_is_plotted_and_followed(ur5):
+def test_a_sweep_is_plotted_and_followed(serve, pages):
+    ur5 = pages.shared(serve("ur5", curves=True).url)
     # Those of the test before may stand until these are drawn; where a sweep takes more than a
     # second, the page asks before it computes another.
     ur5.wait_for_function("""() => {

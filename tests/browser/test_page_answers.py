@@ -52,7 +52,7 @@ def opened(request, serve, pages, tmp_path_factory):
 
     def open_page(name):
         if request.param == "live":
-            return pages.shared(serve(name).url)
+            return pages.shared(serve(name, curves=True).url)
         file = tmp_path_factory.getbasetemp() / f"{name}.html"
         if not file.exists():
             file.write_text(export_page(Source(cartstiff.load(name))), encoding="utf-8")
@@ -273,7 +273,7 @@ def test_curves_of_a_spring_loaded_platform_are_of_its_load_before_anything_is_m
 
 
 def test_a_sweep_that_moves_another_motor_has_gaps_with_the_reason(serve, pages):
-    page = pages.shared(serve("five-bar").url)
+    page = pages.shared(serve("five-bar", curves=True).url)
     page.wait_for_selector("#strip svg.plot path", state="attached")
     found = swept(page, 0, 61)
     other = cartstiff.load("five-bar").q[2]

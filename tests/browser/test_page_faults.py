@@ -127,7 +127,7 @@ def test_assumed_springs_are_said_beside_the_verdict(serve, pages):
 
 
 def test_a_sweep_is_followed_between_its_samples(serve, pages):
-    page = pages.shared(serve("cable-robot").url)
+    page = pages.shared(serve("cable-robot", curves=True).url)
     load = [0, 0, 0, 102, 490, -119]
     at = page.evaluate(
         """async (load) => {

@@ -44,7 +44,7 @@ def saved(page, kind: str, path):
     ("name", "i", "has_legs"), [("ur5", 2, False), ("cubic", 2, True), ("6-ups", 8, False)]
 )
 def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i, has_legs):
-    page = pages.shared(serve(name).url)
+    page = pages.shared(serve(name, curves=True).url)
     page.evaluate("(load) => window.cartstiff.change({ load })", LOAD)
     elastic = cartstiff.load(name)
     state = ViewState(load=LOAD)
@@ -103,7 +103,7 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
 def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
     """Curves follow a change by a third of a second; a file that is asked for waits for them."""
     elastic = cartstiff.load("ur5")
-    page = pages.shared(serve("ur5").url)
+    page = pages.shared(serve("ur5", curves=True).url)
     page.select_option(QUANTITY, "condition")
     for i, load in ((1, (0, 0, 0, 0, 0, -100)), (3, LOAD)):
         page.evaluate("(load) => window.cartstiff.change({ load })", load)
@@ -131,7 +131,7 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
 
 
 def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
-    url = serve("ur5").url
+    url = serve("ur5", curves=True).url
     page = pages.open(url + "#load=0,0,0,0,0,-100")
     page.wait_for_selector("#strip .plot .curve-2")
     page.select_option(QUANTITY, "turn")
@@ -163,7 +163,7 @@ def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
 
 
 def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
-    page = pages.open(serve("cubic").url + "#and=3&plot=condition&along=sweep:2")
+    page = pages.open(serve("cubic", curves=True).url + "#and=3&plot=condition&along=sweep:2")
     page.wait_for_function("() => document.querySelectorAll('.plot.heat rect').length > 31 * 21")
     settled(page)
     _, names, table = saved(page, "csv", tmp_path / "map.csv")

@@ -29,7 +29,7 @@ def squares(image: Image.Image) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def shots(serve, chromium) -> dict[str, Image.Image]:
-    url = serve(MECHANISM).url + STATE
+    url = serve(MECHANISM, curves=True).url + STATE
     themes = ("light", "dark")
     found = pictures(chromium, url, themes)
     return {name: Image.open(io.BytesIO(png)) for name, png in zip(themes, found, strict=True)}
