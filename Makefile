@@ -4,8 +4,9 @@
 
 PYTHON ?= python3
 VENV ?= .venv
-# Tests of a file share what is recorded, loaded and opened; few files are long, and none is last.
-PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
+# Each process takes its half in order: a file's tests share what is recorded, loaded and opened, and
+# the files of a folder its browser. Who is done takes half of what the other one has left.
+PYTEST_ARGS ?= -n 2 --dist worksteal
 LOCK_ARGS ?=
 
 PY := $(VENV)/bin/python
@@ -66,9 +67,9 @@ demo: $(RUNTIME)
 test: export CARTSTIFF_REQUIRE_BROWSER := 1
 test: export CARTSTIFF_BUILT_DOCS := docs/_build/html
 test: $(DEV)
-	@tools/provide_browser.sh $(PY) || true
-	@$(MAKE) --no-print-directory --keep-going lint format-check types & checks=$$!; ok=0; \
-	  $(MAKE) --no-print-directory docs || ok=1; wait $$checks || ok=1; \
+	@tools/provide_browser.sh $(PY) & browser=$$!; \
+	  $(MAKE) --no-print-directory --keep-going lint format-check types & checks=$$!; ok=0; \
+	  $(MAKE) --no-print-directory docs || ok=1; wait $$checks || ok=1; wait $$browser; \
 	  $(MAKE) --no-print-directory pytest || ok=1; exit $$ok
 
 lint: $(DEV)

@@ -17,14 +17,25 @@ import cartstiff
 VIEWPORT = {"width": 1100, "height": 560}
 #: Milliseconds: only what never ends takes longer, on the busiest machine too.
 _PATIENCE = 120_000
-#: Shared pages that stay open; each of them is looked at again and again by its browser.
-_OPEN = 4
+#: Shared pages that stay open.
+_OPEN = 6
 # Short messages go away; a test that is late still finds what they said.
 _HEARD = """
 window.heard = [];
 new MutationObserver((changes) => changes.forEach(({ addedNodes }) => addedNodes.forEach((node) => {
   if (node.classList?.contains("toast")) window.heard.push(node.textContent);
 }))).observe(document, { childList: true, subtree: true });
+"""
+# A page that waits for its next test asks for no pictures: each would take a twentieth of a core.
+_RESTS = """
+const frame = window.requestAnimationFrame.bind(window);
+let asked = null;
+window.requestAnimationFrame = (draw) => (asked ? asked.push(draw) : frame(draw));
+window.rests = (yes) => {
+  const waiting = asked ?? [];
+  asked = yes ? waiting : null;
+  if (!yes) waiting.forEach((draw) => frame(draw));
+};
 """
 # Pictures are put together as ever, and no dot of them is computed: that is most of a test's time
 # where software renders. What is seen is asked in test_screenshot.py, which draws.
@@ -132,7 +143,7 @@ class Pages:
         page = context.new_page()
         self._own.append(page)
         page.set_default_timeout(_PATIENCE)
-        page.add_init_script(_HEARD + _UNDRAWN)
+        page.add_init_script(_HEARD + _RESTS + _UNDRAWN)
         page.on(
             "console",
             lambda m: watch.console.append(m.text) if m.type in ("error", "warning") else None,
@@ -152,6 +163,7 @@ class Pages:
             page = self.open(url)
             self._own.remove(page)
         self._shared[url] = page
+        page.evaluate("() => window.rests(false)")
         if page.viewport_size != VIEWPORT:
             page.set_viewport_size(VIEWPORT)
         page.evaluate(RESET)
@@ -172,6 +184,8 @@ class Pages:
             page.watch.requests.clear()
             assert outside == []
             assert faults == []
+        for page in self._shared.values():
+            page.evaluate("() => window.rests(true)")
 
     def close(self) -> None:
         """Close what is shared."""

@@ -149,8 +149,8 @@ CASES = {
     ),
     "workspace": (
         "workspace hexapod",
-        "--pose 0,0,0.6,0.1,0,0 --radius 0.5 --directions 60",
-        f"--pose {pose('0,0,0.6,0.1,0,0')} --radius 500 --directions 60",
+        "--pose 0,0,0.6,0.1,0,0 --radius 0.5 --directions 20",
+        f"--pose {pose('0,0,0.6,0.1,0,0')} --radius 500 --directions 20",
     ),
     "assemble": (
         "assemble hexapod",
@@ -171,7 +171,7 @@ CASES = {
         ),
     ),
     "plan": (
-        "identify ur5 --plan 4 --candidates 30 --criterion posture",
+        "identify ur5 --plan 4 --candidates 10 --criterion posture",
         (
             f"--q {Q} --load 1,2,3,10,20,30 --force 80 --range elbow_joint=-1:1 --within z=0.1:0.9 "
             "--sd dz=0.02mm --known wrist_3_joint=8e3"
@@ -198,7 +198,7 @@ def test_answer_is_the_same(case, tmp_path, monkeypatch):
     command, si, mm = CASES[case]
     if case == "identify":
         measured = "--sd dz=0.02mm --csv measured.csv"
-        answer("identify ur5 --plan 12 --candidates 30 --force 80", measured)
+        answer("identify ur5 --plan 12 --candidates 15 --force 80", measured)
         answer("identify ur5 measured.csv --simulate 1", measured)
     if case == "compensate":
         import cartstiff

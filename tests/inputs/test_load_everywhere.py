@@ -71,7 +71,7 @@ def test_a_workspace_under_a_load_is_that_of_linprog(kind):
         wrench=W,
         load_at=at,
         load_kind=kind,
-        directions=24,
+        directions=14,
         scan=8,
         radius=1.5,
         fits=False,

@@ -24,7 +24,7 @@ def load():
         cartstiff.load("five-bar")
 loading = threading.Thread(target=load)
 loading.start()
-for _ in range(20):
+for _ in range(10):
     if (child := os.fork()) == 0:
         cartstiff.load("five-bar")
         os.write(1, b"forked\\n")
@@ -41,7 +41,7 @@ loading.join()
         check=True,
         timeout=300,
     )
-    assert sorted(done.stdout.split()) == ["forked"] * 20 + ["spawned"] * 20
+    assert sorted(done.stdout.split()) == ["forked"] * 10 + ["spawned"] * 10
     assert done.stderr == ""
 
 

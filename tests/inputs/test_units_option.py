@@ -151,7 +151,7 @@ def test_measurements_are_planned_found_and_written_in_other_units(tmp_path):
             *own,
             "--plan 8 --force 80",
             *what,
-            f"--within {volume} --range {turn} --candidates 60 --csv {to}1.csv",
+            f"--within {volume} --range {turn} --candidates 20 --csv {to}1.csv",
         )
         run(
             "identify ur5",

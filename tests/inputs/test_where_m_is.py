@@ -74,7 +74,7 @@ def test_poses_and_reports(folder, monkeypatch):
 
 @pytest.mark.parametrize(
     "words",
-    ["workspace hexapod --directions 50 --tcp 0,0,0.02", "assemble hexapod --all --tcp 0,0,0.02"],
+    ["workspace hexapod --directions 20 --tcp 0,0,0.02", "assemble hexapod --all --tcp 0,0,0.02"],
 )
 def test_platforms(words):
     assert "body frame M at (0, 0, 0.02) m in 'platform'" in run(words)

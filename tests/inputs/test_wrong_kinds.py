@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import inspect
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from tests.support.commands import run
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -106,17 +105,7 @@ def test_each_argument_of_another_kind_is_refused_or_answered(name):
 )
 def test_points_out_of_reach_are_refused(words):
     """Turns about them leave no digits of what is at the robot: a double has sixteen."""
-    done = subprocess.run(
-        [sys.executable, "-m", "cartstiff", *words.split()],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("cartstiff: ")
-    assert "too far away" in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert "too far away" in run(words, code=2)
 
 
 def test_a_potential_with_an_old_name_of_a_method_is_refused():

@@ -30,12 +30,12 @@ def softest(elastic: ElasticMechanism, q: np.ndarray, wrench: object = None) -> 
 
 # -- maps in processes of their own -------------------------------------------------------------
 
-# A mechanism that is computed posture by posture, so that there is time to interrupt it.
+# A mechanism that is computed posture by posture: in six parts.
 COMMAND = (
     "map",
     "delta",
     "--grid",
-    "leg1/motor=0.3:0.5:4,leg2/motor=0.3:0.5:6,leg3/motor=0.3:0.5:6",
+    "leg1/motor=0.3:0.5:2,leg2/motor=0.3:0.5:3,leg3/motor=0.3:0.5:4",
     "--quantity",
     "compliance_translation_free_max",
     "--chunk",

@@ -23,9 +23,9 @@ from cartstiff.maps.store import MapFile
 
 QUANTITIES = ["translation_free_min", "condition"]
 #: Damages of each kind that are tried; "170,34,17" for each sampling takes some minutes.
-FLIPS, DELETIONS, KILLS = (int(n) for n in os.environ.get("MAP_DAMAGES", "12,6,4").split(","))
+FLIPS, DELETIONS, KILLS = (int(n) for n in os.environ.get("MAP_DAMAGES", "6,4,3").split(","))
 #: Damages of zarr.json files that are tried for each sampling.
-DESCRIPTIONS = int(os.environ.get("MAP_DESCRIPTIONS", "40"))
+DESCRIPTIONS = int(os.environ.get("MAP_DESCRIPTIONS", "20"))
 
 
 @pytest.fixture(scope="module")

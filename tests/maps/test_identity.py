@@ -20,8 +20,8 @@ from cartstiff.maps.run import part_elsewhere, prepare_map
 from cartstiff.mechanisms.identity import _PARTS, identity_of
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
-#: A tenth of what the tool does by itself.
-EDITS = 40
+#: A twentieth of what the tool does by itself.
+EDITS = 20
 
 
 def prepared(elastic, folder, **options):

@@ -87,6 +87,7 @@ def install(python: Path, built: Path) -> None:
     """Install a wheel or an sdist there with this environment's pip and build backend."""
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     command += ["--python", str(python), "install", "--no-index", "--no-deps"]
+    command.append("--force-reinstall")  # another file of this version may be there
     environment = dict(os.environ)
     if built.suffix == ".gz":
         command.append("--no-build-isolation")

@@ -1,4 +1,4 @@
-"""Wheel and sdist install where only the declared packages are, and run."""
+"""The sdist installs where only the declared packages are, and runs; so does the wheel."""
 
 from __future__ import annotations
 
@@ -11,12 +11,26 @@ from tests.packaging import environment
 from cartstiff import __version__
 
 
-@pytest.fixture(scope="module", params=["wheel", "sdist"])
-def scripts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module")
+def scripts(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the interpreter and the commands of an environment with cartstiff."""
     python = environment.make(tmp_path_factory.mktemp("empty") / "env")
-    environment.install(python, request.getfixturevalue(request.param))
+    environment.install(python, sdist)
     return python.parent
+
+
+def test_the_wheel_installs_what_the_sdist_does(scripts: Path, wheel: Path) -> None:
+    """The same files with the same contents: what runs from one runs from the other."""
+    records = {}
+    for kind in ("sdist", "wheel"):
+        if kind == "wheel":
+            environment.install(scripts / "python", wheel)
+        (record,) = scripts.parent.glob("lib/*/site-packages/cartstiff-*.dist-info/RECORD")
+        own = ("direct_url.json", "RECORD", "REQUESTED", ".pyc")
+        lines = record.read_text(encoding="utf-8").splitlines()
+        records[kind] = sorted(x for x in lines if not x.split(",")[0].endswith(own))
+    assert any("robots/" in line for line in records["wheel"])
+    assert records["wheel"] == records["sdist"]
 
 
 def test_nothing_but_the_declared_packages_is_there(scripts: Path, tmp_path: Path) -> None:
