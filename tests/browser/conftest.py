@@ -27,7 +27,7 @@ new MutationObserver((changes) => changes.forEach(({ addedNodes }) => addedNodes
 }))).observe(document, { childList: true, subtree: true });
 """
 # A page that waits for its next test asks for no pictures: each would take a twentieth of a core.
-_RESTS = """
+_RESTS = """{
 const frame = window.requestAnimationFrame.bind(window);
 let asked = null;
 window.requestAnimationFrame = (draw) => (asked ? asked.push(draw) : frame(draw));
@@ -36,7 +36,7 @@ window.rests = (yes) => {
   asked = yes ? waiting : null;
   if (!yes) waiting.forEach((draw) => frame(draw));
 };
-"""
+}"""
 # Pictures are put together as ever, and no dot of them is computed: that is most of a test's time
 # where software renders. What is seen is asked in test_screenshot.py, which draws.
 _UNDRAWN = """
@@ -143,7 +143,7 @@ class Pages:
         page = context.new_page()
         self._own.append(page)
         page.set_default_timeout(_PATIENCE)
-        page.add_init_script(_HEARD + _RESTS + _UNDRAWN)
+        page.add_init_script(_HEARD + _RESTS + "\n" + _UNDRAWN)
         page.on(
             "console",
             lambda m: watch.console.append(m.text) if m.type in ("error", "warning") else None,
