@@ -225,7 +225,7 @@ def command(words: list[str]) -> tuple[int, str, str]:
         raise FaultError(f"{words}: refused in {line.count(chr(10))} lines: {line[:300]!r}")
     if code == 2 and said and "--json" in words:
         raise FaultError(f"{words}: refused, and yet an answer")
-    if code == 0 and "--json" in words and "--help" not in words and said:
+    if code == 0 and "--json" in words and not {"--help", "--help-all"} & set(words) and said:
         json.loads(said, parse_constant=lambda name: _not_json(words, name))
     return code, said, line
 
