@@ -95,6 +95,8 @@ class Settings:
 BLOCKS: dict[Freedom, slice] = {"rotation": ROTATION, "translation": TRANSLATION}
 #: A number of one recorded posture, or those (N,) of a stack.
 Numbers = Any
+#: Several such numbers.
+Rows = Sequence[Any] | Array
 
 
 class Source:
@@ -121,7 +123,7 @@ class Source:
             self._found[key] = make()
         return self._found[key]
 
-    def entries(self, name: str) -> Sequence[Numbers]:
+    def entries(self, name: str) -> Rows:
         """Entries of an output that is a row of numbers for every posture."""
         return self.arrays[name]
 
@@ -130,7 +132,7 @@ class Source:
         u = np.array(self.settings.direction, float)
         return self._in_body([0.0, 0.0, 0.0, *(u / np.linalg.norm(u))], (0.0, 0.0, 0.0))[..., 3:]
 
-    def deflection(self) -> Sequence[Numbers]:
+    def deflection(self) -> Rows:
         """Twist (6, ...) under the given wrench, or under the load."""
 
         def make() -> Array:
@@ -150,19 +152,19 @@ class Source:
 
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
-    ) -> Sequence[Numbers]:
+    ) -> Rows:
         """Three principal values, smallest first; with `of_held` from the pair for others held."""
         raise NotImplementedError
 
-    def spectrum(self) -> Sequence[Numbers]:
+    def spectrum(self) -> Rows:
         """Six eigenvalues of K with lengths scaled, smallest first."""
         raise NotImplementedError
 
-    def ends(self) -> Sequence[Numbers]:
+    def ends(self) -> Rows:
         """Eigenvalues of K with lengths scaled, at least the smallest and the largest."""
         raise NotImplementedError
 
-    def ratio(self, values: Sequence[Numbers]) -> Numbers:
+    def ratio(self, values: Rows) -> Numbers:
         """Largest over smallest size of eigenvalues, smallest first."""
         raise NotImplementedError
 
@@ -175,12 +177,12 @@ class Source:
         raise NotImplementedError
 
 
-def norm(values: Sequence[Numbers]) -> Numbers:
+def norm(values: Rows) -> Numbers:
     """Root of the sum of squares."""
     return square_root(sum(x * x for x in values))
 
 
-def product_of(values: Sequence[Numbers]) -> Numbers:
+def product_of(values: Rows) -> Numbers:
     """Product of numbers."""
     result: Numbers = 1.0
     for x in values:
@@ -294,9 +296,8 @@ def _end(s: Source, column: int, **which: Any) -> Numbers:
 
 
 def _directional_quantities() -> Iterator[Quantity]:
-    for (word, freedom), others in product(
-        (("along", "translation"), ("about", "rotation")), _OTHERS
-    ):
+    axes: tuple[tuple[str, Freedom], ...] = (("along", "translation"), ("about", "rotation"))
+    for (word, freedom), others in product(axes, _OTHERS):
         yield Quantity(
             f"{word}_{others}",
             f"stiffness {word} the direction, everything else {others}",

@@ -43,6 +43,7 @@ from cartstiff.batch.quantities import (
     QUANTITIES,
     Numbers,
     Quantity,
+    Rows,
     Settings,
     Source,
 )
@@ -135,7 +136,7 @@ class Stacks(Source):
         #: Small vibrations at the postures, computed when they are asked for.
         self.swing = swing
 
-    def entries(self, name: str) -> Sequence[Numbers]:
+    def entries(self, name: str) -> Rows:
         """Entries (N,) of an output."""
         array = self.arrays[name]
         return array.T if array.ndim > 1 else array[None]
@@ -182,7 +183,7 @@ class Stacks(Source):
 
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
-    ) -> Sequence[Numbers]:
+    ) -> Rows:
         """Principal values (3, N) of stiffness or compliance, the other freedoms held or free."""
 
         def make() -> Array:
@@ -209,7 +210,7 @@ class Stacks(Source):
 
     ends = spectrum
 
-    def ratio(self, values: Sequence[Numbers]) -> Numbers:
+    def ratio(self, values: Rows) -> Numbers:
         """Condition number (N,) from eigenvalues (n, N)."""
         return numerics.condition(np.asarray(values).T)
 
