@@ -150,9 +150,7 @@ class Source:
 
     # -- what each kind of source has its own way to --------------------------------------------
 
-    def principal(
-        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
-    ) -> Rows:
+    def principal(self, kind: str, freedom: Freedom, others: Others, of_held: bool = False) -> Rows:
         """Three principal values, smallest first; with `of_held` from the pair for others held."""
         raise NotImplementedError
 

@@ -181,9 +181,7 @@ class Stacks(Source):
 
         return self.once("free", make)
 
-    def principal(
-        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
-    ) -> Rows:
+    def principal(self, kind: str, freedom: Freedom, others: Others, of_held: bool = False) -> Rows:
         """Principal values (3, N) of stiffness or compliance, the other freedoms held or free."""
 
         def make() -> Array:
