@@ -52,7 +52,7 @@ def described(command: str, *sources: object) -> dict[str, Any]:
     LookupError
         For a key that none has.
     """
-    data = {}
+    data: dict[str, Any] = {}
     for entry, kind in output_keys()[command].items():
         key = entry.removesuffix("?")
         if isinstance(kind, str) and kind.startswith(_CONSTANT):
