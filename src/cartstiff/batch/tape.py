@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Input(NamedTuple):
     component: int
 
 
-_FOLDED: dict[str, Callable[..., float]] = {
+_FOLDED: dict[str, Callable[..., Any]] = {
     "sqrt": math.sqrt,
     "abs": abs,
     "copysign": math.copysign,
@@ -47,7 +47,7 @@ _FOLDED: dict[str, Callable[..., float]] = {
     "cos": math.cos,
     "pick": lambda x, y, a, b: a if x < y else b,
 }
-_OVER_ARRAYS: dict[str, Callable[..., Array]] = {
+_OVER_ARRAYS: dict[str, Callable[..., Any]] = {
     "sqrt": np.sqrt,
     "abs": np.abs,
     "copysign": np.copysign,
@@ -165,6 +165,7 @@ class Program:
         return sum(o.name not in ("input", "constant") for o in self.operations)
 
 
+@final
 class Number:
     """A scalar on a tape; acts like a float under + - * / and the functions of this module."""
 
