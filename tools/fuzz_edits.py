@@ -134,7 +134,7 @@ def _map(folder: Path, file: str, parts: int | None = None) -> np.ndarray[Any, A
         stored.write(0, job.compute(stored.boxes[0]))
         return np.zeros(0)
     run_map(job, stored)
-    return np.array([stored.arrays[name][:] for name in job.names])
+    return np.array([stored.described[name][:] for name in job.names])
 
 
 def _study(folder: Path, file: str, count: int = 2) -> np.ndarray[Any, Any]:

@@ -98,7 +98,7 @@ if "--scheduler" in sys.argv:
 
     run._bar = held_bar
 else:
-    store.MapFile._checksums = held(store.MapFile._checksums)
+    store.MapFile._sealed_row = held(store.MapFile._sealed_row)
 if __name__ == "__main__":
     main(sys.argv[1:])
 """
@@ -118,5 +118,5 @@ def start_held_map(file: Path, parts: int, *more: str, **environment: str) -> su
 
 def marks(file: Path) -> dict[str, tuple[int, int]]:
     """The parts of a map that are done, with the identity and time of their marks."""
-    found = (file / "parts" / "checksum" / "c").glob("*/0")
+    found = (file / "parts" / "marks" / "c").glob("*/0")
     return {p.parent.name: (p.stat().st_ino, p.stat().st_mtime_ns) for p in found}

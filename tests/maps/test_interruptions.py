@@ -78,7 +78,7 @@ def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
     quantities = ["translation_free_min", "condition"]
     whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     assert whole.attrs["numerical_path"] == "compiled"
-    (tmp_path / "m.zarr" / "parts" / "checksum" / "c" / "1" / "0").unlink()
+    (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()
     monkeypatch.setattr(kernels, "_compiled", {})
     resumed = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     for name in quantities:

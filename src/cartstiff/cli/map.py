@@ -366,8 +366,9 @@ def command(
     shown: Shown,
     out: Printed,
     *,
-    output: Path,
+    output: str,
     single: bool = False,
+    verify: bool = False,
     chunk: Count = None,
     progress: bool | None = None,
     profile: bool = False,
@@ -396,9 +397,12 @@ def command(
     out
         How it is printed.
     output : MAP.zarr
-        File of the map; if it exists, its missing parts are computed.
+        File of the map, or an address such as s3://bucket/map.zarr; if it exists, its missing parts
+        are computed.
     single
         Keep numbers in single precision.
+    verify
+        Read the parts that are there, and compute those anew that are damaged.
     chunk : N
         Largest number of postures in one part of the file.
     progress
@@ -465,13 +469,13 @@ def command(
     start, spent = time.perf_counter(), time.process_time()
     try:
         with watched() as work:
-            computed, damaged, facts = run_map(
-                job, file, threads=threads, scheduler=scheduler, progress=progress
+            computed, damaged = run_map(
+                job, file, threads=threads, scheduler=scheduler, progress=progress, verify=verify
             )
     except KeyboardInterrupt:
         say(
             f"cartstiff: interrupted: {len(file.done())} of {len(file.boxes)} parts are in "
-            f"{one_line(str(output))}; the same command goes on from there",
+            f"{one_line(output)}; the same command goes on from there",
             error=True,
         )
         raise click.exceptions.Exit(130) from None
@@ -479,7 +483,7 @@ def command(
     profiled = explained(work, seconds, time.process_time() - spent) if profile else None
     if damaged:
         say(
-            f"cartstiff: {one_line(str(output))}: {len(damaged)} of its files were damaged and "
+            f"cartstiff: {one_line(output)}: {len(damaged)} of its parts were damaged and "
             f"have been made anew: {one_line('; '.join(damaged), 300)}",
             error=True,
         )
@@ -495,7 +499,7 @@ def command(
     dataset = whole
     if shown.single_branch:
         dataset = one_branch(whole, quantities[0], level, side == "below")
-    summed = summary(dataset) if is_part else summary(file, facts)
+    summed = summary(dataset if is_part else file)
     answer = _answer(file, output, computed, seconds, summed)
     answer |= {"slice": places_of(whole, cuts)}
     for which, count in (("best", shown.best), ("worst", shown.worst)):
@@ -558,12 +562,12 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 
 
 def _answer(
-    file: MapFile, output: Path, computed: int, seconds: float, summed: dict[str, Any]
+    file: MapFile, output: str, computed: int, seconds: float, summed: dict[str, Any]
 ) -> dict[str, Any]:
     about, total = file.attributes, math.prod(file.shape)
     return {
         "schema": about["schema"],
-        "file": str(output),
+        "file": output,
         "mechanism": about["mechanism"],
         "frame": about["frame"],
         **{

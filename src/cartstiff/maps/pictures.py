@@ -7,6 +7,7 @@ hatched, and the legend names their state.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +20,11 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.maps.reading import (
     best_branch,
     each_block,
-    finite_range,
     quantity_of,
     state_names,
     unit_label,
 )
+from cartstiff.maps.store import fact
 
 if TYPE_CHECKING:
     import xarray
@@ -362,9 +363,9 @@ def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
     """How often each value occurs; on a logarithmic axis where it spans decades."""
     array = quantity_of(dataset, quantity)
     lows, highs, _, numbers = zip(
-        *each_block(dataset, {quantity: finite_range})[quantity], strict=True
+        *each_block(dataset, {quantity: partial(fact, quantity)})[quantity], strict=True
     )
-    low, high, missing = min(lows), max(highs), array.size - sum(numbers)
+    low, high, missing = min(lows), max(highs), array.size - int(sum(numbers))
     figure = new_figure()
     axis = figure.subplots()
     if np.isfinite(low):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.store import MapFile
+from cartstiff.maps.store import PLACES, MapFile, fact
 
 if TYPE_CHECKING:
     import xarray
@@ -257,41 +257,13 @@ def unit_label(array: xarray.DataArray) -> str:
     return words if unit == "1" else f"{words} [{unit}]"
 
 
-#: Arrays of a map about which there is nothing to add up.
-_PLACES = ("position", "q", "time")
-
-
-def facts_of(arrays: Mapping[str, Array]) -> dict[str, Any]:
-    """Of the arrays of a part, by name, what the summary of the map needs."""
-    return {name: _fact(name, a) for name, a in arrays.items() if name not in _PLACES}
-
-
-def _fact(name: str, values: Array) -> Any:
-    if name == "state":
-        return np.bincount(np.ravel(values), minlength=256)
-    return int(np.max(values, initial=0)) if name == "branches" else finite_range(values)
-
-
-def finite_range(values: Array) -> tuple[float, float, float, int]:
-    """Smallest, largest, sum and number of the finite values."""
-    is_finite = np.isfinite(values)
-    values = np.asarray(values if is_finite.all() else values[is_finite], float)
-    if not values.size:
-        return np.inf, -np.inf, 0.0, 0
-    return float(values.min()), float(values.max()), float(values.sum()), values.size
-
-
-def summary(
-    dataset: xarray.Dataset | MapFile, facts: Mapping[str, Sequence[Any]] | None = None
-) -> dict[str, Any]:
+def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
     """Number of postures in each state, and the range of every quantity.
 
     Parameters
     ----------
     dataset : xarray.Dataset or MapFile
-        A whole map, or a part of one; its file is enough where the facts are known.
-    facts : mapping, optional
-        By name, `facts_of` the parts of the arrays; default read from the dataset.
+        A whole map, or a part of one; of a file only the marks of its parts are read.
 
     Returns
     -------
@@ -303,14 +275,13 @@ def summary(
         "kept".
     """
     arrays: Any
+    facts: Mapping[str, Any]
     if isinstance(dataset, MapFile):
-        arrays, attributes = dataset.arrays, dataset.attributes
-        facts = facts or {}
+        arrays, attributes, facts = dataset.described, dataset.attributes, dataset.facts()
     else:
         arrays, attributes = dataset.data_vars, dataset.attrs
-        if facts is None:
-            own = [str(name) for name in arrays if name not in _PLACES]
-            facts = each_block(dataset, {name: partial(_fact, name) for name in own})
+        own = [str(name) for name in arrays if name not in PLACES]
+        facts = each_block(dataset, {name: partial(fact, name) for name in own})
     names, counts = named_states(arrays["state"].attrs), dict[str, int]()
     every = np.sum(facts["state"], axis=0)
     for code in np.flatnonzero(every).tolist():
@@ -319,7 +290,7 @@ def summary(
     ranges = {}
     for name in (n for n in facts if n not in OTHERS):
         lows, highs, totals, numbers = zip(*facts[name], strict=True)
-        low, high, total, number = min(lows), max(highs), sum(totals), sum(numbers)
+        low, high, total, number = min(lows), max(highs), sum(totals), int(sum(numbers))
         ranges[name] = {
             "unit": arrays[name].attrs.get("units", ""),
             "smallest": low if number else None,
@@ -333,7 +304,7 @@ def summary(
         branches["branches"] = {
             "starts": 1 + sampling["starts"],
             "legs": sampling.get("legs", 0),
-            "found": max(facts["branches"]),
+            "found": int(np.max(facts["branches"])),
             "kept": sampling["branches"],
         }
     return {"states": counts, "quantities": ranges, **branches}

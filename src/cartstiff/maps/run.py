@@ -15,13 +15,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from functools import lru_cache, partial
+from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from os import cpu_count
-from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
+from uuid import uuid4
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +30,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_input, checked_unit, checked_vector
-from cartstiff.batch.kernels import WORTH_READING, Backend, lasting_path
+from cartstiff.batch.kernels import WORTH_READING, lasting_path
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -44,9 +45,20 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities
-from cartstiff.maps.reading import facts_of
-from cartstiff.maps.sampling import Sampling, dimension_name
-from cartstiff.maps.store import CHECKSUM, NOT_COMPUTED, SCHEMA, Kind, MapFile, open_map
+from cartstiff.maps.sampling import Grid, Sampling, chunk_shape, dimension_name
+from cartstiff.maps.store import (
+    CHECKSUM,
+    NOT_COMPUTED,
+    SCHEMA,
+    Kind,
+    Layout,
+    MapFile,
+    Run,
+    is_there,
+    local_path,
+    open_map,
+    with_postures,
+)
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.identity import identity_of, require_same, require_versions, versions
@@ -88,7 +100,8 @@ def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any
     return float(f"{length:.6g}")  # the same digits on every processor
 
 
-def map_job(
+@checked
+def planned(
     elastic: ElasticMechanism,
     sampling: Sampling,
     quantities: Sequence[str],
@@ -106,16 +119,72 @@ def map_job(
     damping: Damping | float = 0.0,
     milling: Milling | None = None,
     told: Mapping[str, float] | None = None,
-) -> MapJob:
-    """What is computed for a map, checked; without any file.
+    single: bool = False,
+    chunk: int | None = None,
+    command: str = "",
+) -> tuple[MapJob, Layout]:
+    """A map, checked and described; nothing is computed.
 
-    Arguments as in `compute_map`.
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        From `cartstiff.load`.
+    sampling : Sampling
+        `Grid`, `RandomPostures`, `Trajectory`, `CartesianGrid` or `CommandGrid`.
+    quantities : str or sequence of str
+        Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
+    connection : {"load", "B", "A", "K", "F"}, optional
+        The matrix that is read; default "load", the tangent under the load, where one can act, as
+        in the analysis of one posture; without a load all but F are the same.
+    length : float, optional
+        Characteristic length for all postures; see `default_length`.
+    direction : array_like (3,), optional
+        For stiffness along and about a direction.
+    deflect : array_like (6,), optional
+        Wrench (moment, force) added to the load, whose deflection is asked for; default the load.
+    deflect_at : array_like (3,)
+        Point of the body, in M, at which that wrench acts; the deflection is that of M's origin.
+    world : bool
+        Whether direction and added wrench are in the axes of F, not of the body.
+    wrench, load_kind, load_at, load_axes
+        Load at every posture: wrench, what it does while the body moves, where it acts, and along
+        whose axes it is given; as in `cartstiff.analyse`.
+    damping : Damping or float
+        For ``damping_1`` ... and ``limiting_depth``: what damps beside the mechanism's dampers.
+    milling : Milling, optional
+        For ``limiting_depth``: the cutter and its force law.
+    told : mapping of str to float, optional
+        How far drives are told to move on from each posture, as in `cartstiff.after_command`; what
+        is kept is read where the mechanism comes to rest. A `CommandGrid` maps over commands.
+    single : bool
+        Keep results in single precision: half the size.
+    chunk : int, optional
+        Most postures of a part.
+    command : str
+        Kept in the file.
+
+    Returns
+    -------
+    MapJob
+        What is computed of each part.
+    Layout
+        Arrays and attributes of the map; the attribute "description" holds its identity.
 
     Raises
     ------
     InputError
         For what cannot be used.
     """
+    checked_elastic(elastic)
+    if not isinstance(sampling, Sampling):
+        raise InputError(
+            "not a choice of postures",
+            where="sampling",
+            got=type(sampling).__name__,
+            expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
+        )
+    if chunk is not None and chunk < 1:
+        raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
@@ -145,113 +214,50 @@ def map_job(
     chosen = choose_quantities(names, settings, elastic)
     _check_used(settings, chosen)
     row = None if load is None else tuple(load.tolist())
-    own = elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes
-    if not told and not isinstance(sampling, CommandGrid):
-        return MapJob(*own)
-    if isinstance(sampling, CartesianGrid) and sampling.redundancy == "best":
-        raise InputError(
-            "is chosen before drives are told",
-            where="redundancy",
-            expected="the nearest posture",
-            got="best",
-        )
-    steps = checked_command(elastic, told) if told else {}
-    if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
-        raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
-    return CommandedJob(*own, told=steps)
-
-
-def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
-    """Refuse what is given for quantities that are not among those of the map."""
-    asked = {quantity.asks for quantity in chosen}
-    for what, is_given, of in (
-        ("direction", settings.direction is not None, ("direction",)),
-        ("wrench of the deflection", settings.deflect is not None, ("deflect",)),
-        ("milling", settings.milling is not None, ("milling",)),
-        ("damping", settings.damping != Damping(), ("damping", "milling")),
-    ):
-        if is_given and asked.isdisjoint(of):
-            names = [q.name for q in QUANTITIES.values() if q.asks in of]
-            raise InputError(
-                "is given, and no quantity needs it",
-                where=what,
-                expected="one of " + ", ".join(names[:4]) + ", ..." * (len(names) > 4),
-                got=", ".join(q.name for q in chosen),
-            )
-
-
-def prepare_map(
-    elastic: ElasticMechanism,
-    sampling: Sampling,
-    quantities: Sequence[str],
-    file: str | Path,
-    *,
-    single: bool = False,
-    chunk: int | None = None,
-    command: str = "",
-    **asked: Any,
-) -> tuple[MapJob, MapFile]:
-    """Check everything and make the file, or open the one that holds the same map.
-
-    Arguments as in `compute_map`; `asked` goes to `map_job`.
-    """
-    if not isinstance(sampling, Sampling):
-        raise InputError(
-            "not a choice of postures",
-            where="sampling",
-            got=type(sampling).__name__,
-            expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
-        )
-    path = Path(checked_kind(file, (str, Path), "name of a map", "a path"))
-    if path.suffix != ".zarr":
-        raise InputError("unknown file ending", where=one_line(str(file)), expected=".zarr")
-    if not path.absolute().parent.is_dir():
-        raise InputError("map cannot be written", where=one_line(str(file)), got="no such folder")
-    if path.exists() and not path.is_dir():
-        raise InputError("is a file", where=one_line(str(file)), expected="a map, or nothing")
-    if chunk is not None and chunk < 1:
-        raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
-    job = map_job(checked_elastic(elastic), sampling, quantities, **asked)
-    settings, kind, chosen = job.settings, job.settings.load, job.quantities
-    cartesian = sampling if isinstance(sampling, CartesianGrid) else None
-    if cartesian and cartesian.redundancy == "best" and chosen[0].better is None:
+    job = MapJob(elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes)
+    best = isinstance(sampling, CartesianGrid) and sampling.redundancy == "best"
+    if best and chosen[0].better is None:
         raise InputError(
             f"neither end of {chosen[0].name} is better",
             where="redundancy",
             expected="another first quantity, or the nearest posture",
         )
-    told = job.told if isinstance(job, CommandedJob) else None
+    steps = checked_command(elastic, told) if told else {}
+    if told or isinstance(sampling, CommandGrid):
+        if best:
+            raise InputError(
+                "is chosen before drives are told",
+                where="redundancy",
+                expected="the nearest posture",
+                got="best",
+            )
+        if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
+            raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
+        job = CommandedJob(*(getattr(job, f.name) for f in fields(MapJob)), told=steps)
+    else:
+        acts: Literal["none", "shared", "each"]
+        acts = "none" if row is None else "shared" if load_axes == "body" else "each"
+        path = lasting_path(elastic, acts, job.outputs, sampling.size)
+        reads = path == "compiled" and sampling.size >= WORTH_READING
+        job = replace(job, path=path, by_kernel=reads)
+
     options = {
         "joints": list(elastic.names),
         "sampling": sampling.as_dict(),
         "quantities": list(job.names),
         **{name: getattr(settings, name) for name in _SETTINGS},
-        "load": job.wrench,
+        "load": row,
         "load_kind": kind.kind,
         "load_at": kind.at,
-        "load_axes": job.load_axes,
+        "load_axes": load_axes,
         **_vibration(settings),
-        "told": told or None,
+        "told": steps or None,
         "single": single,
         "states": list(STATES),
     }
     if elastic.identified is not None:
         options["identified"] = elastic.identified.as_dict()
-    description = identity_of(elastic, options)
-    if path.exists():
-        existing = MapFile.at(path)
-        there = json.loads(existing.attributes["description"])
-        require_same(there, description, path, "map")
-        return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
-    postures = sampling.size
-    load: Literal["none", "shared", "each"]
-    load = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
-    path_taken: Backend = "engine"
-    if not isinstance(job, CommandedJob):
-        path_taken = lasting_path(elastic, load, job.outputs, postures)
-    reads = path_taken == "compiled" and postures >= WORTH_READING
-    job = replace(job, path=path_taken, by_kernel=reads)
-    description |= {"path": job.path, "by_kernel": reads}
+    description = identity_of(elastic, options) | {"path": job.path, "by_kernel": job.by_kernel}
     units, mechanism = elastic.units, elastic.mechanism
     attributes = {
         "schema": SCHEMA,
@@ -273,10 +279,16 @@ def prepare_map(
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
-        **({"told": ", ".join(f"{name} by {x:+g}" for name, x in told.items())} if told else {}),
+        **({"told": ", ".join(f"{name} by {x:+g}" for name, x in steps.items())} if told else {}),
         **_versions(),
+        "Conventions": "CF-1.11",
+        "identity": sha256(json.dumps(description).encode()).hexdigest(),
         "description": json.dumps(description),
     }
+    if isinstance(sampling, Grid):
+        for i, name in enumerate(elastic.names):
+            if i not in sampling.columns:
+                attributes[f"fixed_{dimension_name(name)}"] = float(sampling.base[i])
     dims, own = sampling.dims, "f4" if single else "f8"
     arrays = {
         q.name: Kind(
@@ -293,29 +305,98 @@ def prepare_map(
         "flag_meanings": " ".join([*STATES, "not-computed"]),
     }
     place = {"units": units.length, "long_name": "position of the body frame's origin in F"}
-    arrays["state"] = Kind(dims, state, "u1", NOT_COMPUTED)
     arrays["position"] = Kind((*dims, "xyz"), place, own)
     if job.stores_q:
-        arrays["q"] = Kind((*dims, "joint"), {"long_name": "coordinates of the posture"})
+        about = {"long_name": "coordinates of the posture", "joints": " ".join(elastic.names)}
+        arrays["q"] = Kind((*dims, "joint"), about)
     if job.times is not None:
         arrays["time"] = Kind(dims, {"units": "s"})
-    if cartesian:
+        attributes["coordinates"] = "time"
+    if cartesian := isinstance(sampling, CartesianGrid):
         found = {"long_name": "number of branches found at the place"}
         arrays["branches"] = Kind(dims[:-1], found, "u4", 0)
+    arrays["state"] = Kind(dims, state, "u1", NOT_COMPUTED)
     joints = {dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates}
-    axis_units = {
-        name: units.length if cartesian else joints.get(name.removeprefix("command_"), units.length)
-        for name in sampling.axes
+    axes = {}
+    for name in sampling.axes:
+        unit = None if cartesian else joints.get(name.removeprefix("command_"))
+        axes[name] = Kind((name,), {"units": unit or units.length})
+    sizes = {"xyz": 3, "joint": len(elastic.names)}
+    shape = chunk_shape(sampling, chunk or job.usual_chunk)
+    return job, Layout(sampling, arrays, axes, sizes, shape, attributes)
+
+
+def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
+    """Refuse what is given for quantities that are not among those of the map."""
+    asked = {quantity.asks for quantity in chosen}
+    for what, is_given, of in (
+        ("direction", settings.direction is not None, ("direction",)),
+        ("wrench of the deflection", settings.deflect is not None, ("deflect",)),
+        ("milling", settings.milling is not None, ("milling",)),
+        ("damping", settings.damping != Damping(), ("damping", "milling")),
+    ):
+        if is_given and asked.isdisjoint(of):
+            names = [q.name for q in QUANTITIES.values() if q.asks in of]
+            raise InputError(
+                "is given, and no quantity needs it",
+                where=what,
+                expected="one of " + ", ".join(names[:4]) + ", ..." * (len(names) > 4),
+                got=", ".join(q.name for q in chosen),
+            )
+
+
+def map_of(
+    elastic: ElasticMechanism, sampling: Sampling, quantities: Sequence[str], **asked: Any
+) -> xarray.Dataset:
+    """Quantities of the stiffness at many postures, as a dataset that is computed when it is used.
+
+    Parameters
+    ----------
+    elastic, sampling, quantities, **asked
+        As in `cartstiff.maps.run.planned`.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `open_map` reads it from the store that `compute_map` writes; its arrays are Dask's.
+        ``.compute()``, ``.to_zarr(...)``, ``.sel(...)`` and ``.plot()`` are xarray's own.
+    """
+    job, layout = planned(elastic, sampling, quantities, **asked)
+    import dask.array
+    import xarray
+    from dask.highlevelgraph import HighLevelGraph
+
+    def array(name: str, kind: Kind) -> Any:
+        known = dict(zip(sampling.dims, layout.chunk, strict=True)) | dict(layout.sizes)
+        chunks = dask.array.core.normalize_chunks(
+            tuple(known[dim] for dim in kind.dims), layout.lengths(kind.dims)
+        )
+        own, graph = f"{name}-{token}", {}
+        for i, cell in enumerate(cells):
+            key = (own, *(*cell, 0)[: len(kind.dims)])
+            graph[key] = _taken, (token, i), name, kind.dtype
+        whole = HighLevelGraph({token: parts, own: graph}, {token: set(), own: {token}})
+        return dask.array.Array(whole, own, chunks, kind.dtype)
+
+    token, cells = f"map-{uuid4().hex}", list(np.ndindex(layout.cuts))
+    boxes = layout.boxes
+    parts = {(token, i): (job.compute, box) for i, box in enumerate(boxes)}
+    variables = {
+        name: (kind.dims, array(name, kind), kind.attributes, layout.encoding(kind))
+        for name, kind in layout.arrays.items()
     }
-    return job, MapFile.create(
-        path,
-        sampling,
-        arrays,
-        attributes,
-        axis_units,
-        {"xyz": 3, "joint": len(elastic.names)},
-        chunk or job.usual_chunk,
-    )
+    axes = sampling.axes
+    coordinates = {
+        name: (k.dims, axes[name].values, k.attributes) for name, k in layout.axes.items()
+    }
+    dataset = xarray.Dataset(variables, coordinates, dict(layout.attributes))
+    if dataset.attrs.pop("coordinates", None):
+        dataset = dataset.set_coords("time")
+    return with_postures(dataset)
+
+
+def _taken(arrays: Mapping[str, Array], name: str, dtype: str) -> Array:
+    return arrays[name].astype(dtype, copy=False)
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:
@@ -347,63 +428,51 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-class Part(NamedTuple):
-    """What became of a part of a map.
+def prepare_map(
+    elastic: ElasticMechanism,
+    sampling: Sampling,
+    quantities: Sequence[str],
+    file: Any,
+    **asked: Any,
+) -> tuple[MapJob, MapFile]:
+    """Check everything and make the file, or open and mend the one that holds the same map.
 
-    Attributes
-    ----------
-    number : int
-        Which.
-    is_new : bool
-        Whether it was computed.
-    damage : str, optional
-        What was wrong with the one that was there.
-    facts : dict
-        Of its arrays, for `cartstiff.maps.reading.summary`.
+    Arguments as in `compute_map`.
     """
-
-    number: int
-    is_new: bool
-    damage: str | None
-    facts: dict[str, Any]
-
-
-class Run(NamedTuple):
-    """What was done for a map.
-
-    Attributes
-    ----------
-    computed : int
-        Parts that were computed.
-    damaged : tuple of str
-        What was wrong with those that were made anew.
-    facts : dict
-        By array of the map, of each of its parts.
-    """
-
-    computed: int
-    damaged: tuple[str, ...]
-    facts: dict[str, list[Any]]
+    where = one_line(str(file))
+    if (path := local_path(file)) is not None:
+        if path.suffix != ".zarr":
+            raise InputError("unknown file ending", where=where, expected=".zarr")
+        if not path.absolute().parent.is_dir():
+            raise InputError("map cannot be written", where=where, got="no such folder")
+        if path.exists() and not path.is_dir():
+            raise InputError("is a file", where=where, expected="a map, or nothing")
+    job, layout = planned(elastic, sampling, quantities, **asked)
+    if not is_there(file):
+        return job, MapFile.create(file, layout)
+    existing = MapFile.at(file)
+    there = json.loads(existing.attributes["description"])
+    here = json.loads(layout.attributes["description"])
+    # Who goes on with the map takes the same path, so that its numbers do not depend on that.
+    taken = {name: there.get(name) for name in ("path", "by_kernel")}
+    require_same(there, here | taken, file, "map")
+    existing.mend(layout)
+    return replace(job, path=taken["path"], by_kernel=bool(taken["by_kernel"])), existing
 
 
-def part_of(job: MapJob, file: MapFile, number: int) -> Part:
-    """A part as it was written, or computed and written: whoever does it, and however often."""
-    damage = None
-    if file.is_done(number):
-        try:
-            return Part(number, False, None, facts_of(file.part(number)))
-        except InputError as error:
-            damage = str(error)
-            file.forget(number)
-    arrays = job.compute(file.boxes[number])
-    with timed("writing the file"):
-        return Part(number, True, damage, facts_of(file.write(number, arrays)))
+def part_of(job: MapJob, file: MapFile, number: int) -> int:
+    """Compute and write a part, unless another worker has; its number."""
+    if not file.is_done(number):
+        arrays = job.compute(file.boxes[number])
+        with timed("writing the file"):
+            file.write(number, arrays)
+    return number
 
 
 _LOADING = Lock()
 
 
-def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, number: int) -> Part:
+def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, number: int) -> int:
     """On a worker: `part_of`; data as `packed` gives them."""
     with _LOADING:
         job, file = _received(data, known, path, identity)
@@ -417,7 +486,7 @@ def _received(data: bytes, known: Versions, path: str, identity: str) -> tuple[M
     job = pickle.loads(data)
     if not isinstance(job, MapJob):
         raise TypeError("not a map")
-    file = MapFile.at(path) if Path(path).is_dir() else None
+    file = MapFile.at(path) if is_there(path) else None
     if file is None or file.attributes[CHECKSUM] != identity:
         raise InputError(
             "a worker does not see the map's folder",
@@ -484,14 +553,15 @@ def _client(scheduler: Any) -> Iterator[Any]:
 @contextmanager
 def _workers(
     job: MapJob, file: MapFile, threads: int, scheduler: Any
-) -> Iterator[Callable[[int], Future[Part]]]:
+) -> Iterator[Callable[[int], Future[int]]]:
     """Who computes a part: threads, or the workers of a scheduler."""
     if scheduler is None:
         with numerics.one_thread(), ThreadPoolExecutor(threads) as pool:
             yield lambda number: pool.submit(part_of, job, file, number)
         return
     data = packed(replace(job))  # less what it has computed for itself
-    known, path = tuple(versions().items()), str(file.path.resolve())
+    known, folder = tuple(versions().items()), local_path(file.address)
+    path = file.address if folder is None else str(folder.resolve())
     with _client(scheduler) as client, client.as_current():
         there = client.submit(bytes, data, pure=False)  # sent once, computed again if it is lost
         pool = client.get_executor(pure=False)
@@ -503,69 +573,25 @@ def compute_map(
     elastic: ElasticMechanism,
     sampling: Sampling,
     quantities: Sequence[str],
-    file: str | Path,
+    file: Any,
     *,
-    connection: str | None = None,
-    length: float | None = None,
-    direction: ArrayLike | None = None,
-    deflect: ArrayLike | None = None,
-    deflect_at: ArrayLike = (0.0, 0.0, 0.0),
-    world: bool = False,
-    wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
-    load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
-    damping: Damping | float = 0.0,
-    milling: Milling | None = None,
-    told: Mapping[str, float] | None = None,
-    single: bool = False,
-    chunk: int | None = None,
     threads: int | None = None,
     scheduler: Any = None,
     progress: bool | None = False,
-    command: str = "",
+    verify: bool = False,
+    **asked: Any,
 ) -> xarray.Dataset:
-    """Quantities of the stiffness at many postures, in a file.
+    """Quantities of the stiffness at many postures, in a file or another store.
 
-    Where the file exists and holds the same map, what is missing in it is computed.
+    Where there is the same map already, what is missing in it is computed.
 
     Parameters
     ----------
-    elastic : ElasticMechanism
-        From `cartstiff.load`.
-    sampling : Sampling
-        `Grid`, `RandomPostures`, `Trajectory`, `CartesianGrid` or `CommandGrid`.
-    quantities : str or sequence of str
-        Names in `cartstiff.batch.quantities.QUANTITIES`, or paths of the analysis.
-    file : path
-        A folder that ends in ``.zarr``.
-    connection : {"load", "B", "A", "K", "F"}, optional
-        The matrix that is read; default "load", the tangent under the load, where one can act, as
-        in the analysis of one posture; without a load all but F are the same.
-    length : float, optional
-        Characteristic length for all postures; see `default_length`.
-    direction : array_like (3,), optional
-        For stiffness along and about a direction.
-    deflect : array_like (6,), optional
-        Wrench (moment, force) added to the load, whose deflection is asked for; default the load.
-    deflect_at : array_like (3,)
-        Point of the body, in M, at which that wrench acts; the deflection is that of M's origin.
-    world : bool
-        Whether direction and added wrench are in the axes of F, not of the body.
-    wrench, load_kind, load_at, load_axes
-        Load at every posture: wrench, what it does while the body moves, where it acts, and along
-        whose axes it is given; as in `cartstiff.analyse`.
-    damping : Damping or float
-        For ``damping_1`` ... and ``limiting_depth``: what damps beside the mechanism's dampers.
-    milling : Milling, optional
-        For ``limiting_depth``: the cutter and its force law.
-    told : mapping of str to float, optional
-        How far drives are told to move on from each posture, as in `cartstiff.after_command`; what
-        is kept is read where the mechanism comes to rest. A `CommandGrid` maps over commands.
-    single : bool
-        Keep results in single precision: half the size.
-    chunk : int, optional
-        Most postures of a chunk.
+    elastic, sampling, quantities, **asked
+        As in `cartstiff.maps.run.planned`.
+    file : path, address or store
+        A folder that ends in ``.zarr``, an address that fsspec knows (``memory://``, ``s3://``), or
+        a store of Zarr.
     threads : int, optional
         In this process; default one for every core.
     scheduler : str or distributed.Client, optional
@@ -573,8 +599,9 @@ def compute_map(
         file under the same path.
     progress : bool or None
         Bar on standard error; None shows it on a terminal only.
-    command : str
-        Kept in the file.
+    verify : bool
+        Whether all that is there already is read, so that damage in it is found and mended; without
+        it only missing objects are.
 
     Returns
     -------
@@ -588,9 +615,8 @@ def compute_map(
     KeyboardInterrupt
         After Ctrl-C; the file is valid and the same call goes on with it.
     """
-    asked = locals()
-    by = {name: asked.pop(name) for name in ("threads", "scheduler", "progress")}
-    run_map(*prepare_map(**asked), **by)
+    job, there = prepare_map(elastic, sampling, quantities, file, **asked)
+    run_map(job, there, threads=threads, scheduler=scheduler, progress=progress, verify=verify)
     return open_map(file)
 
 
@@ -601,36 +627,30 @@ def run_map(
     threads: int | None = None,
     scheduler: Any = None,
     progress: bool | None = False,
+    verify: bool = False,
 ) -> Run:
     """Compute the parts that are missing or damaged; arguments as in `compute_map`."""
     if threads is not None and threads < 1:
         raise InputError("number of threads cannot be used", expected="1 or more", got=threads)
-    numbers, parts = range(len(file.boxes)), dict[int, Part]()
     count = (threads or cpu_count() or 1) if job.in_stacks else 1
-    with (
-        file.locked(),
-        _bar(job.sampling.size, progress) as advance,
-        _workers(job, file, min(count, len(numbers)), scheduler) as submit,
-    ):
-        axes = file.mend_axes()
-        before = set(file.done())
-        futures = [submit(number) for number in numbers]
-        try:
-            for future in as_completed(futures):
-                part = future.result()
-                parts[part.number] = part
-                advance(file.count(part.number))
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
-    every = [parts[number] for number in numbers]
-    return Run(
-        # A worker that died may have written a part before it could say so.
-        sum(part.is_new or part.number not in before for part in every),
-        (*(part.damage for part in every if part.damage is not None), *axes),
-        {name: [part.facts[name] for part in every] for name in every[0].facts},
-    )
+    with file.locked(), _bar(job.sampling.size, progress) as advance:
+        wrong = file.damage(verify)
+        for part in wrong:
+            file.forget(part)
+        done = set(file.done())
+        advance(sum(map(file.count, done)))
+        missing = [part for part in range(len(file.boxes)) if part not in done]
+        if missing:
+            with _workers(job, file, min(count, len(missing)), scheduler) as submit:
+                futures = [submit(part) for part in missing]
+                try:
+                    for future in as_completed(futures):
+                        advance(file.count(future.result()))
+                except BaseException:
+                    for future in futures:
+                        future.cancel()
+                    raise
+    return Run(len(missing), tuple(wrong.values()))
 
 
 @contextmanager

@@ -200,7 +200,7 @@ class Grid(Sampling):
 class RandomPostures(Sampling):
     """Independent postures, uniform between the limits of each coordinate.
 
-    Posture i depends on the seed and on i alone.
+    Posture i depends on the seed and on i alone. A map keeps them for readers that draw none.
 
     Parameters
     ----------
@@ -209,6 +209,8 @@ class RandomPostures(Sampling):
     lower, upper : array_like (n,)
         Limits; where they are equal the coordinate is fixed.
     """
+
+    stores_q = True
 
     def __init__(self, count: int, seed: int, lower: ArrayLike, upper: ArrayLike) -> None:
         count = int(checked_number(count, "number of postures"))
@@ -356,22 +358,13 @@ class Trajectory(Sampling):
         return {"kind": "trajectory", "count": len(self.q), "sha256": digest.hexdigest()}
 
 
-def from_dict(data: Mapping[str, Any]) -> Sampling | None:
-    """The sampling that `as_dict` described; None where the file holds its postures."""
-    if data["kind"] == "grid":
-        return Grid(data["axes"], data["names"], data["base"])
-    if data["kind"] == "random":
-        return RandomPostures(data["count"], data["seed"], data["lower"], data["upper"])
-    return None
-
-
 # Smallest and largest number of postures in a chunk, and how many chunks are aimed at; fewer where
 # a posture takes less than what is done once for each chunk.
-_LEAST, _MOST, _CHUNKS, _FEW_CHUNKS = 64, 2**18, 128, 32
+_LEAST, _MOST, _CHUNKS, _FEW_CHUNKS = 64, 2**20, 128, 32
 
 
 def usual_chunk(count: int, least: int | None = None) -> int:
-    """Postures of a chunk of so many: from 64 for small maps to 262144 for large ones.
+    """Postures of a chunk of so many: from 64 for small maps to 1048576 for large ones.
 
     Where postures are quickly computed it is from `least` on.
     """

@@ -1,10 +1,8 @@
-"""Maps in files: Zarr folders of labelled arrays that say what they are.
+"""Maps in stores: Zarr groups of labelled arrays that say what they are.
 
-A map is cut into parts. The arrays of a part are written one file each, whole or not at all, and
-last its checksums: of the numbers, together with where they stand and with all that describes the
-map. What is read is what was written there for this map. All else is named, and is computed anew.
-
-A map as labelled arrays; nothing is read that does not agree with its checksum.
+A map is cut into parts. The arrays of a part are written one object each, ``state`` last, and then
+its mark: the checksums of these objects, and what a summary needs of them. A part without a mark
+has not been computed. What does not agree with its mark is named, and is computed anew.
 """
 
 from __future__ import annotations
@@ -14,13 +12,11 @@ import json
 import os
 import shutil
 import stat
-import uuid
 import warnings
-import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import product
 from math import ceil, prod
 from pathlib import Path
@@ -28,26 +24,31 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cartstiff.errors import InputError, MissingDependencyError, checked_kind, imported, one_line
+from cartstiff.errors import InputError, MissingDependencyError, imported, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.sampling import Axis, Sampling, chunk_shape, from_dict
+from cartstiff.maps.sampling import Sampling, dimension_name
 
 if TYPE_CHECKING:
     import xarray
 
-SCHEMA = "cartstiff-map/4"
-#: Attribute of the folder that holds the checksum of what describes it and its arrays.
+SCHEMA = "cartstiff-map/5"
+#: Attribute of the group that holds the checksum of what describes it and its arrays.
 CHECKSUM = "description_checksum"
 #: Value of ``state`` where nothing has been computed yet.
 NOT_COMPUTED = 255
-# Most parts of a map: each is some files, and all of them are listed.
+#: Arrays of a map about which there is nothing to add up.
+PLACES = ("position", "q", "time")
+# Most parts of a map: each is some objects, and all of them are listed.
 _MOST_PARTS = 10**6
+# Most postures of what is compressed as one: a few are read without the rest of a part.
+_INNER = 2**16
 # Blosc packs no more.
 _LARGEST_FILE = 2**31
-# Group of the checksums, so that they are no variable of the map.
+# Group of what is known of the parts, so that it is no variable of the map.
 _PARTS = "parts"
-_RESERVED = ("state", "position", "q", _PARTS, "branches", "array", "part")
-_ANEW = "the map as it was written; without the folder, the same command computes it anew"
+_MARKS = "parts/marks"
+_RESERVED = ("state", "position", "q", _PARTS, "branches", "xyz", "joint")
+_ANEW = "the map as it was written; without it, the same command computes it anew"
 
 
 class Kind(NamedTuple):
@@ -59,36 +60,192 @@ class Kind(NamedTuple):
     fill: float = np.nan
 
 
+@dataclass(frozen=True)
+class Layout:
+    """A map before anything of it is computed.
+
+    Attributes
+    ----------
+    sampling : Sampling
+        Dimensions and axes.
+    arrays : mapping of str to Kind
+        What each part holds: the quantities, ``position``, ``state`` and more.
+    axes : mapping of str to Kind
+        The dimensions that have values.
+    sizes : mapping of str to int
+        Lengths of the dimensions that are not of the sampling; they are not cut.
+    chunk : tuple of int
+        Shape of a part.
+    attributes : mapping
+        Attributes of the whole; values that JSON can hold.
+    """
+
+    sampling: Sampling
+    arrays: Mapping[str, Kind]
+    axes: Mapping[str, Kind]
+    sizes: Mapping[str, int]
+    chunk: tuple[int, ...]
+    attributes: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        for name in self.sampling.dims:
+            if name in (*_RESERVED, *self.arrays, *self.sizes):
+                raise InputError("a dimension has the name of something else in the map", got=name)
+        if (count := prod(self.cuts)) > _MOST_PARTS:
+            raise InputError(
+                f"map of {self.sampling.size} postures has too many parts",
+                expected=f"at most {_MOST_PARTS}: fewer postures, or more in each",
+                got=count,
+            )
+
+    @property
+    def cuts(self) -> tuple[int, ...]:
+        """Number of parts along each dimension."""
+        pairs = zip(self.sampling.shape, self.chunk, strict=True)
+        return tuple(ceil(n / c) for n, c in pairs)
+
+    @property
+    def boxes(self) -> list[tuple[slice, ...]]:
+        """What each part holds of the map."""
+        return boxes(self.sampling.shape, self.chunk)
+
+    def lengths(self, dims: Iterable[str]) -> list[int]:
+        """Lengths of dimensions."""
+        known = dict(zip(self.sampling.dims, self.sampling.shape, strict=True))
+        return [(known | dict(self.sizes))[dim] for dim in dims]
+
+    def encoding(self, kind: Kind) -> dict[str, Any]:
+        """How Zarr keeps an array: a part is one object, and is compressed in pieces."""
+        from zarr.codecs import BloscCodec, Crc32cCodec
+
+        known = dict(zip(self.sampling.dims, self.chunk, strict=True)) | dict(self.sizes)
+        part = [known[dim] for dim in kind.dims]
+        inner = part[0]
+        while inner % 2 == 0 and inner * prod(part[1:]) > _INNER * self.sizes.get(kind.dims[-1], 1):
+            inner //= 2
+        return {
+            "chunks": (inner, *part[1:]),
+            **({} if inner == part[0] else {"shards": tuple(part)}),
+            # Bytes of like significance together: smaller than as they stand, and sooner. A reader
+            # of Zarr sees a changed bit.
+            "compressors": (BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()),
+            "fill_value": kind.fill,
+        }
+
+
+def boxes(shape: Sequence[int], chunk: Sequence[int]) -> list[tuple[slice, ...]]:
+    """Parts of an array, in C order."""
+    cuts = [
+        [slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in zip(shape, chunk, strict=True)
+    ]
+    return list(product(*cuts))
+
+
+def fact(name: str, values: Array) -> Array:
+    """What a summary needs of an array of a part: sizes as in `_fact_size`."""
+    if name == "state":
+        return np.bincount(np.ravel(values), minlength=256).astype(float)
+    if name == "branches":
+        return np.array([np.max(values, initial=0)], float)
+    is_finite = np.isfinite(values)
+    values = np.asarray(values if is_finite.all() else values[is_finite], float)
+    if not values.size:
+        return np.array([np.inf, -np.inf, 0.0, 0.0])
+    return np.array([values.min(), values.max(), values.sum(), values.size])
+
+
+def _fact_size(name: str) -> int:
+    return 0 if name in PLACES else {"state": 256, "branches": 1}.get(name, 4)
+
+
 def _zarr() -> Any:
     return imported("zarr", package="zarr", purpose="keeping a map in a file", extra="maps")
 
 
+def _now(coroutine: Any) -> Any:
+    """The result of a method of a store."""
+    from zarr.core.sync import sync
+
+    return sync(coroutine)
+
+
+async def _listed(store: Any) -> set[str]:
+    return {key async for key in store.list_prefix("")}
+
+
+def local_path(address: Any) -> Path | None:
+    """The folder that an address names; None for other stores."""
+    if isinstance(address, Path):
+        return address
+    if not isinstance(address, str):
+        return None
+    address = address.removeprefix("file://")
+    return None if "://" in address or "::" in address else Path(address)
+
+
+def _stored(address: Any) -> Any:
+    """The store at an address."""
+    storage = _zarr().storage
+    if (path := local_path(address)) is not None:
+        return storage.LocalStore(path)
+    if not isinstance(address, str):
+        return address
+    try:
+        return storage.FsspecStore.from_url(address)
+    except Exception as error:  # what protocols and their packages raise
+        raise _unreachable(address, error) from None
+
+
+def _unreachable(address: Any, error: Exception) -> InputError:
+    got = one_line(f"{type(error).__name__}: {error}".removesuffix(": "), 200)
+    return InputError("store cannot be used", where=one_line(str(address)), got=got)
+
+
+def _read(store: Any, key: str) -> bytes | None:
+    from zarr.core.buffer import default_buffer_prototype
+
+    value = _now(store.get(key, default_buffer_prototype()))
+    return None if value is None else bytes(value.to_bytes())
+
+
 def _description_checksum(root: Mapping[str, Any]) -> str:
-    """SHA-256 of the folder's ``zarr.json``, which describes all arrays, less this checksum."""
+    """SHA-256 of the group's ``zarr.json``, which describes all arrays, less this checksum."""
     attributes = {key: value for key, value in root["attributes"].items() if key != CHECKSUM}
     text = json.dumps({**root, "attributes": attributes}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _checksum(values: Array, *where: str | int) -> int:
-    """Of numbers, and of the map, array and part that they stand in."""
-    return zlib.crc32(np.ascontiguousarray(values).data, zlib.crc32(repr(where).encode()))
-
-
-def _checked_attributes(folder: Path) -> dict[str, Any]:
-    """The attributes of a map's folder, once all that describes it agrees with its checksum."""
-    where = one_line(str(folder))
+def is_there(address: Any) -> bool:
+    """Whether there is something at an address already."""
+    if (path := local_path(address)) is not None:
+        return path.exists()
     try:
-        if not (folder / "zarr.json").is_file():
+        return _read(_stored(address), "zarr.json") is not None
+    except InputError:
+        raise
+    except Exception as error:
+        raise _unreachable(address, error) from None
+
+
+def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
+    """The attributes of a map, once all that describes it agrees with its checksum."""
+    where, folder = one_line(str(address)), local_path(address)
+    try:
+        text = None
+        if folder is None or (folder / "zarr.json").is_file():
+            if folder is not None:
+                _require_plain_files(folder)
+            text = _read(store, "zarr.json")
+        if text is None:
             raise InputError(
                 "is not a map", where=where, expected="a folder made by 'cartstiff map'"
             )
-        _require_plain_files(folder)
-        text = (folder / "zarr.json").read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError("map cannot be read", where=where, got=error.strerror) from None
-    except UnicodeDecodeError:
-        text = ""
+        raise InputError("map cannot be read", where=where, got=error.strerror or error) from None
+    except InputError:
+        raise
+    except Exception as error:
+        raise _unreachable(address, error) from None
     try:
         root = json.loads(text)
         attributes = dict(root["attributes"])
@@ -132,15 +289,80 @@ def _require_plain_files(folder: Path) -> None:
             )
 
 
+def _objects(layout: Layout) -> dict[str, bytes]:
+    """What describes a map, by key: the group, its arrays, and the values along the axes."""
+    from cartstiff.maps.sealed import seal
+
+    zarr, kept = _zarr(), dict[str, Any]()
+    names = list(layout.arrays)
+    group = zarr.create_group(
+        zarr.storage.MemoryStore(kept), attributes=dict(layout.attributes), zarr_format=3
+    )
+    axes = layout.sampling.axes
+    for name, kind in {**layout.arrays, **layout.axes}.items():
+        own = layout.encoding(kind)
+        array = group.create_array(
+            name,
+            shape=layout.lengths(kind.dims),
+            chunks=own["chunks"] if name in layout.arrays else layout.lengths(kind.dims),
+            shards=own.get("shards") if name in layout.arrays else None,
+            dtype=kind.dtype,
+            fill_value=kind.fill,
+            dimension_names=kind.dims,
+            attributes=kind.attributes,
+            compressors=own["compressors"],
+        )
+        if name in layout.axes:
+            array[:] = axes[name].values
+    columns = 1 + len(names) + sum(map(_fact_size, names))
+    group.create_array(
+        _MARKS, shape=(prod(layout.cuts), columns), chunks=(1, columns), dtype="f8", fill_value=0
+    )
+    own = ("zarr.json", f"{_PARTS}/zarr.json")
+    fixed = {k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in own}
+    group[_PARTS].attrs.update({"arrays": names, "objects": fixed})
+    with warnings.catch_warnings():  # Zarr's own next version may have it elsewhere
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(group.store, zarr_format=3)
+    objects = {key: bytes(value.to_bytes()) for key, value in kept.items()}
+    root = json.loads(objects.pop("zarr.json"))
+    root["attributes"][CHECKSUM] = _description_checksum(root)
+    return objects | {"zarr.json": json.dumps(root, indent=2).encode()}
+
+
+def _put(store: Any, objects: Mapping[str, bytes]) -> None:
+    from zarr.core.buffer import default_buffer_prototype
+
+    make = default_buffer_prototype().buffer.from_bytes
+    for key, value in objects.items():
+        _now(store.set(key, make(value)))
+
+
+class Run(NamedTuple):
+    """What was done for a map.
+
+    Attributes
+    ----------
+    computed : int
+        Parts that were computed.
+    damaged : tuple of str
+        What was wrong with those that were made anew.
+    """
+
+    computed: int
+    damaged: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class MapFile:
-    """A map's folder; `at` and `create` give it."""
+    """A map in a store; `at` and `create` make it."""
 
-    path: Path
+    address: Any
     attributes: Mapping[str, Any]
+    inner: Any
 
     @classmethod
-    def at(cls, path: str | Path) -> MapFile:
+    def at(cls, address: Any) -> MapFile:
         """An existing map.
 
         Raises
@@ -148,118 +370,66 @@ class MapFile:
         InputError
             If there is no map, one of another version, or a damaged one.
         """
-        place = Path(checked_kind(path, (str, Path), "name of a map", "a path"))
-        return cls(place, _checked_attributes(place))
+        store = _stored(address)
+        return cls(address, _checked_attributes(address, store), store)
 
     @classmethod
-    def create(
-        cls,
-        path: str | Path,
-        sampling: Sampling,
-        arrays: Mapping[str, Kind],
-        attributes: Mapping[str, Any],
-        units: Mapping[str, str],
-        sizes: Mapping[str, int],
-        postures_per_chunk: int | None = None,
-    ) -> MapFile:
-        """A new map with nothing computed; it appears whole or not at all.
-
-        Parameters
-        ----------
-        path : path
-            Must not exist.
-        sampling : Sampling
-            Dimensions and axes.
-        arrays : mapping of str to Kind
-            What each part holds: the quantities, ``state``, ``position`` and more.
-        attributes : mapping
-            Attributes of the whole; values that JSON can hold.
-        units : mapping of str to str
-            Unit of every dimension with an axis.
-        sizes : mapping of str to int
-            Lengths of the dimensions that are not of the sampling; they are not cut.
-        postures_per_chunk : int, optional
-            See `chunk_shape`.
-        """
-        zarr, place = _zarr(), Path(path)
-        for name in sampling.dims:
-            if name in (*_RESERVED, *arrays, *sizes):
-                raise InputError("a dimension has the name of something else in the map", got=name)
-        chunk = chunk_shape(sampling, postures_per_chunk)
-        count = prod(ceil(n / c) for n, c in zip(sampling.shape, chunk, strict=True))
-        if count > _MOST_PARTS:
-            raise InputError(
-                f"map of {sampling.size} postures has too many parts",
-                expected=f"at most {_MOST_PARTS}: fewer postures, or more in each",
-                got=count,
-            )
-        lengths = {**sizes, **dict(zip(sampling.dims, sampling.shape, strict=True)), "part": count}
-        cuts = {**sizes, **dict(zip(sampling.dims, chunk, strict=True)), "part": 1, "array": None}
-        lengths["array"] = cuts["array"] = len(arrays)
-        about = {
-            **attributes,
-            "parts": list(arrays),
-            "axes": {name: axis.as_list() for name, axis in sampling.axes.items()},
-        }
+    def create(cls, address: Any, layout: Layout) -> MapFile:
+        """A new map with nothing computed; it appears whole or not at all."""
+        objects, place = _objects(layout), local_path(address)
+        if place is None:
+            try:
+                _put(_stored(address), objects)
+            except OSError as error:
+                raise _unreachable(address, error) from None
+            return cls.at(address)
         new = place.with_name(f".{place.name}.{os.getpid()}.new")
         try:
             shutil.rmtree(new, ignore_errors=True)
-            new.mkdir()
-            group = zarr.create_group(new, attributes=about, zarr_format=3)
-
-            def create(where: Any, name: str, kind: Kind) -> Any:
-                return where.create_array(
-                    name,
-                    shape=[lengths[dim] for dim in kind.dims],
-                    chunks=[cuts[dim] for dim in kind.dims],
-                    dtype=kind.dtype,
-                    fill_value=kind.fill,
-                    dimension_names=kind.dims,
-                    attributes=kind.attributes,
-                    compressors=_compressors(),
-                )
-
-            for name, kind in arrays.items():
-                create(group, name, kind)
-            for name in sampling.axes:
-                cuts[name] = lengths[name]
-                create(group, name, Kind((name,), {"units": units[name]}))
-            create(group.create_group(_PARTS), "checksum", Kind(("part", "array"), {}, "u4", 0))
-            with warnings.catch_warnings():  # Zarr's own next version may have it elsewhere
-                warnings.simplefilter("ignore")
-                zarr.consolidate_metadata(new, zarr_format=3)
-            root = json.loads((new / "zarr.json").read_text(encoding="utf-8"))
-            root["attributes"][CHECKSUM] = _description_checksum(root)
-            (new / "zarr.json").write_text(json.dumps(root, indent=2), encoding="utf-8")
-            cls(new, root["attributes"]).mend_axes()
+            _put(_stored(new), objects)
             new.rename(place)
         except OSError as error:
             raise InputError(
-                "map cannot be written", where=one_line(str(path)), got=error.strerror
+                "map cannot be written", where=one_line(str(address)), got=error.strerror
             ) from None
         finally:
             shutil.rmtree(new, ignore_errors=True)
-        return cls(place, root["attributes"])
+        return cls.at(address)
+
+    @property
+    def where(self) -> str:
+        """The address, for messages."""
+        return one_line(str(self.address))
 
     @cached_property
-    def group(self) -> Any:
-        """The arrays by name, as Zarr reads them."""
-        return _zarr().open_group(self.path, mode="r+", use_consolidated=True)
+    def names(self) -> list[str]:
+        """Arrays that are cut into parts."""
+        return list(self._group[_PARTS].attrs["arrays"])
+
+    @property
+    def _fixed(self) -> dict[str, int]:
+        """Seals of what describes the map, by key."""
+        return dict(self._group[_PARTS].attrs["objects"])
 
     @cached_property
-    def arrays(self) -> dict[str, Any]:
-        """Those of the map's numbers and axes."""
-        return dict(self.group.arrays())
+    def _group(self) -> Any:
+        return _zarr().open_group(self.inner, mode="r+", use_consolidated=True)
+
+    @cached_property
+    def described(self) -> dict[str, Any]:
+        """Arrays by name, whatever their numbers are."""
+        return dict(self._group.arrays()) | {_MARKS: self._group[_MARKS]}
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the map."""
-        return tuple(self.arrays["state"].shape)
+        return tuple(self.described["state"].shape)
 
-    @property
+    @cached_property
     def chunk(self) -> tuple[int, ...]:
         """Shape of a part."""
-        return tuple(self.arrays["state"].chunks)
+        state = self.described["state"]
+        return tuple(state.shards or state.chunks)
 
     @cached_property
     def cuts(self) -> tuple[int, ...]:
@@ -269,104 +439,133 @@ class MapFile:
     @cached_property
     def boxes(self) -> list[tuple[slice, ...]]:
         """What each part holds of the map."""
-        cuts = [
-            [slice(i, min(i + c, n)) for i in range(0, n, c)]
-            for n, c in zip(self.shape, self.chunk, strict=True)
-        ]
-        return list(product(*cuts))
+        return boxes(self.shape, self.chunk)
 
     def count(self, part: int) -> int:
         """Postures in a part."""
         return prod(s.stop - s.start for s in self.boxes[part])
 
-    def is_done(self, part: int) -> bool:
-        """Whether a part is complete."""
-        return self._mark(part).is_file()
+    def _keys(self, part: int) -> list[str]:
+        """Of the objects of a part."""
+        cell = (*(int(i) for i in np.unravel_index(part, self.cuts)), 0)
+        arrays = [self.described[name] for name in self.names]
+        codes = [array.metadata.encode_chunk_key(cell[: array.ndim]) for array in arrays]
+        return [f"{name}/{code}" for name, code in zip(self.names, codes, strict=True)]
+
+    def _marks(self, parts: Sequence[int] | None = None) -> Array:
+        """Marks of parts, by default all: 0 where there is none, -1 first where one is damaged."""
+        array, known = self.described[_MARKS], parts or range(len(self.boxes))
+        try:
+            rows = np.asarray(array[:] if parts is None else array[parts])
+        except Exception:  # codecs raise anything
+            if parts is not None:
+                return np.full((1, array.shape[1]), -1.0)
+            return np.concatenate([self._marks([part]) for part in known])
+        for row, part in zip(rows, known, strict=True):
+            if row.any() and row[0] != self._sealed_row(part, row):
+                row[0] = -1.0
+        return rows
+
+    def _sealed_row(self, part: int, row: Array) -> int:
+        """Checksum of a mark, which is not 0."""
+        from cartstiff.maps.sealed import seal
+
+        return 1 + seal(self.attributes[CHECKSUM], f"{_MARKS}/{part}", row[1:].tobytes())
+
+    def store(self, marks: Array | None = None) -> Any:
+        """The store, which reads what agrees with marks, as they are now, and nothing else."""
+        from cartstiff.maps.sealed import SealedStore
+
+        names = self.names
+        marks = self._marks() if marks is None else marks
+        first = marks[:, :1]
+        seals = np.where(first > 0, marks[:, 1 : 1 + len(names)], first - 1).astype(np.int64)
+        about = self.attributes[CHECKSUM], self._fixed, names, self.cuts, seals
+        return SealedStore(self.inner, *about)
+
+    @cached_property
+    def _unread(self) -> Any:
+        """The arrays of a map of which nothing has been written."""
+        store = self.store(np.zeros((len(self.boxes), 1 + len(self.names))))
+        return _zarr().open_group(store, mode="r+", use_consolidated=True)
 
     def done(self) -> list[int]:
         """Parts that are complete, in order."""
-        return [i for i in range(len(self.boxes)) if self.is_done(i)]
+        return np.flatnonzero(self._marks()[:, 0] > 0).tolist()
+
+    def is_done(self, part: int) -> bool:
+        """Whether a part is complete."""
+        return bool(self._marks([part])[0, 0] > 0)
 
     def forget(self, part: int) -> None:
         """Take away the mark of a part, so that it is computed anew."""
-        self._mark(part).unlink(missing_ok=True)
+        _now(self.inner.delete(f"{_MARKS}/c/{part}/0"))
 
-    def _mark(self, part: int) -> Path:
-        return self.path / _PARTS / "checksum" / "c" / str(part) / "0"
+    def facts(self) -> dict[str, Array]:
+        """By array of the map, what the summary needs of each of its parts that are done."""
+        marks = self._marks()
+        sizes = [_fact_size(name) for name in self.names]
+        first = 1 + len(sizes) + np.concatenate([[0], np.cumsum(sizes)])
+        found = {n: marks[:, i : i + k] for n, i, k in zip(self.names, first, sizes, strict=False)}
+        return {name: rows[marks[:, 0] > 0] for name, rows in found.items() if rows.size}
 
-    def _checksums(self, part: int, arrays: Mapping[str, Array]) -> list[int]:
-        identity = self.attributes[CHECKSUM]
-        return [_checksum(arrays[n], identity, n, part) for n in self.attributes["parts"]]
-
-    def write(self, part: int, arrays: Mapping[str, Array]) -> dict[str, Array]:
-        """Put the arrays of a part in the file, and then their checksums; as they stand there."""
-        kept = {}
-        for name in self.attributes["parts"]:
-            array = _writeable(self.arrays[name])
-            kept[name] = arrays[name].astype(array.dtype, copy=False)
-            array[self.boxes[part][: array.ndim]] = kept[name]
-        self.group[_PARTS]["checksum"][part] = self._checksums(part, kept)
-        return kept
-
-    def read(self, name: str, part: int) -> Array:
-        """What was written of an array in a part.
-
-        Raises
-        ------
-        InputError
-            If there is something else.
-        """
-        array, column = self.arrays[name], self.attributes["parts"].index(name)
-        try:
-            values = np.asarray(array[self.boxes[part][: array.ndim]])
-            mark = int(self.group[_PARTS]["checksum"][part, column])
-            if mark == _checksum(values, self.attributes[CHECKSUM], name, part):
-                return values
-        except Exception:  # codecs raise anything, and name neither file nor part
-            pass
-        key = (*(int(i) for i in np.unravel_index(part, self.cuts)), 0)[: array.ndim]
-        raise InputError(
-            f"part {part + 1} of {len(self.boxes)} is damaged: "
-            f"{name}/{array.metadata.encode_chunk_key(key)} is missing, or not what was written "
-            "there",
-            where=one_line(str(self.path)),
-            expected="to be computed anew by the same command",
+    def write(self, part: int, arrays: Mapping[str, Array]) -> None:
+        """Put the arrays of a part in the store, and then its mark."""
+        group, facts = self._unread, []
+        for name in self.names:
+            # What is nothing but its fill value is written, too.
+            array = group[name].with_config({"write_empty_chunks": True})
+            kept = arrays[name].astype(array.dtype, copy=False)
+            array[self.boxes[part][: array.ndim]] = kept
+            if name not in PLACES:
+                facts.append(fact(name, kept))
+        row = np.concatenate(
+            [[0.0], [group.store.written.pop(key) for key in self._keys(part)], *facts]
         )
+        row[0] = self._sealed_row(part, row)
+        self.described[_MARKS][part] = row
 
-    def part(self, part: int) -> dict[str, Array]:
-        """All that was written of a part."""
-        return {name: self.read(name, part) for name in self.attributes["parts"]}
+    def damage(self, verify: bool = False) -> dict[int, str]:
+        """What is wrong with parts that were complete; without `verify`, what is missing of them.
 
-    def block(self, name: str, part: int) -> Array:
-        """As `read`; the fill value while the part is not done."""
-        if self.is_done(part):
-            return self.read(name, part)
-        array, box = self.arrays[name], self.boxes[part]
-        shape = [s.stop - s.start for s in box[: array.ndim]]
-        return np.full((*shape, *array.shape[len(box) :]), array.fill_value, array.dtype)
+        Parameters
+        ----------
+        verify : bool
+            Whether every object is read.
+        """
+        marks, place = self._marks(), f"{_MARKS}/c/%d/0 is not what was written there"
+        wrong = {part: place % part for part in np.flatnonzero(marks[:, 0] < 0).tolist()}
+        listed = _now(_listed(self.inner))
+        group = _zarr().open_group(self.store(marks), mode="r", use_consolidated=True)
+        for part in np.flatnonzero(marks[:, 0] > 0).tolist():
+            if lost := [key for key in self._keys(part) if key not in listed]:
+                wrong[part] = f"{lost[0]} is missing"
+            elif verify:
+                try:
+                    for name in self.names:
+                        group[name][self.boxes[part][: group[name].ndim]]
+                except InputError as error:
+                    wrong[part] = str(error)
+        return wrong
 
-    @property
-    def axes(self) -> dict[str, Array]:
-        """Values along the dimensions that have some; those in the file are for other readers."""
-        return {name: Axis(*ends).values for name, ends in self.attributes["axes"].items()}
+    def mend(self, layout: Layout) -> list[str]:
+        """Write anew what describes the map and is damaged; the keys."""
+        from cartstiff.maps.sealed import seal
 
-    def mend_axes(self) -> list[str]:
-        """Write the axes that are not what they should be; their names."""
-        damaged = []
-        for name, values in self.axes.items():
-            array = _writeable(self.arrays[name])
-            try:
-                is_whole = np.array_equal(array[:], values)
-            except Exception:  # as in `read`
-                is_whole = False
-            if not is_whole:
-                array[:] = values
-                damaged.append(f"axis {name}")
-        return damaged
+        fixed, damaged = self._fixed, {}
+        for key, value in _objects(layout).items():
+            if key in fixed:
+                there = _read(self.inner, key)
+                if there is None or seal("", key, there) != fixed[key]:
+                    damaged[key] = value
+        _put(self.inner, damaged)
+        return list(damaged)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """While this holds, no other process on this machine computes the same map.
+        """While this holds, no other process on this machine computes the same folder.
+
+        In other stores several may: they write the same objects.
 
         Raises
         ------
@@ -375,51 +574,42 @@ class MapFile:
         """
         import fcntl
 
-        handle = os.open(self.path, os.O_RDONLY)
+        if (folder := local_path(self.address)) is None:
+            yield
+            return
+        handle = os.open(folder, os.O_RDONLY)
         try:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise InputError(
-                    "another process is computing this map", where=one_line(str(self.path))
+                    "another process is computing this map", where=self.where
                 ) from None
             except OSError:  # file systems without locks
                 pass
-            for path in self.path.rglob("*.partial"):  # what a killed process had begun to write
+            for path in folder.rglob("*.partial"):  # what a killed process had begun to write
                 path.unlink(missing_ok=True)
             yield
         finally:
             os.close(handle)
 
 
-def _compressors() -> tuple[Any, ...]:
-    """What the bytes of an array go through; any reader of Zarr sees a changed bit."""
-    from zarr.codecs import BloscCodec, Crc32cCodec
-
-    # Bytes of like significance together: smaller than what is compressed as it stands, and sooner.
-    return BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()
-
-
-def _writeable(array: Any) -> Any:
-    """An array that writes what is nothing but its fill value, too."""
-    return array.with_config({"write_empty_chunks": True})
-
-
-def open_map(path: str | Path) -> xarray.Dataset:
+def open_map(path: Any) -> xarray.Dataset:
     """A map as labelled arrays, read when they are used.
 
     Parameters
     ----------
-    path : path
+    path : path, address or store
         Written by `compute_map`, complete or not.
 
     Returns
     -------
     xarray.Dataset
-        Variables: every quantity over the map's dimensions; ``state`` (0 is regular; the attribute
-        ``flag_meanings`` names the others, 255 is not computed); ``position`` (..., xyz) of the
-        body frame's origin in F; ``q`` (..., joint). Attributes: mechanism, frame, units, versions,
-        the command; ``chunks_done`` of ``chunks``. Arrays are split as the file is, so that
+        What `xarray.open_zarr` reads, less what is damaged, with ``q`` (..., joint) of grids, and
+        ``chunks_done`` of ``chunks`` among the attributes. Variables: every quantity over the map's
+        dimensions; ``state`` (0 is regular; the attribute ``flag_meanings`` names the others, 255
+        is not computed); ``position`` (..., xyz) of the body frame's origin in F. Attributes:
+        mechanism, frame, units, versions, the command. Arrays are split as the store is, so that
         reductions of a large map need little memory.
 
     Raises
@@ -431,51 +621,35 @@ def open_map(path: str | Path) -> xarray.Dataset:
     """
     file = MapFile.at(path)
     try:
-        import dask.array
+        import dask.array  # noqa: F401
         import xarray
     except ImportError as error:
         raise MissingDependencyError(
             package=error.name or "xarray", purpose="reading a map", extra="maps"
         ) from None
-    attributes = dict(file.attributes)
-    parts, _, _ = (attributes.pop(name) for name in ("parts", "axes", CHECKSUM))
-    description = json.loads(attributes["description"])
-    joints = description["joints"]
-    sampling = from_dict(description["sampling"])
+    marks = file._marks()
+    dims = file.described["state"].metadata.dimension_names
+    chunks = dict(zip(dims, file.chunk, strict=True))
+    dataset = xarray.open_zarr(file.store(marks), chunks=chunks, consolidated=True)
+    del dataset.attrs[CHECKSUM]
+    dataset.attrs["chunks_done"] = int(np.count_nonzero(marks[:, 0] > 0))
+    dataset.attrs["chunks"] = len(marks)
+    # Zarr lists arrays by name.
+    return with_postures(dataset[[name for name in file.names if name in dataset.data_vars]])
 
-    def lazy(read: Callable[[int], Array], shape: Any, chunks: Any, kind: Any) -> Any:
-        def part(block_id: tuple[int, ...]) -> Array:
-            cell = (*block_id, *[0] * len(file.cuts))[: len(file.cuts)]
-            return read(int(np.ravel_multi_index(cell, file.cuts)))
 
-        sizes = dask.array.core.normalize_chunks(chunks, shape)  # type: ignore[no-untyped-call]
-        empty = np.empty((0,) * len(shape), kind)
-        name = f"map-{uuid.uuid4().hex}"
-        return dask.array.map_blocks(part, chunks=sizes, dtype=kind, meta=empty, name=name)  # type: ignore[no-untyped-call]
+def with_postures(dataset: xarray.Dataset) -> xarray.Dataset:
+    """A map with names of joints and axes, and with the postures that its grid names."""
+    import xarray
 
-    def postures(part: int) -> Array:
-        assert sampling is not None
-        box = file.boxes[part]
-        q = sampling.postures(box, None)
-        return q.reshape(*(s.stop - s.start for s in box), -1)
-
-    variables = {}
-    own = ("state", "position", "q", "branches")
-    for name in (*(part for part in parts if part not in own), *own):
-        if name in parts:
-            array = file.arrays[name]
-            data = lazy(partial(file.block, name), array.shape, array.chunks, array.dtype)
-            variables[name] = array.metadata.dimension_names, data, dict(array.attrs)
-    if "q" not in parts:
-        if sampling is None:
-            raise InputError("the map does not say where it looked", where=one_line(str(path)))
-        shapes = (*file.shape, len(joints)), (*file.chunk, len(joints))
-        about = {"long_name": "coordinates of the posture"}
-        variables["q"] = (*sampling.dims, "joint"), lazy(postures, *shapes, np.dtype(float)), about
-    coordinates: dict[str, Any] = {"joint": joints, "xyz": ["x", "y", "z"]}
-    for name, values in file.axes.items():
-        coordinates[name] = (name,), values, dict(file.arrays[name].attrs)
-    dataset = xarray.Dataset(variables, coordinates, attributes)
-    dataset = dataset.set_coords("time") if "time" in parts else dataset
-    dataset.attrs["chunks_done"], dataset.attrs["chunks"] = len(file.done()), len(file.boxes)
-    return dataset
+    joints = json.loads(dataset.attrs["description"])["joints"]
+    if "q" not in dataset:  # lazily, from what names the grid
+        zero = xarray.zeros_like(dataset["state"], float).drop_attrs()
+        held = dataset.attrs
+        names = [dimension_name(name) for name in joints]
+        columns = [zero + dataset.coords.get(name, held.get(f"fixed_{name}")) for name in names]
+        q = xarray.concat(columns, "joint").transpose(..., "joint")
+        dataset["q"] = q.dims, q.data, {"long_name": "coordinates of the posture"}
+    # As objects they are strings of any length, which Zarr's third version has.
+    labels = {"joint": np.array(joints, object), "xyz": np.array(["x", "y", "z"], object)}
+    return dataset.assign_coords(labels)
