@@ -27,6 +27,7 @@ from .maps.cartesian import CartesianGrid as CartesianGrid
 from .maps.job import CommandGrid as CommandGrid
 from .maps.pictures import draw_map as draw_map
 from .maps.run import compute_map as compute_map
+from .maps.run import map_of as map_of
 from .maps.sampling import Axis as Axis
 from .maps.sampling import Grid as Grid
 from .maps.sampling import RandomPostures as RandomPostures

@@ -29,7 +29,7 @@ def test_grid_to_file_table_and_picture():
     assert Path("m.png").read_bytes()[:4] == b"\x89PNG"
 
     told = answer(CUBIC, GRID, "-o m.zarr --worst 2")
-    assert told["schema"] == "cartstiff-map/4"
+    assert told["schema"] == "cartstiff-map/5"
     assert told["postures"] == 12
     assert told["parts"] == {"total": 1, "computed": 0, "found": 1}
     assert told["states"] == {"regular": 12}

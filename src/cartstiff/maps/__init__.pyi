@@ -9,6 +9,7 @@ from .reading import slice_map as slice_map
 from .reading import summary as summary
 from .reading import worst as worst
 from .run import compute_map as compute_map
+from .run import map_of as map_of
 from .sampling import Axis as Axis
 from .sampling import Grid as Grid
 from .sampling import RandomPostures as RandomPostures

@@ -101,7 +101,7 @@ def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any
 
 
 @checked
-def planned(
+def map_job(
     elastic: ElasticMechanism,
     sampling: Sampling,
     quantities: Sequence[str],
@@ -119,11 +119,8 @@ def planned(
     damping: Damping | float = 0.0,
     milling: Milling | None = None,
     told: Mapping[str, float] | None = None,
-    single: bool = False,
-    chunk: int | None = None,
-    command: str = "",
-) -> tuple[MapJob, Layout]:
-    """A map, checked and described; nothing is computed.
+) -> MapJob:
+    """What is computed for a map, checked; without any file.
 
     Parameters
     ----------
@@ -156,19 +153,6 @@ def planned(
     told : mapping of str to float, optional
         How far drives are told to move on from each posture, as in `cartstiff.after_command`; what
         is kept is read where the mechanism comes to rest. A `CommandGrid` maps over commands.
-    single : bool
-        Keep results in single precision: half the size.
-    chunk : int, optional
-        Most postures of a part.
-    command : str
-        Kept in the file.
-
-    Returns
-    -------
-    MapJob
-        What is computed of each part.
-    Layout
-        Arrays and attributes of the map; the attribute "description" holds its identity.
 
     Raises
     ------
@@ -183,8 +167,6 @@ def planned(
             got=type(sampling).__name__,
             expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
         )
-    if chunk is not None and chunk < 1:
-        raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
@@ -233,14 +215,52 @@ def planned(
             )
         if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
             raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
-        job = CommandedJob(*(getattr(job, f.name) for f in fields(MapJob)), told=steps)
-    else:
+        own = (getattr(job, field.name) for field in fields(MapJob))
+        return CommandedJob(*own, steps)
+    return job
+
+
+def planned(
+    elastic: ElasticMechanism,
+    sampling: Sampling,
+    quantities: Sequence[str],
+    *,
+    single: bool = False,
+    chunk: int | None = None,
+    command: str = "",
+    **asked: Any,
+) -> tuple[MapJob, Layout]:
+    """A map, checked and described; nothing is computed.
+
+    Parameters
+    ----------
+    elastic, sampling, quantities, **asked
+        As in `map_job`.
+    single : bool
+        Keep results in single precision: half the size.
+    chunk : int, optional
+        Most postures of a part.
+    command : str
+        Kept in the file.
+
+    Returns
+    -------
+    MapJob
+        What is computed of each part.
+    Layout
+        Arrays and attributes of the map; the attribute "description" holds its identity.
+    """
+    if chunk is not None and chunk < 1:
+        raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
+    job = map_job(elastic, sampling, quantities, **asked)
+    settings, kind, chosen = job.settings, job.settings.load, job.quantities
+    row, steps = job.wrench, dict(job.told or {}) if isinstance(job, CommandedJob) else {}
+    if not isinstance(job, CommandedJob):
         acts: Literal["none", "shared", "each"]
-        acts = "none" if row is None else "shared" if load_axes == "body" else "each"
+        acts = "none" if row is None else "shared" if job.load_axes == "body" else "each"
         path = lasting_path(elastic, acts, job.outputs, sampling.size)
         reads = path == "compiled" and sampling.size >= WORTH_READING
         job = replace(job, path=path, by_kernel=reads)
-
     options = {
         "joints": list(elastic.names),
         "sampling": sampling.as_dict(),
@@ -249,7 +269,7 @@ def planned(
         "load": row,
         "load_kind": kind.kind,
         "load_at": kind.at,
-        "load_axes": load_axes,
+        "load_axes": job.load_axes,
         **_vibration(settings),
         "told": steps or None,
         "single": single,
@@ -279,7 +299,7 @@ def planned(
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
-        **({"told": ", ".join(f"{name} by {x:+g}" for name, x in steps.items())} if told else {}),
+        **({"told": ", ".join(f"{name} by {x:+g}" for name, x in steps.items())} if steps else {}),
         **_versions(),
         "Conventions": "CF-1.11",
         "identity": sha256(json.dumps(description).encode()).hexdigest(),
@@ -353,7 +373,7 @@ def map_of(
     Parameters
     ----------
     elastic, sampling, quantities, **asked
-        As in `cartstiff.maps.run.planned`.
+        As in `cartstiff.maps.run.map_job`; also `single`, `chunk` and `command` of `planned`.
 
     Returns
     -------
@@ -368,19 +388,18 @@ def map_of(
 
     def array(name: str, kind: Kind) -> Any:
         known = dict(zip(sampling.dims, layout.chunk, strict=True)) | dict(layout.sizes)
-        chunks = dask.array.core.normalize_chunks(
-            tuple(known[dim] for dim in kind.dims), layout.lengths(kind.dims)
-        )
-        own, graph = f"{name}-{token}", {}
+        sizes: Any = dask.array.core.normalize_chunks  # not typed, as the class
+        chunks = sizes(tuple(known[dim] for dim in kind.dims), layout.lengths(kind.dims))
+        own, graph, make = f"{name}-{token}", dict[Any, Any](), dask.array.Array
         for i, cell in enumerate(cells):
             key = (own, *(*cell, 0)[: len(kind.dims)])
             graph[key] = _taken, (token, i), name, kind.dtype
         whole = HighLevelGraph({token: parts, own: graph}, {token: set(), own: {token}})
-        return dask.array.Array(whole, own, chunks, kind.dtype)
+        return make(whole, own, chunks, kind.dtype)  # type: ignore[no-untyped-call]
 
     token, cells = f"map-{uuid4().hex}", list(np.ndindex(layout.cuts))
     boxes = layout.boxes
-    parts = {(token, i): (job.compute, box) for i, box in enumerate(boxes)}
+    parts: dict[Any, Any] = {(token, i): (job.compute, box) for i, box in enumerate(boxes)}
     variables = {
         name: (kind.dims, array(name, kind), kind.attributes, layout.encoding(kind))
         for name, kind in layout.arrays.items()
@@ -588,7 +607,7 @@ def compute_map(
     Parameters
     ----------
     elastic, sampling, quantities, **asked
-        As in `cartstiff.maps.run.planned`.
+        As in `cartstiff.maps.run.map_job`; also `single`, `chunk` and `command` of `planned`.
     file : path, address or store
         A folder that ends in ``.zarr``, an address that fsspec knows (``memory://``, ``s3://``), or
         a store of Zarr.

@@ -17,7 +17,7 @@ def seal(salt: str, key: str, value: bytes | memoryview) -> int:
     return zlib.crc32(value, zlib.crc32(f"{salt}/{key}".encode()))
 
 
-class SealedStore(WrapperStore):  # type: ignore[misc]
+class SealedStore(WrapperStore):  # type: ignore[type-arg]
     """What is written is sealed; nothing is read that does not agree with its seal.
 
     Parameters

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cartstiff.errors import InputError, MissingDependencyError, imported, one_line
+from cartstiff.errors import InputError, MissingDependencyError, checked_kind, imported, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.sampling import Sampling, dimension_name
 
@@ -186,6 +186,8 @@ def local_path(address: Any) -> Path | None:
 def _stored(address: Any) -> Any:
     """The store at an address."""
     storage = _zarr().storage
+    kinds = str, Path, _zarr().abc.store.Store
+    checked_kind(address, kinds, "name of a map", "a path, an address or a store")
     if (path := local_path(address)) is not None:
         return storage.LocalStore(path)
     if not isinstance(address, str):
@@ -318,8 +320,8 @@ def _objects(layout: Layout) -> dict[str, bytes]:
     group.create_array(
         _MARKS, shape=(prod(layout.cuts), columns), chunks=(1, columns), dtype="f8", fill_value=0
     )
-    own = ("zarr.json", f"{_PARTS}/zarr.json")
-    fixed = {k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in own}
+    later = ("zarr.json", f"{_PARTS}/zarr.json")
+    fixed = {k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in later}
     group[_PARTS].attrs.update({"arrays": names, "objects": fixed})
     with warnings.catch_warnings():  # Zarr's own next version may have it elsewhere
         warnings.simplefilter("ignore")

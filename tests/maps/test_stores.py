@@ -1,0 +1,200 @@
+"""Maps in any store of Zarr, lazy maps, and what readers without this library find in them."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+
+import numpy as np
+import pytest
+import xarray
+import zarr
+from tests.maps.machines import arm
+from tests.maps.test_damage import _Killed, _killed_after
+
+from cartstiff.errors import InputError
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, map_of, open_map, store
+from cartstiff.maps.run import planned, prepare_map, run_map
+from cartstiff.maps.store import MapFile
+
+QUANTITIES = ["translation_free_min", "condition"]
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return arm()
+
+
+def _random(elastic, count=20):
+    return RandomPostures(count, 5, elastic.q - 0.3, elastic.q + 0.3)
+
+
+def _grid(elastic):
+    a, b = elastic.names[1], elastic.names[3]
+    return Grid({a: Axis(-0.5, 0.7, 4), b: Axis(0.0, 1.1, 5)}, elastic.names, elastic.q)
+
+
+@pytest.fixture(scope="module")
+def expected(elastic, tmp_path_factory):
+    file = tmp_path_factory.mktemp("expected") / "m.zarr"
+    return compute_map(elastic, _random(elastic), QUANTITIES, file, chunk=6, length=0.2).load()
+
+
+def _plain(address):
+    """As somebody reads it who has no cartstiff."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return xarray.open_zarr(address).load()
+
+
+def _same(found, expected):
+    for name in expected.data_vars:
+        np.testing.assert_array_equal(found[name], expected[name])
+        assert found[name].attrs == expected[name].attrs
+
+
+@pytest.mark.parametrize("address", ["memory://maps/m.zarr", "file://{}/m.zarr", "store"])
+def test_stores(elastic, expected, tmp_path, address):
+    where = zarr.storage.MemoryStore() if address == "store" else address.format(tmp_path)
+    asked = {"chunk": 6, "length": 0.2}
+    job, file = prepare_map(elastic, _random(elastic), QUANTITIES, where, **asked)
+    assert run_map(job, file).computed == 4
+    assert run_map(job, MapFile.at(where)) == (0, ())
+    for found in (_plain(where), open_map(where)):
+        _same(found, expected)
+    with pytest.raises(InputError, match="length differs"):
+        compute_map(elastic, _random(elastic), QUANTITIES, where, chunk=6, length=0.3)
+
+
+def test_an_object_store(elastic, expected, monkeypatch):
+    moto = pytest.importorskip("moto.server")
+    s3fs = pytest.importorskip("s3fs")
+    server = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0)
+    server.start()
+    host, port = server.get_host_and_port()
+    for name, value in {
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+        "AWS_ACCESS_KEY_ID": "test",
+        "AWS_SECRET_ACCESS_KEY": "test",
+        "AWS_DEFAULT_REGION": "us-east-1",
+    }.items():
+        monkeypatch.setenv(name, value)
+    try:
+        files = s3fs.S3FileSystem()
+        files.mkdir("maps")
+        asked = elastic, _random(elastic), QUANTITIES, "s3://maps/m.zarr"
+        compute_map(*asked, chunk=6, length=0.2)
+        _same(_plain("s3://maps/m.zarr"), expected)
+        files.rm("maps/m.zarr/condition/c/1")
+        job, file = prepare_map(*asked, chunk=6, length=0.2)
+        assert run_map(job, file) == (1, ("condition/c/1 is missing",))
+        _same(open_map("s3://maps/m.zarr"), expected)
+        with pytest.raises(InputError, match=r"no-such.*store cannot be used"):
+            compute_map(*asked[:3], "s3://no-such/m.zarr")
+    finally:
+        server.stop()
+
+
+def test_an_address_that_nobody_knows(elastic):
+    with pytest.raises(InputError, match=r"nobody://m\.zarr: store cannot be used.*nobody"):
+        compute_map(elastic, _random(elastic), QUANTITIES, "nobody://m.zarr")
+
+
+def test_two_writers_at_once(elastic, expected):
+    """A store has no locks: both write the same objects."""
+    asked = elastic, _random(elastic), QUANTITIES, "memory://two/m.zarr"
+    options = {"chunk": 6, "length": 0.2}
+    prepare_map(*asked, **options)
+    writers = [threading.Thread(target=compute_map, args=asked, kwargs=options) for _ in range(2)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    found = open_map("memory://two/m.zarr")
+    assert found.attrs["chunks_done"] == 4
+    _same(found, expected)
+
+
+def test_a_map_that_is_computed_when_it_is_used(elastic, expected, tmp_path):
+    lazy = map_of(elastic, _random(elastic), QUANTITIES, chunk=6, length=0.2)
+    assert lazy["condition"].chunks == ((6, 6, 6, 2),)
+    _same(lazy.compute(), expected)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Consolidated metadata")
+        lazy.to_zarr(tmp_path / "plain.zarr")
+    _same(_plain(tmp_path / "plain.zarr"), expected)
+    grid = map_of(elastic, _grid(elastic), QUANTITIES, length=0.2)
+    a, b = elastic.names[1], elastic.names[3]
+    line = grid["condition"].sel({a: 0.3}, method="nearest")
+    assert line.dims == (b,)
+    there = compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
+    np.testing.assert_array_equal(line, there["condition"].sel({a: 0.3}, method="nearest"))
+    np.testing.assert_array_equal(grid["q"], there["q"])
+
+
+def test_a_map_says_its_postures_to_every_reader(elastic, expected, tmp_path):
+    np.testing.assert_array_equal(
+        expected["q"], _random(elastic).postures((slice(0, 20),), elastic)
+    )
+    assert expected["q"].attrs["joints"].split() == list(elastic.names)
+    compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
+    plain = _plain(tmp_path / "g.zarr")
+    assert plain.attrs["Conventions"].startswith("CF-")
+    for i, name in enumerate(elastic.names):
+        if name in plain.coords:
+            assert plain[name].attrs["units"] == "rad"
+        else:
+            assert plain.attrs[f"fixed_{name}"] == elastic.q[i]
+    assert "done" not in plain.variables
+
+
+def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
+    elastic, expected, tmp_path, monkeypatch
+):
+    """The states of a part are written last: no number that is not there has a state."""
+    for files in (2, 3, 4, 5, 8):
+        file = tmp_path / f"{files}.zarr"
+        asked = elastic, _random(elastic), QUANTITIES, file
+        job, made = prepare_map(*asked, chunk=6, length=0.2)
+        with monkeypatch.context() as patch:
+            _killed_after(patch, files)
+            with pytest.raises(_Killed):
+                run_map(job, made, threads=1)
+        plain = _plain(file)
+        done = plain["state"].values != 255
+        for name in ("q", "position", *QUANTITIES):
+            np.testing.assert_array_equal(plain[name].values[done], expected[name].values[done])
+        assert done.sum() == 6 * (files >= 5)
+
+
+def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
+    from zarr.storage import LocalStore
+
+    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    compute_map(*asked, chunk=6, length=0.2)
+    (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()
+    read, get = [], LocalStore.get
+
+    async def counted(self, key, *arguments, **options):
+        read.append(key)
+        return await get(self, key, *arguments, **options)
+
+    monkeypatch.setattr(LocalStore, "get", counted)
+    job, file = prepare_map(*asked, chunk=6, length=0.2)
+    assert run_map(job, file).computed == 1
+    assert not [key for key in read if "/c/" in key and not key.startswith("parts/")]
+
+
+def test_parts_are_few_large_objects_in_pieces(elastic, expected, tmp_path, monkeypatch):
+    _, layout = planned(elastic, _random(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
+    objects = len(layout.boxes) * (1 + len(layout.arrays))
+    assert objects < 2000
+    assert layout.encoding(layout.arrays["q"])["chunks"] == (2**16, 6)
+    monkeypatch.setattr(store, "_INNER", 3)
+    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    found = compute_map(*asked, chunk=6, length=0.2)
+    array = zarr.open_group(tmp_path / "m.zarr")["condition"]
+    assert (array.shards, array.chunks) == ((6,), (3,))
+    _same(found, expected)
+    np.testing.assert_array_equal(found["q"][4:5], expected["q"][4:5])
+    _same(_plain(tmp_path / "m.zarr"), expected)
