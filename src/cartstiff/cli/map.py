@@ -338,7 +338,7 @@ class Shown:
 @declared(
     "map",
     json_of_file=False,
-    rare="lengths damping milling single chunk progress profile threads scheduler",
+    rare="lengths damping milling single verify chunk progress profile threads scheduler",
     more=(
         click.Option(
             ["--list-quantities"],

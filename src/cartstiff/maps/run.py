@@ -129,7 +129,7 @@ def map_job(
     sampling : Sampling
         `Grid`, `RandomPostures`, `Trajectory`, `CartesianGrid` or `CommandGrid`.
     quantities : str or sequence of str
-        Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
+        Names in `cartstiff.batch.quantities.QUANTITIES`, or paths of the analysis.
     connection : {"load", "B", "A", "K", "F"}, optional
         The matrix that is read; default "load", the tangent under the load, where one can act, as
         in the analysis of one posture; without a load all but F are the same.
