@@ -21,7 +21,7 @@ from cartstiff import (
 )
 from cartstiff.batch import vibrations
 from cartstiff.batch.vibrations import ManyModes
-from cartstiff.errors import InputError
+from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.optimise import criteria
 from cartstiff.vibration.chatter import Milling, limiting_depth, limiting_depths
@@ -189,3 +189,28 @@ def test_a_platform_whose_mass_is_a_point_is_asked_one_by_one():
     one = modes(elastic).frequencies
     assert found[: len(one)] == pytest.approx(one, rel=1e-10)
     assert np.isnan(found[len(one) :]).all()
+
+
+def test_postures_that_cannot_carry_the_load_have_no_frequencies():
+    """Cables cannot push, and links have no rest under too much: other postures have theirs."""
+    elastic = load("cable-robot", payload=[2, 0, 0, 0.1])
+    W = np.array([-6.553, 5.795, 7.334, -34.07, -55.54, 92.76])
+    q = np.array([elastic.q, elastic.q])
+    q[1, 5] = 0.3
+    with pytest.raises(InputError, match="cannot balance"):
+        analyse(elastic, q[1], wrench=W)
+    found = ManyModes(elastic, q, W).frequencies()
+    one = modes(elastic, q[0], wrench=W).frequencies
+    assert found[0, : one.size] == pytest.approx(one, rel=1e-10)
+    assert np.isnan(found[1]).all()
+    assert np.isnan(ManyModes(elastic, q, W).damping_ratios(Damping(0.02)))[1].all()
+
+
+def test_postures_whose_links_find_no_rest_have_no_frequencies(monkeypatch):
+    def without_rest(*args, **kwargs):
+        raise ConvergenceError("no rest", iterations=60, residual=1.0)
+
+    monkeypatch.setattr(vibrations, "modes", without_rest)
+    elastic = load("delta")
+    found = ManyModes(elastic, elastic.q[None], np.array([0, 0, 0, 0, 3e5, 0])).frequencies(2)
+    assert np.isnan(found).all()

@@ -23,7 +23,7 @@ from cartstiff.batch.kernels import WORTH_RECORDING, has_package, kernel_for, ru
 from cartstiff.batch.plans import given_as, plan
 from cartstiff.batch.postures import loads_in_body
 from cartstiff.batch.readings import with_masses
-from cartstiff.errors import UndefinedError
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
@@ -65,7 +65,8 @@ class ManyModes:
     def frequencies(self, count: int = 6) -> Array:
         """The lowest ones [Hz], (N, count).
 
-        NaN where a motion grows, where a posture has no modes, and beyond the last mode.
+        NaN where a motion grows, where a posture has no modes or cannot carry the load, and beyond
+        the last mode.
         """
         frequencies, known = self._recorded(count)
         rows = np.flatnonzero(~known)
@@ -99,6 +100,9 @@ class ManyModes:
             load = {} if wrench is None else self.load
             try:
                 found = modes(self.elastic, self.q[i], wrench=wrench, **load)
+            except (ConvergenceError, InputError, UndefinedError):
+                continue  # what was given has been checked: the load cannot be carried here
+            try:
                 values = np.asarray(answer(found))[:count]
             except UndefinedError:
                 continue
