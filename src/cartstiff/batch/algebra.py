@@ -14,16 +14,16 @@ inside the regular ones gets the verdict `FALLBACK` and is computed by the engin
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.batch.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
+from cartstiff.batch.tape import Number, Scalar, Tape, absolute, copysign, larger, pick, square_root
 from cartstiff.geometry.se3 import Array
 from cartstiff.numerics import EPSILON, NEAR, REPORTED_ERROR
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, wrench_in_body
 
 
 def zeros(*shape: int) -> Array:
@@ -440,13 +440,24 @@ def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:
     return stiffness * pick(stretch, 0.0, 0.0, 1.0)
 
 
-#: What makes ``K^X - K^B`` (6, 6) of the wrench: X = A, K, and load, a dead one at M's origin.
-FROM_B_TO_A, _FROM_B_TO_K, _FROM_B_TO_LOAD = np.moveaxis(DEAD_AT_ORIGIN.changes(np.eye(6)), 0, -1)
+def given_wrench(tape: Tape, case: Any, pose: Callable[[], Array]) -> Array | None:
+    """The wrench that a case is given, about M's origin in the axes of M; None without any."""
+    if case.wrench == "none":
+        return None
+    W, at = tape.vector("wrench", 6), case.load.at
+    if case.axes == "body" and not any(at):
+        return W
+    return wrench_in_body(W, pose() if case.axes == "world" else np.eye(4), at, case.axes)
 
 
-def connections(K_B: Array, W: Array) -> dict[str, Array]:
-    """K^A, K^B and K^K from K^B and the wrench."""
-    return {"A": K_B + FROM_B_TO_A @ W, "B": K_B, "K": K_B + _FROM_B_TO_K @ W}
+#: What makes ``K^A - K^B`` (6, 6) of the wrench.
+FROM_B_TO_A = np.moveaxis(DEAD_AT_ORIGIN.changes(np.eye(6)), 0, -1)[0]
+
+
+def connections(K_B: Array, W: Array, load: LoadKind) -> dict[str, Array]:
+    """K^A, K^B, K^K and the tangent under a load from K^B and the wrench."""
+    changes = zip(("A", "K", "load"), load.changes(W), strict=True)
+    return {"B": K_B, **{name: K_B + change for name, change in changes}}
 
 
 def add_compliances(
@@ -489,23 +500,6 @@ def changed_compliance(
     condition = norm_squared(factor) * norm_squared(turned)
     back = _in_length(turned, 1.0 / length, length)
     return C @ back, limited(condition, most**2)
-
-
-#: Of a dead load at M's origin: K^load, its inverse, that of its symmetric part, and whether both
-#: hold.
-UNDER_LOAD = ("dead_stiffness", "dead_compliance", "dead_symmetric", "dead_verdict")
-
-
-def add_under_load(arrays: dict[str, Array], wanted: Collection[str], length: Scalar) -> None:
-    """Put `UNDER_LOAD` into `arrays` where they are wanted, and not those without a load."""
-    is_wanted = "dead_stiffness" in wanted and {"stiffness_B", "compliance_B"} <= arrays.keys()
-    if not is_wanted or all(is_zero(w) for w in arrays["wrench"]):
-        return
-    C, D = arrays["compliance_B"], _FROM_B_TO_LOAD @ arrays["wrench"]
-    arrays["dead_stiffness"] = arrays["stiffness_B"] + D
-    arrays["dead_compliance"], doubt = changed_compliance(C, D, length)
-    arrays["dead_symmetric"], other = changed_compliance(C, (D + D.T) * 0.5, length)
-    arrays["dead_verdict"] = np.array([larger(doubt, other)], object)
 
 
 def shared_inputs(wrench: str) -> list[str]:

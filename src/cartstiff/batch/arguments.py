@@ -64,15 +64,6 @@ def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def recorded(names: Sequence[str]) -> tuple[str, ...]:
-    """Outputs that kernels compute for some outputs: the tangent under a load follows from K^B."""
-    needed = dict.fromkeys(names)
-    for kind in ("stiffness", "compliance"):
-        if needed.pop(f"{kind}_load", 0) is None:
-            needed |= {f"{kind}_B": None, "wrench": None}
-    return tuple(needed)
-
-
 def checked_count(what: str, value: object) -> int | None:
     """A whole number from one, or None."""
     if value is None:

@@ -61,13 +61,13 @@ from cartstiff.batch.algebra import (
     PLAIN,
     STIFFNESS_CONDITION,
     UNBALANCED,
-    add_under_load,
     below,
     changed_compliance,
     congruence,
     connections,
     cross,
     equilibrated_squares,
+    given_wrench,
     holds_soft_directions,
     is_zero,
     largest,
@@ -92,9 +92,11 @@ from cartstiff.batch.twists import (
     numbers,
 )
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import BALANCE, ROUNDING
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 #: Points of a table that is recorded: every piece is a choice of six numbers.
 _POINTS = 33
@@ -357,9 +359,6 @@ class ChainCase:
     settled : tuple of int
         Coordinates without springs of their own that are at rest under the wrench before
         anything is asked: `settling` finds where.
-    dead_load_at : tuple of 3 floats, optional
-        Point of M at which a dead load acts whose components are along the axes of F: `settling`
-        alone reads it, and finds the load in M.
     singular : bool
         Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
     laws : tuple of (int, SpringLaw)
@@ -368,6 +367,10 @@ class ChainCase:
         All masses, where vibrations count.
     rigid : tuple of int
         Coordinates that stay where they are whatever acts.
+    load : LoadKind
+        What the load does while the body moves, and where the wrench acts.
+    axes : {"body", "world"}
+        Axes of the wrench's components: those of M or of F.
     """
 
     constants: ChainConstants
@@ -379,11 +382,12 @@ class ChainCase:
     derivatives: bool = False
     segments: tuple[tuple[int, ...], ...] = ()
     settled: tuple[int, ...] = ()
-    dead_load_at: tuple[float, float, float] | None = None
     singular: bool = False
     laws: tuple[tuple[int, SpringLaw], ...] = ()
     bodies: Bodies | None = None
     rigid: tuple[int, ...] = ()
+    load: LoadKind = DEAD_AT_ORIGIN
+    axes: Axes = "body"
 
     @property
     def moving(self) -> list[int]:
@@ -464,9 +468,7 @@ class ChainNumbers:
             self.position = self.mimic @ self.q + np.asarray(offset, object)
         self.kinematics = ChainKinematics(constants, self.position, case.fields, middle)
         self.J = self.J_q = self._of_coordinates(self.kinematics.J_M)
-        self.W: Array | None = None
-        if case.wrench != "none":
-            self.W = tape.vector("wrench", 6)
+        self.W = given_wrench(tape, case, self.kinematics.pose)
         self._evaluate(tape)
         turning: list[Scalar]
         if self.mimic is None:  # axes are unit vectors
@@ -759,7 +761,7 @@ def _compliances(
     chain: ChainNumbers, W: Array, arrays: dict[str, Array], wanted: Collection[str]
 ) -> Scalar:
     """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `arrays`, D = K^X - K^B; the verdict on them."""
-    names = [name for name in "ABKF" if f"compliance_{name}" in wanted]
+    names = [name for name in OF_MANY if f"compliance_{name}" in wanted]
     verdict: Scalar = PLAIN
     if not names:
         return verdict
@@ -777,7 +779,7 @@ def _compliances(
         elif name == "B" or unloaded:
             arrays[f"compliance_{name}"] = C
         else:
-            D = connections(zeros(6, 6), W)[name]
+            D = connections(zeros(6, 6), W, chain.case.load)[name]
             arrays[f"compliance_{name}"], doubt = changed_compliance(
                 C, D, chain.length, numerics.PLAIN_CHANGE
             )
@@ -870,13 +872,13 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         W = _deficient(chain)
     elif chain.n == 6:
         W, K_B, K_F = _six(chain)
-        stiffness = {**connections(K_B, W), "F": K_F}
+        stiffness = {**connections(K_B, W, chain.case.load), "F": K_F}
     elif chain.is_closed or chain.case.settled:
         W, K_B = _through_compliance(chain)
-        stiffness = connections(K_B, W)
+        stiffness = connections(K_B, W, chain.case.load)
     else:
         W, K_B = _redundant(chain)
-        stiffness = connections(K_B, W)
+        stiffness = connections(K_B, W, chain.case.load)
     if not chain.has_chart:
         stiffness.pop("F", None)
     arrays["wrench"] = W
@@ -893,7 +895,6 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
             "lagrangian": chain.lagrangian(W),
         }
     verdict = _compliances(chain, W, arrays, wanted)
-    add_under_load(arrays, wanted, chain.length)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
     # What does not balance stays so, whatever its stiffness would be.

@@ -55,6 +55,7 @@ from cartstiff.batch.algebra import (
     below,
     congruence,
     cross,
+    given_wrench,
     inverse,
     is_zero,
     largest,
@@ -171,7 +172,7 @@ class ClosedChainNumbers(ChainNumbers):
         J_M[:, way] = self.kinematics.in_body(self.kinematics.J[:, way])
         self.J_q, self._way = J_M, way
         self.J = J_M[:, way] @ self.N[way]
-        self.W = tape.vector("wrench", 6) if case.wrench != "none" else None
+        self.W = given_wrench(tape, case, self.kinematics.pose)
         kinds = np.reshape(constants.screws, (-1, 6))[way]
         turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
         distances = [constants.is_length[j] for j in case.independent] or [False] * self.n
@@ -578,11 +579,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     else:
         chain = ChainNumbers(tape, case, len(case.constants.screws) // 6)
         names, N = tuple(range(chain.n)), np.eye(chain.n)
-    W, load = chain.W, LoadKind("follower")
-    if case.dead_load_at is not None:
-        load, R = LoadKind("dead", case.dead_load_at), chain.kinematics.pose()[:3, :3].T
-        moment, force = R @ W[:3], R @ W[3:]
-        W = np.concatenate([moment + cross(np.array(case.dead_load_at), force), force])
+    W, load = chain.W, LoadKind("dead" if case.axes == "world" else "follower", case.load.at)
     sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
     left, shut = chain.gradient - chain.J.T @ W, zeros(len(chain.q))
     if isinstance(case, ClosedCase):
@@ -606,7 +603,6 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     return {
         "settled": settled,
         "moved": np.array([moved, verdict], object),
-        "load": W,
     }
 
 
@@ -616,15 +612,14 @@ def settle(
     inputs: Mapping[str, Array],
     q: Array,
     which: NDArray[np.intp],
-) -> tuple[NDArray[np.intp], Array]:
-    """Take steps from some postures q[which], in place; those that come to rest, and their loads.
+) -> NDArray[np.intp]:
+    """Take steps from some postures q[which], in place; those that come to rest.
 
     `inputs` are the program's, "wrench" with one row or one for each of q. What finds no rest by
     a few of these steps is the engine's: how it ends there is not looked into, and its steps, which
-    are others on the way, may end elsewhere. The loads (N, 6) are in M.
+    are others on the way, may end elsewhere.
     """
-    rest = list[NDArray[np.intp]]()
-    loads, moved = np.full((len(q), 6), np.nan), np.zeros(0)
+    rest, moved = list[NDArray[np.intp]](), np.zeros(0)
     for _ in range(_FEW):
         at = np.ascontiguousarray(q[which])
         more, doubts = evaluate(at)
@@ -635,14 +630,13 @@ def settle(
         moved, verdict = outputs["moved"].T
         stands = (verdict == PLAIN) & np.isfinite(moved) & (doubts == PLAIN)
         q[which[stands]] = outputs["settled"][stands]
-        loads[which] = outputs["load"]
         is_last = moved <= LAST
         rest.append(which[stands & is_last])
         which, moved = which[stands & ~is_last], moved[stands & ~is_last]
         if not which.size:
             break
     rest.append(which[moved <= ROUNDED])
-    return np.concatenate(rest), loads
+    return np.concatenate(rest)
 
 
 #: Postures that closures are looked at in, and how far from home they are sought (rad, or shares

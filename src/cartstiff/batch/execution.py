@@ -108,16 +108,23 @@ class _Source(NamedTuple):
     arrays: dict[str, str]
 
 
+def _placed(program: Program) -> tuple[dict[str, tuple[int, int]], list[int]]:
+    """Where in a record each output stands, equal ones in one place, and the record's steps."""
+    places: dict[tuple[int, ...], tuple[int, int]] = {}
+    ends: list[int] = []
+    for steps in program.outputs.values():
+        if steps not in places:
+            places[steps] = len(ends), len(ends) + len(steps)
+            ends += steps
+    return {name: places[steps] for name, steps in program.outputs.items()}, ends
+
+
 def _written(program: Program, language: _Language) -> _Source:
     """A program as source; `arrays` gives the name of each input array in it.
 
     Values that are read once stand where they are read, and the order of every operation is kept.
     """
-    places: dict[str, tuple[int, int]] = {}
-    ends: list[int] = []
-    for name, steps in program.outputs.items():
-        places[name] = len(ends), len(ends) + len(steps)
-        ends += steps
+    places, ends = _placed(program)
     reads = [0] * len(program.operations)
     read = (o.arguments for o in program.operations if o.name != "input")
     for step in chain(ends, *read):
@@ -464,10 +471,8 @@ class CompiledPosture(OnePosture):
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
         self.program = program
-        steps, self.at = list[int](), dict[str, slice]()
-        for name, own in program.outputs.items():
-            self.at[name] = slice(len(steps), len(steps) + len(own))
-            steps += own
+        places, steps = _placed(program)
+        self.at = {name: slice(*ends) for name, ends in places.items()}
         self._kernel = CompiledKernel(replace(program, outputs={"record": tuple(steps)}), width=2)
         self._entry, self._shared = self._kernel.entry(False), shared
         self._free: list[tuple[Any, ...]] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache, partial
 from importlib.util import find_spec
 from typing import Any, Literal
@@ -12,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.batch.algebra import FALLBACK, PLAIN
-from cartstiff.batch.arguments import OUTPUTS, aligned_empty, recorded
-from cartstiff.batch.chains import ChainCase
+from cartstiff.batch.arguments import OUTPUTS, aligned_empty
 from cartstiff.batch.closed_chains import ClosedCase, close, settle
 from cartstiff.batch.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
 from cartstiff.batch.plans import (
@@ -21,6 +19,7 @@ from cartstiff.batch.plans import (
     SETTLING,
     Case,
     TracedModel,
+    given_as,
     known_plan,
     plan,
     program_for,
@@ -31,6 +30,7 @@ from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.numerics.threads import process_lock
+from cartstiff.stiffness.applied_load import Axes, LoadKind
 
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
@@ -117,9 +117,11 @@ def chosen(
     names: tuple[str, ...],
     path: Backend,
     count: int,
+    load: LoadKind,
+    axes: Axes,
 ) -> tuple[TracedModel | None, Any, str]:
     """Case and kernel, or None for the engine; and why not a faster one."""
-    kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
+    kind = given_as(loads)
     if path == "engine":
         known = known_plan(elastic, kind)  # for a map it was looked at before
         return None, None, known if isinstance(known, str) else ASKED
@@ -132,6 +134,7 @@ def chosen(
                 f"path {path!r} does not serve this mechanism: {answer}", expected="path 'engine'"
             )
         return None, None, answer
+    answer = answer.under(load, axes)
     # In the order of `OUTPUTS`, so that the same set finds the same kernel.
     ordered = tuple(name for name in OUTPUTS if name in names)
     if path == "portable":
@@ -184,7 +187,7 @@ def lasting_path(
     answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(answer, str):
         return "engine"
-    ordered = tuple(name for name in OUTPUTS if name in recorded(names))
+    ordered = tuple(name for name in OUTPUTS if name in names)
     if _compiles(count) and _is_worth_making(program_for(answer.case, ordered).size, count):
         return "compiled"
     return "portable"
@@ -193,13 +196,7 @@ def lasting_path(
 class _Standing:
     """Ways to postures that can be looked at: chains closed, links bent by the load."""
 
-    def __init__(
-        self,
-        taken: TracedModel,
-        compiled: bool,
-        threads: int = 1,
-        dead_load_at: tuple[float, float, float] | None = None,
-    ) -> None:
+    def __init__(self, taken: TracedModel, compiled: bool, threads: int = 1) -> None:
         make = _compiled_kernel if compiled else _portable_kernel
         case, self._home = taken.case, taken.home
         ways = case.ways if isinstance(case, ClosedCase) else ()
@@ -208,8 +205,7 @@ class _Standing:
         ]
         self._settling: Any = None
         self._evaluate = partial(taken.untraced.derivatives, compiled=compiled)
-        if taken.settles and isinstance(case, ChainCase):
-            case = replace(case, dead_load_at=dead_load_at)
+        if taken.settles:
             self._settling = partial(make(case, SETTLING), threads=threads)
 
     def __bool__(self) -> bool:
@@ -234,52 +230,19 @@ class _Standing:
         at[others], stands[others], _ = self.closed(q[others])
         return at, stands
 
-    def found(
-        self, q: Array, inputs: Mapping[str, Array]
-    ) -> tuple[Array, NDArray[np.bool_], Array | None]:
-        """Coordinates, whether they stand, and loads (N, 6) in M where links carry them.
+    def found(self, q: Array, inputs: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
+        """Coordinates, and whether they stand.
 
         What does not stand is as it was given: the engine begins there.
         """
-        given, stands, loads = q, np.ones(len(q), bool), None
+        given, stands = q, np.ones(len(q), bool)
         if self._closing:
             q, stands = self._led(q)
         if self._settling is not None:
             moved, which = q.copy(), np.flatnonzero(stands)
-            which, loads = settle(self._settling, self._evaluate, inputs, moved, which)
+            which = settle(self._settling, self._evaluate, inputs, moved, which)
             stands, q = np.isin(np.arange(len(q)), which), moved
-        return np.where(stands[:, None], q, given), stands, loads
-
-
-def bent(
-    elastic: ElasticMechanism,
-    q: Array,
-    loads: Array,
-    at: tuple[float, float, float],
-    path: Backend,
-    threads: int,
-) -> tuple[Array, Array]:
-    """Coordinates (N, n) of links that carry loads (N, 6) given along the axes of F, at a point.
-
-    Also the loads in M, about its origin: NaN, with the coordinates as given, where the engine has
-    to look.
-    """
-    taken = "" if path == "engine" or not len(q) else plan(elastic, "each")
-    nowhere = np.full((len(q), 6), np.nan)
-    if isinstance(taken, str) or not taken.settles:
-        return q, nowhere
-    is_compiled = path == "compiled" or (path == "auto" and _compiles(len(q)))
-    rows = min(len(q), EVALUATED_CHUNK)
-    standing = _Standing(taken, is_compiled, _workers(threads, rows), at)
-    shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
-    moved = q.copy()
-    for start in range(0, len(q), rows):
-        part = slice(start, start + rows)
-        inputs = {**shared, "wrench": np.ascontiguousarray(loads[part])}
-        moved[part], stands, own = standing.found(np.ascontiguousarray(q[part]), inputs)
-        if own is not None:
-            nowhere[part][stands] = own[stands]
-    return moved, nowhere
+        return np.where(stands[:, None], q, given), stands
 
 
 class Closer:
@@ -365,7 +328,7 @@ def run(
                 inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
             stands = None
             if standing:
-                q[start:stop], stands, _ = standing.found(inputs["q"], inputs)
+                q[start:stop], stands = standing.found(inputs["q"], inputs)
                 inputs["q"] = np.ascontiguousarray(q[start:stop])
             doubts = None
             if taken.has_derivatives:

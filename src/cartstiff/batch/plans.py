@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -38,10 +39,11 @@ from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 Case = ChainCase | PlatformCase
 #: The outputs that stand for steps towards closure, and towards rest of links under a load.
-CLOSING, SETTLING = ("next", "left"), ("settled", "moved", "load")
+CLOSING, SETTLING = ("next", "left"), ("settled", "moved")
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,13 @@ class TracedModel:
     def settles(self) -> bool:
         """Whether links are deflected first by the load."""
         return isinstance(self.case, ChainCase) and bool(self.case.settled)
+
+    def under(self, load: LoadKind, axes: Axes) -> TracedModel:
+        """The same under a load that behaves in a way, with a wrench along the axes of M or F."""
+        if load == DEAD_AT_ORIGIN and axes == "body":
+            return self
+        untraced = replace(self.untraced, load=load, axes=axes)
+        return replace(self, case=replace(self.case, load=load, axes=axes), untraced=untraced)
 
     @property
     def has_derivatives(self) -> bool:
@@ -119,9 +128,9 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
 _plans: deque[tuple[ElasticMechanism, str, TracedModel | str]] = deque(maxlen=8)
 
 
-def given_as(wrench: Array | None, axes: str) -> str:
-    """How a plan calls a load (6,): along the axes of F ("world") every posture has its own."""
-    return "none" if wrench is None else "shared" if axes == "body" else "each"
+def given_as(wrench: Array | None) -> Literal["none", "shared", "each"]:
+    """How a plan calls wrenches: none, one (6,) for all postures, or one for each (N, 6)."""
+    return "none" if wrench is None else "shared" if wrench.ndim == 1 else "each"
 
 
 def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:

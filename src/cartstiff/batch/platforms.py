@@ -32,10 +32,10 @@ from cartstiff.batch.algebra import (
     STIFFNESS_CONDITION,
     Reflections,
     add_compliances,
-    add_under_load,
     congruence,
     connections,
     cross,
+    given_wrench,
     holds_soft_directions,
     largest,
     limited,
@@ -51,6 +51,7 @@ from cartstiff.batch.tape import Scalar, Tape, cosine, larger, pick, sine, squar
 from cartstiff.batch.twists import numbers
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import Struts
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,7 @@ class PlatformCase:
     lines : int
         How many lines, where anchors, points and length are given at run time: one program then
         serves platforms of every size.
+    load, axes : as of `cartstiff.batch.chains.ChainCase`.
     """
 
     anchors: tuple[float, ...]
@@ -196,6 +198,8 @@ class PlatformCase:
     has_weight: bool = False
     inertia: tuple[float, ...] = ()
     lines: int = 0
+    load: LoadKind = DEAD_AT_ORIGIN
+    axes: Axes = "body"
 
 
 def _pose(q: Array, T_P_M: Array) -> tuple[Array, Array]:
@@ -294,14 +298,14 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         verdict = larger(verdict, limited(squared_condition, JACOBIAN_CONDITION**2))
     # Tensions and stretches of the lines, and the wrench.
     taut = k
-    W: Array | None = None
+    T = zeros(4, 4)
+    T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+    W = given_wrench(tape, case, lambda: T)
     if case.rest == "given":
         stretch = lengths - tape.vector("rest", m)
         t = k * stretch
     else:
         t = zeros(m)
-    if case.wrench != "none":
-        W = tape.vector("wrench", 6)
     if W is not None or (case.rest == "open" and not alone):
         if decomposition is None:
             raise ValueError("fewer than six lines carry no chosen wrench")
@@ -330,7 +334,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
 
     pulled = (lines.T * taut) @ lines
     K_B = pulled + _turning(points, lengths, u, lines, t) + hessian
-    stiffness = connections(K_B, W)
+    stiffness = connections(K_B, W, case.load)
     if m == 6 and decomposition is not None:
         arrays["jacobian"] = decomposition.apply(inverse_R.T).T
         if alone:
@@ -338,8 +342,6 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         else:
             mu = arrays["jacobian"].T @ W
             stiffness["F"] = K_B - _turning(points, lengths, u, lines, mu)
-    T = zeros(4, 4)
-    T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
     arrays.update(pose=T, wrench=W, energy=np.array([energy], object), tensions=t)
     arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     if case.inertia:
@@ -347,7 +349,6 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         M = M if case.legs is None else M + case.legs.kinetic(points, lines, lengths)
         arrays |= {"kinetic": M, "lagrangian": K_B, "motion": np.eye(6)}
     condition = add_compliances(arrays, stiffness, wanted, natural)
-    add_under_load(arrays, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.
     verdict = larger(verdict, limited(condition * squared_condition, _KNOWN**2))

@@ -43,8 +43,6 @@ from cartstiff.batch.arguments import (
     checked_q,
     checked_wrench,
     full_name,
-    recorded,
-    with_room,
 )
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.execution import PortableKernel
@@ -53,7 +51,6 @@ from cartstiff.batch.kernels import (
     BACKENDS,
     WORTH_RECORDING,
     Backend,
-    bent,
     chosen,
     has_package,
     kernel_for,
@@ -79,7 +76,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.numerics import BALANCE, RANK, ROUNDING
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.settled_links import settled_coordinates
 from cartstiff.stiffness.tensor import COMPONENTS, with_labels
@@ -127,7 +124,7 @@ def fill(
     wrench: Array | None,
     rows: Mapping[str, Array],
     load: LoadKind,
-    axes: Literal["body", "world"],
+    axes: Axes,
 ) -> tuple[str, Array]:
     """Write one posture's arrays into `rows`; its state, and its coordinates.
 
@@ -232,7 +229,6 @@ def lost_ranks(
     return state, which[is_lost], which[unbalanced]
 
 
-_HERE = np.eye(4)[None]
 #: State of postures that nobody has looked at one by one.
 UNDECIDED = "undecided"
 
@@ -443,12 +439,8 @@ def analyse_many(
     state = np.zeros(len(coordinates), np.uint8)
 
     kind = checked_load(load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded)
-    each = loads
-    if loads is not None and loads.ndim == 1 and load_axes == "world":
-        each = np.broadcast_to(loads, (len(coordinates), 6))
     codes = [REGULAR]
-    known = recorded(names)
-    taken, kernel, reason = chosen(elastic, each, known, path, len(coordinates))
+    taken, kernel, reason = chosen(elastic, loads, names, path, len(coordinates), kind, load_axes)
     if _is_moved(elastic, loads):
         coordinates = coordinates.copy()
     if taken is None:
@@ -459,13 +451,9 @@ def analyse_many(
         return Postures(
             coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names, len(state)
         )
-    if each is not None:
-        each = loads_in_body(elastic, coordinates, each, kind, load_axes, path, threads, chunk)
-    by_kernel = with_room(known, arrays, coordinates.shape)
-    run(taken, kernel, coordinates, each, by_kernel, state, count, size)
+    run(taken, kernel, coordinates, loads, arrays, state, count, size)
     if taken.regular != REGULAR:
-        _clear_still_halves(elastic, by_kernel, slice(None))
-    _under_load(kind, by_kernel, arrays, state)
+        _clear_still_halves(elastic, arrays, slice(None))
     ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     if not state.any():
         state[:] = _index(codes, taken.regular)
@@ -474,11 +462,10 @@ def analyse_many(
     lost_state, lost_rank = "", doubtful[:0]
     if len(doubtful) >= WORTH_RECORDING:
         lost_state, lost_rank, torn = lost_ranks(
-            taken, coordinates, each, by_kernel, doubtful, ran == "compiled", count, size
+            taken, coordinates, loads, arrays, doubtful, ran == "compiled", count, size
         )
         state[torn] = UNBALANCED
-        _clear_still_halves(elastic, by_kernel, lost_rank)
-        lost_rank = _under_load_again(kind, by_kernel, arrays, lost_rank)
+        _clear_still_halves(elastic, arrays, lost_rank)
         doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
     unbalanced = np.flatnonzero(state == UNBALANCED)
     state[:] = _index(codes, taken.regular)
@@ -505,36 +492,6 @@ def analyse_many(
     )
 
 
-def loads_in_body(
-    elastic: ElasticMechanism,
-    q: Array,
-    loads: Array,
-    kind: LoadKind,
-    axes: Literal["body", "world"],
-    path: Backend,
-    threads: int | None = None,
-    chunk: int | None = None,
-) -> Array:
-    """Wrenches about M's origin in the axes of M, from one (6,) or one a posture as given.
-
-    Coordinates of links that give are replaced by those where they carry loads along the axes of F;
-    where that is not found, the wrench is NaN.
-    """
-    if axes == "body" and not any(kind.at):
-        return loads
-    if axes == "world" and loads.ndim == 1:
-        loads = np.broadcast_to(loads, (len(q), 6))
-    if axes == "body":
-        return wrench_in_body(loads, _HERE, kind.at, axes).reshape(loads.shape)
-    if settled_coordinates(elastic).size:  # links that give turn M
-        q[...], found = bent(elastic, q, loads, kind.at, path, threads or 1)
-        return found
-    posed = analyse_many(
-        elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads, path=path, chunk=chunk
-    )["pose"]
-    return wrench_in_body(loads, posed, kind.at, axes).reshape(loads.shape)
-
-
 def _clear_still_halves(
     elastic: ElasticMechanism, arrays: Mapping[str, Array], which: NDArray[np.intp] | slice
 ) -> None:
@@ -545,39 +502,6 @@ def _clear_still_halves(
             some = array[which]
             numerics.clear_still_halves(some, length)
             array[which] = some
-
-
-def _under_load(
-    kind: LoadKind,
-    known: Mapping[str, Array],
-    arrays: Mapping[str, Array],
-    state: NDArray[np.uint8],
-) -> None:
-    """Tangents and their inverses from those of K^B; the engine decides where digits are lost."""
-    if "stiffness_load" not in arrays and "compliance_load" not in arrays:
-        return
-    D = kind.change(known["wrench"])
-    if "stiffness_load" in arrays:
-        np.add(known["stiffness_B"], D, out=arrays["stiffness_load"])
-    if "compliance_load" in arrays:
-        C, is_plain = numerics.inverses_of_sums(known["compliance_B"], D)
-        arrays["compliance_load"][...] = C
-        state[~is_plain & np.isfinite(D).all(axis=(1, 2)) & (state != UNBALANCED)] = FALLBACK
-
-
-def _under_load_again(
-    kind: LoadKind,
-    known: Mapping[str, Array],
-    arrays: Mapping[str, Array],
-    which: NDArray[np.intp],
-) -> NDArray[np.intp]:
-    """`_under_load` for some postures whose `known` arrays are other ones now; those that stand."""
-    state = np.zeros(len(which), np.uint8)
-    some = {name: array[which] for name, array in arrays.items() if name.endswith("_load")}
-    _under_load(kind, {name: array[which] for name, array in known.items()}, some, state)
-    for name, array in some.items():
-        arrays[name][which] = array
-    return which[state != FALLBACK]
 
 
 def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
@@ -595,7 +519,7 @@ def _by_reference(
     state: NDArray[np.uint8],
     codes: list[str],
     kind: LoadKind,
-    axes: Literal["body", "world"],
+    axes: Axes,
     reason: str = "",
 ) -> None:
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
@@ -622,24 +546,22 @@ def tensions_of_many(
     q: Array,
     wrench: Array | None,
     kind: LoadKind,
-    axes: Literal["body", "world"],
+    axes: Axes,
 ) -> Array:
     """Tensions (N, m) at postures q (N, 6), as `cartstiff.analyse` has them under a wrench (6,).
 
     NaN where no tensions balance the load, and of mechanisms without legs.
     """
-    taken, count = plan(elastic, given_as(wrench, axes)), len(q)
+    taken, count = plan(elastic, given_as(wrench)), len(q)
     legs = getattr(elastic.mechanism, "anchors", np.zeros((0, 3)))
     tensions = np.full((count, len(legs)), np.nan)
     served = type(elastic.springs) is LineSprings and count > 0
     known = np.zeros(count, bool)
     if isinstance(taken, TracedModel) and isinstance(taken.case, PlatformCase) and served:
-        loads = wrench
-        if loads is not None:
-            loads = loads_in_body(elastic, q, loads, kind, axes, "auto", 1)
+        taken = taken.under(kind, axes)
         kernel = kernel_for(taken.case, ("tensions",), count, has_package("llvmlite"))
         verdicts = np.zeros(count, np.uint8)
-        run(taken, kernel, q, loads, {"tensions": tensions}, verdicts, 1, None)
+        run(taken, kernel, q, wrench, {"tensions": tensions}, verdicts, 1, None)
         known = (verdicts == PLAIN) & np.isfinite(tensions).all(axis=1)
     for i in np.flatnonzero(~known):
         tensions[i] = np.nan
@@ -681,14 +603,11 @@ class Values(NamedTuple):
     is_known: NDArray[np.bool_]
 
 
-Axes = Literal["body", "world"]
-
-
 def readable(
-    elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None, axes: Axes
+    elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None
 ) -> tuple[str, ...]:
     """Which quantities machine code can read of a mechanism under a load, if it reads at all."""
-    taken, frequencies = plan(elastic, given_as(wrench, axes)), 0
+    taken, frequencies = plan(elastic, given_as(wrench)), 0
     if isinstance(taken, TracedModel) and with_masses(elastic, taken.case) is not None:
         frequencies = frequencies_of(taken.case)
     left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
@@ -730,13 +649,13 @@ class Reader:
         path: Backend = "auto",
     ) -> None:
         self.elastic, self.readings = elastic, readings
-        self._wrench, self._axes = wrench, axes
-        self._plan = plan(elastic, given_as(wrench, axes))
-        wanted = recorded(outputs)
-        self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
+        self._wrench = wrench
+        self._plan = plan(elastic, given_as(wrench))
+        self._outputs = tuple(name for name in OUTPUTS if name in outputs or name == "pose")
         self._kernel: Any = None
         self.state = ""
         if isinstance(self._plan, TracedModel):
+            self._plan = self._plan.under(readings.settings.load, axes)
             self.state, case = self._plan.regular, self._plan.case
             if not FREQUENCIES.isdisjoint(readings.names):
                 case = with_masses(elastic, case) or case
@@ -753,17 +672,12 @@ class Reader:
             raise TypeError(self._plan)
         count = len(q)
         q = q.copy() if self._plan.is_closed or self._plan.settles else q
-        loads = self._wrench
-        if loads is not None:
-            loads = loads_in_body(
-                self.elastic, q, loads, self.readings.settings.load, self._axes, "compiled", 1
-            )
         arrays = {
             "readings": aligned_empty(count, len(self._kernel.program.outputs["readings"])),
             "pose": aligned_empty(count, 4, 4),
         }
         verdicts = np.zeros(count, np.uint8)
-        run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
+        run(self._plan, self._kernel, q, self._wrench, arrays, verdicts, 1, None)
         values = _finished(arrays["readings"], self.readings)
         return Values(values, arrays["pose"], q, verdicts == 0)
 

@@ -17,7 +17,7 @@ import weakref
 from collections.abc import Callable, Mapping
 from copy import copy
 from functools import partial, wraps
-from itertools import count, zip_longest
+from itertools import count
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -26,9 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, checked_input
-from cartstiff.batch.algebra import PLAIN, UNDER_LOAD
+from cartstiff.batch.algebra import PLAIN
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import force_notes, limit_notes
@@ -53,8 +54,7 @@ RECORDED = (
     "jacobian",
     "wrench",
     "energy",
-    *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
-    *UNDER_LOAD,
+    *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in OF_MANY),
     "actuation",
     "verdict",
     "noteworthy",
@@ -152,62 +152,22 @@ class QuickPosture(PostureStiffness):
         place = self._code.jacobian
         return None if place is None else self._record[place].reshape(6, -1)
 
-    @property
+    @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
-        return self._named(self._stiffness, "tangent")
+        return self._named("stiffness")
 
-    @property
+    @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
         """Inverses of `matrices`, found without them."""
-        return self._named(self._compliance, "tangent_compliance")
+        return self._named("compliance")
 
-    @cached_property
-    def _stiffness(self) -> dict[str, Array | None]:
-        return dict(zip_longest("ABKF", self._record[self._code.matrices].reshape(-1, 6, 6)))
-
-    @cached_property
-    def _compliance(self) -> dict[str, Array | None]:
-        return dict(zip_longest("ABKF", self._record[self._code.compliances].reshape(-1, 6, 6)))
-
-    # Not kept: they know this object, and in a circle it would stay until circles are looked for.
-    def _named(self, arrays: dict[str, Array | None], under_load: str) -> NamedArrays:
-        return NamedArrays.of_fixed(arrays, {"load": partial(getattr, self, under_load)})
-
-    @cached_property
-    def tangent(self) -> Array | None:
-        """K^load (6, 6), as in `PostureStiffness`."""
-        if self._holds_under_load:
-            return self._matrix(self._code.under_load["dead_stiffness"])
-        K, change = self.matrices["B"], self._changes[2]
-        return K if K is None or not any(change.ravel().tolist()) else K + change
-
-    @cached_property
-    def tangent_compliance(self) -> Array | None:
-        """Inverse of `tangent`."""
-        if self._holds_under_load:
-            return self._matrix(self._code.under_load["dead_compliance"])
-        C, change = self.compliances["B"], self._changes[2]
-        if C is None or not any(change.ravel().tolist()):
-            return C
-        (inverse,), (is_plain,) = numerics.inverses_of_sums(C[None], change[None])
-        return np.asarray(inverse) if is_plain else self._engine.tangent_compliance
-
-    @cached_property
-    def inverse_of_symmetric_tangent(self) -> Array | None:
-        """Inverse of the symmetric part of `tangent`."""
-        if self._holds_under_load:
-            return self._matrix(self._code.under_load["dead_symmetric"])
-        return super().inverse_of_symmetric_tangent
-
-    @property
-    def _holds_under_load(self) -> bool:
-        """Whether the code has found what the load changes."""
-        place = self._code.under_load
-        return bool(place) and self._record[place["dead_verdict"].start] == PLAIN
-
-    def _matrix(self, place: slice) -> Array:
-        return self._record[place].reshape(6, 6)
+    def _named(self, kind: str) -> NamedArrays:
+        arrays: dict[str, Array | None] = {
+            name: None if place is None else self._record[place].reshape(6, 6)
+            for name, place in self._code.matrices[kind].items()
+        }
+        return NamedArrays.of_fixed(arrays, {"load": arrays.pop("load")})
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -271,15 +231,14 @@ class PostureCode:
         self._untraced, self.bends = taken.untraced, bool(taken.untraced) or taken.settles
         at = self._answer.at
         self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
-        self.matrices, self.compliances = (
-            slice(at[f"{kind}_A"].start, at[f"{kind}_{'F' if f'{kind}_F' in at else 'K'}"].stop)
+        self.matrices = {
+            kind: {name: at.get(f"{kind}_{name}") for name in OF_MANY}
             for kind in ("stiffness", "compliance")
-        )
+        }
         self.energy, self._verdict = at["energy"].start, at["verdict"].start
         self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
         self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
         self._sizes = here.coordinate_lengths, here.length
-        self.under_load = {name: at[name] for name in UNDER_LOAD if name in at}
         self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
         chart = here.chart()
@@ -312,7 +271,7 @@ class PostureCode:
         evaluate = partial(self._untraced.derivatives, compiled=self._is_compiled)
         at = q[None].copy()
         load = {"wrench": given["wrench"][None]}
-        found, _ = settle(settling, evaluate, load, at, np.arange(1))
+        found = settle(settling, evaluate, load, at, np.arange(1))
         return at[0] if len(found) else None
 
     def near_notes(self, quick: QuickPosture) -> list[Note]:

@@ -65,7 +65,7 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, StrutStates, turned
 from cartstiff.potentials.line_springs import lines_of_many
 from cartstiff.potentials.springs import SpringLaw
-from cartstiff.stiffness.applied_load import wrench_in_body
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, wrench_in_body
 
 #: Turns (rad) up to which all series of the shapes are exact to rounding.
 _TURN = 0.42
@@ -495,6 +495,7 @@ class UntracedTerms:
         Dead forces on the platform, and where they act in M, for open rest lengths to carry.
     is_loaded : bool
         Whether rest lengths of struts are chosen so that they carry a wrench.
+    load, axes : as of `cartstiff.batch.chains.ChainCase`.
     """
 
     mechanism: Mechanism
@@ -506,6 +507,8 @@ class UntracedTerms:
     forces: tuple[Array, ...] = ()
     points: tuple[Array, ...] = ()
     is_loaded: bool = False
+    load: LoadKind = DEAD_AT_ORIGIN
+    axes: Axes = "body"
 
     @property
     def is_dense(self) -> bool:
@@ -578,7 +581,7 @@ class UntracedTerms:
         poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ self.mechanism.T_P_M
         borne = -gradients - self._of_forces(poses)
         if wrench is not None:
-            borne += wrench
+            borne += wrench_in_body(wrench, poses, self.load.at, self.axes)
         # What their own rest lengths leave of it cannot be borne: these are then not found.
         left = UNBALANCED if self.is_loaded or not struts.is_complete else FALLBACK
 

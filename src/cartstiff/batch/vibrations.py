@@ -21,7 +21,6 @@ from cartstiff.arrays import Array
 from cartstiff.batch.algebra import PLAIN
 from cartstiff.batch.kernels import WORTH_RECORDING, has_package, kernel_for, run
 from cartstiff.batch.plans import given_as, plan
-from cartstiff.batch.postures import loads_in_body
 from cartstiff.batch.readings import with_masses
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.mechanisms.contract import Units, convert_length
@@ -114,15 +113,13 @@ class ManyModes:
         nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
         loads, axes = self._loads, self.load.get("load_axes", "body")
         kind = LoadKind(self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at))
-        shape = "each" if loads is not None and loads.ndim == 2 else given_as(loads, axes)
-        taken = "" if len(self.q) < WORTH_RECORDING else plan(self.elastic, shape)
+        taken = "" if len(self.q) < WORTH_RECORDING else plan(self.elastic, given_as(loads))
+        taken = taken if isinstance(taken, str) else taken.under(kind, axes)
         case = None if isinstance(taken, str) else with_masses(self.elastic, taken.case)
         if isinstance(taken, str) or case is None:
             return nothing
         kernel = kernel_for(case, _OUTPUTS, len(self.q), has_package("llvmlite"))
         q, verdicts = self.q.copy(), np.zeros(len(self.q), np.uint8)
-        if loads is not None:
-            loads = loads_in_body(self.elastic, q, loads, kind, axes, "auto", 1)
         widths = {name: len(own) for name, own in kernel.program.outputs.items()}
         arrays = {name: np.empty((len(q), widths[name])) for name in _OUTPUTS}
         run(taken, kernel, q, loads, arrays, verdicts, 1, None)

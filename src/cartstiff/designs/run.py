@@ -293,7 +293,7 @@ class StudyEvaluator:
             keywords["length"] = keywords["length"] or 1.0  # nothing depends on it
         job = map_job(elastic, sampling, quantities, **keywords)
         kind: Literal["none", "shared", "each"]
-        kind = "none" if case.wrench is None else "shared" if case.load_axes == "body" else "each"
+        kind = "none" if case.wrench is None else "shared"
         total = self.study.size * max(sampling.size, PREPARING)
         path = lasting_path(elastic, kind, job.outputs, total)
         # Machine code is worth its time where it serves all designs.

@@ -247,7 +247,7 @@ class MapJob:
         if not self.by_kernel:
             return None
         wrench = None if self.wrench is None else np.array(self.wrench)
-        names = readable(self.elastic, self.names, wrench, self.load_axes)
+        names = readable(self.elastic, self.names, wrench)
         length, force = convert_length(Units(), self.elastic.units)
         hertz = float(np.sqrt(length / force)) / (2.0 * np.pi)
         readings = Readings(names, self.settings, hertz)

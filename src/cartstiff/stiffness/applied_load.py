@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,9 @@ from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, 
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
-_AXES = ("body", "world")
+#: Axes of a wrench's components: those of M, or those of F.
+Axes = Literal["body", "world"]
+_AXES = get_args(Axes)
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,7 @@ class LoadKind:
     def _from_b(self) -> Array:
         return _changes_from_b(self.kind, self.at)
 
-    def acting(
-        self, wrench: ArrayLike, pose: Array, axes: Literal["body", "world"] = "body"
-    ) -> Load:
+    def acting(self, wrench: ArrayLike, pose: Array, axes: Axes = "body") -> Load:
         """The load as a term of the energy, for a body that it finds at a pose.
 
         Parameters
@@ -163,10 +163,8 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
     return checked
 
 
-def wrench_in_body(
-    wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Literal["body", "world"]
-) -> Array:
-    """W about M's origin in the axes of M; of one posture or of a stack.
+def wrench_in_body(wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Axes) -> Array:
+    """W about M's origin in the axes of M; of one posture, of a stack, or recorded.
 
     Parameters
     ----------
@@ -185,7 +183,8 @@ def wrench_in_body(
         For other axes.
     """
     check_name("axes", axes, _AXES)
-    W = np.array(wrench, float)
+    W = np.array(wrench)
+    W = W if W.dtype == object else W.astype(float)
     if axes == "world":
         W = W.reshape(*W.shape[:-1], 2, 3) @ pose[..., :3, :3]
         W = W.reshape(*W.shape[:-2], 6)

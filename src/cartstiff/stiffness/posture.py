@@ -359,9 +359,9 @@ class PostureStiffness(ShownInLines):
         The derivative of the elastic wrench less that of the load, which behaves as `load` says:
         the linear limit of `equilibrium`. None where no stiffness exists.
         """
-        return None if self._every is None else self._every[3]
+        return self.matrices["load"]
 
-    @cached_property
+    @property
     def tangent_compliance(self) -> Array | None:
         """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
         return self.compliances["load"]
