@@ -21,7 +21,7 @@ from cartstiff.batch.closed_chains import (
     settles,
     settling_arrays,
 )
-from cartstiff.batch.platforms import LegMasses, PlatformCase, platform_arrays
+from cartstiff.batch.platforms import PlatformCase, platform_arrays
 from cartstiff.batch.readings import Readings, read
 from cartstiff.batch.tape import Program, Tape, larger
 from cartstiff.batch.twists import ChainConstants, ForceField, numbers, read_chain
@@ -337,7 +337,7 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
     if legs is not None and elastic.gravity is not None:
-        case = replace(case, legs=LegMasses.of(legs), has_weight=True)
+        case = replace(case, legs=legs, has_weight=True)
         shared["weight"] = (elastic.gravity / platform.units.newtons)[None]
     if platform.is_one_of_many:
         case = replace(case, anchors=(), points=(), length=1.0, lines=m)

@@ -55,7 +55,7 @@ from cartstiff.batch.algebra import (
     zeros,
 )
 from cartstiff.batch.chains import Bodies, ChainCase
-from cartstiff.batch.platforms import LegMasses, PlatformCase
+from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
     BLOCKS,
@@ -573,7 +573,7 @@ def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
         return None
     mechanism = elastic.mechanism
     if isinstance(mechanism, Platform) and isinstance(case, PlatformCase):
-        legs = None if mechanism.struts is None else LegMasses.of(mechanism.struts)
+        legs = mechanism.struts
         if legs is None and not mechanism.body_inertia.any():
             return None
         return replace(case, inertia=numbers(mechanism.body_inertia), legs=legs)

@@ -240,6 +240,10 @@ class Number:
         """Cosine, likewise."""
         return self.tape.record("cos", self)
 
+    def sqrt(self) -> Number | float:
+        """Square root, likewise."""
+        return self.tape.record("sqrt", self)
+
     def __rtruediv__(self, other: float) -> Number | float:
         return 0.0 if other == 0 else self.tape.record("div", other, self)
 

@@ -62,7 +62,13 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, StrutStates, turned
+from cartstiff.potentials.flexure_struts import (
+    ROUNDINGS,
+    SLIDE,
+    FlexureStruts,
+    StrutStates,
+    strut_end,
+)
 from cartstiff.potentials.line_springs import lines_of_many
 from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, wrench_in_body
@@ -190,23 +196,6 @@ class _Alike:
         return [i for i, k in enumerate(self.springs) if np.isfinite(k)]
 
 
-def _end(q: Array, bar: Scalar) -> tuple[Array, Array, Array]:
-    """R, p of a strut's end, and its body Jacobian (6, 13)."""
-    (R1, R2), (axes1, axes2) = turned(np.array([q[3:6], q[10:13]], object))
-    along = zeros(3)
-    along[2] = bar + q[SLIDE]
-    beyond = along + q[7:10]  # from the lower flexure's middle to the end, along the bar's axes
-    J = zeros(6, 13)
-    J[3:, :3] = R2.T @ R1.T
-    for k in range(3):
-        turn = axes1[:, k]
-        J[:3, 3 + k] = R2.T @ turn
-        J[3:, 3 + k] = R2.T @ cross(turn, beyond)
-    J[3:, SLIDE] = R2[2, :]
-    J[3:, 7:10], J[:3, 10:] = R2.T, axes2
-    return R1 @ R2, q[:3] + R1 @ beyond, J
-
-
 def _gap(R: Array, p: Array, wanted: Array) -> tuple[Array, Scalar]:
     """Logarithm (6,) of the wanted end seen from the end, and the verdict on it."""
     there = wanted[:9].reshape(3, 3)
@@ -235,7 +224,7 @@ class _Strut:
             self.rest = self.rest + by
         q = zeros(13)
         q[self.free] = self.x
-        R, p, J = _end(q, numbers[12])
+        R, p, J = strut_end(q, numbers[12])
         self.J = J[:, self.free]
         k = np.array(alike.springs, object)
         k[SLIDE] = slide

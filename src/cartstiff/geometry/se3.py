@@ -33,8 +33,12 @@ _SMALL_ANGLE: Final = 1e-2
 
 def skew(v: ArrayLike) -> Array:
     """Cross-product matrix ``[v]x``: ``skew(a) @ b == np.cross(a, b)``; (..., 3) to (..., 3, 3)."""
-    v = real_array(v)
-    m = np.zeros((*v.shape[:-1], 3, 3))
+    return skew_of(real_array(v))
+
+
+def skew_of(v: Array) -> Array:
+    """`skew` of an array, of numbers that are recorded as well."""
+    m = np.zeros((*v.shape[:-1], 3, 3), v.dtype)
     m[..., 2, 1] = v[..., 0]
     m[..., 1, 2] = -v[..., 0]
     m[..., 0, 2] = v[..., 1]
@@ -265,15 +269,19 @@ def from_roll_pitch_yaw(
     translation: ArrayLike = (0.0, 0.0, 0.0), angles: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Array:
     """Pose from a translation and angles about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    a, p = real_array(angles), real_array(translation)
-    c, s = np.cos(a), np.sin(a)
+    return pose(rotation_by_angles(real_array(angles)), translation)
+
+
+def rotation_by_angles(angles: Array) -> Array:
+    """Rotations (..., 3, 3) of `from_roll_pitch_yaw`, by angles that are recorded as well."""
+    c, s = np.cos(angles), np.sin(angles)
     (cr, cp, cy), (sr, sp, sy) = np.moveaxis(c, -1, 0), np.moveaxis(s, -1, 0)
     rows = (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
         (-sp, cp * sr, cp * cr),
     )
-    return pose(np.moveaxis(np.array(rows), (0, 1), (-2, -1)), p)
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def roll_pitch_yaw(T: ArrayLike) -> Array:

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace
 from itertools import combinations
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +41,7 @@ from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPo
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
-from cartstiff.potentials.loads import DeadForce
+from cartstiff.potentials.loads import DeadForce, held_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,16 @@ class Struts:
 
     length_powers: ClassVar = {"fixed_com": 1, "moving_com": 1, "radius": 1}
 
+    @cached_property
+    def _key(self) -> bytes:
+        return np.array([getattr(self, field.name) for field in fields(self)]).tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Struts) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
     def __post_init__(self) -> None:
         for field in fields(self):
             value = checked_array(getattr(self, field.name), ("m",), f"legs' {field.name}")
@@ -99,10 +109,10 @@ class Struts:
 
     def mass_matrix(self, lines: LineGeometry, points: Array) -> Array:
         """Their part (..., 6, 6) of the platform's mass matrix, on body twists."""
-        L = lines.lengths
-        fixed, moving = self.turning_moments
-        across = self.moving * (1 - self.moving_com / L) ** 2
-        across = across + (self.fixed * self.fixed_com**2 + fixed + moving) / L**2
+        per = 1.0 / lines.lengths
+        beyond = 1.0 - self.moving_com * per
+        across = self.moving * (beyond * beyond)
+        across = across + (self.fixed * self.fixed_com**2 + sum(self.turning_moments)) * (per * per)
         D = np.array([_velocity(point) for point in points])
         along = (lines.lines * (self.moving - across)[..., None]).swapaxes(-1, -2) @ lines.lines
         total: Array = along + np.tensordot(across, D.swapaxes(-1, -2) @ D, 1)
@@ -144,31 +154,35 @@ class Struts:
         moving = b - self.moving_com[:, None] * u
         return self.mass, self.fixed @ fixed + self.moving @ moving
 
-    def gravity(self, posture: PlatformPosture, points: Array, weight: Array) -> Evaluation:
-        """Energy of their weights, `weight` (3,) per kg in F, with derivatives on body twists."""
-        R = posture.pose[:3, :3]
-        lines = posture.lines
-        _, first = self.centre(lines, points, posture.pose)
+    def gravity(
+        self, lines: LineGeometry, points: Array, pose: Array, weight: Array
+    ) -> tuple[Any, Array, Array]:
+        """Energy of their weights, `weight` (3,) per kg in F, with derivatives on body twists.
+
+        Of lines and a pose that are recorded as well.
+        """
+        in_body = weight @ pose[:3, :3]
+        energy = (weight @ pose[:3, 3]) * -self.mass
         gradient, hessian = np.zeros(6), np.zeros((6, 6))
-        in_body = R.T @ weight
-        share = self.fixed * self.fixed_com - self.moving * self.moving_com
-        for k, point in enumerate(points):
-            u, L = lines.directions[k], lines.lengths[k]
-            across = in_body - (u @ in_body) * u
-            force = self.moving[k] * in_body + share[k] / L * across
-            held = DeadForce(R @ force, point).evaluate(posture)
-            gradient += held.gradient
+        own = (self.fixed, self.moving, self.fixed * self.fixed_com, self.moving * self.moving_com)
+        for k, (fixed, moving, near, far) in enumerate(np.transpose(own).tolist()):
+            b, u, L, share = points[k], lines.directions[k], lines.lengths[k], near - far
+            along, per = u @ in_body, 1.0 / L
+            across = in_body - u * along
+            energy = energy - (b @ in_body) * (fixed + moving) - along * (share - L * fixed)
+            alpha, K = held_force(in_body * moving + across * (per * share), b)
             # Along the motion of b the share of the weight that u carries changes as well.
             P = np.eye(3) - np.outer(u, u)
-            second = np.outer(u, across) + np.outer(across, u) + (u @ in_body) * P
-            D = _velocity(point)
-            hessian += held.hessian + share[k] / L**2 * D.T @ second @ D
-        return Evaluation(-float(weight @ first), gradient, hessian)
+            second = np.outer(u, across) + np.outer(across, u) + P * along
+            D = _velocity(b)
+            gradient, hessian = gradient + alpha, hessian + K
+            hessian = hessian + D.T @ (second * (per * per * share)) @ D
+        return energy, gradient, hessian
 
 
 def _velocity(point: Array) -> Array:
     """Velocity of a point per body twist, (3, 6)."""
-    return np.concatenate([-se3.skew(point), np.eye(3)], axis=1)
+    return np.concatenate([-se3.skew_of(point), np.eye(3)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,9 +373,11 @@ class PlatformPosture(MechanismPosture):
         if platform.struts is None:
             return held
         per_kg = acceleration / platform.units.newtons
-        legs = platform.struts.gravity(self, platform.points, per_kg)
+        energy, gradient, hessian = platform.struts.gravity(
+            self.lines, platform.points, self.pose, per_kg
+        )
         return Evaluation(
-            held.energy + legs.energy, held.gradient + legs.gradient, held.hessian + legs.hessian
+            held.energy + float(energy), held.gradient + gradient, held.hessian + hessian
         )
 
     def mass_matrix(self) -> Array:

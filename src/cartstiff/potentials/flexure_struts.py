@@ -237,7 +237,7 @@ class FlexureStruts(LineSprings):
         back = to_end.swapaxes(-1, -2)
         diagonal = np.arange(n)
         for _ in range(_STEPS):
-            T, J = _chain(q, self.bars)
+            R, p, J = strut_end(q, self.bars)
             J = J[..., free_q]
             turning = -se3.chain_curvature(J, W) * x_size[:, :, None] * x_size[:, None, :]
             M[..., :n, :n] = turning
@@ -246,7 +246,7 @@ class FlexureStruts(LineSprings):
             M[..., :n, n:], M[..., n:, :n] = -G.swapaxes(-1, -2), G
             pull = (J.swapaxes(-1, -2) @ W[..., None])[..., 0]
             right[..., :n] = (pull - (k * (q - rest))[..., free_q]) * x_size
-            right[..., n:] = se3.log(se3.inverse(T) @ wanted) * W_size
+            right[..., n:] = se3.log(se3.inverse(se3.pose(R, p)) @ wanted) * W_size
             now = np.abs(right).max(axis=-1)
             short = np.zeros((N, 6))
             if gradient is not None:
@@ -396,16 +396,18 @@ def turned(angles: Array) -> tuple[Array, Array]:
     return R, axes.reshape(*sx.shape, 3, 3)
 
 
-def _chain(q: Array, bars: Array) -> tuple[Array, Array]:
-    """Poses (..., 4, 4) of struts' far ends and their body Jacobians (..., 6, 13)."""
-    J = np.zeros((*q.shape[:-1], 6, 13))
+def strut_end(q: Array, bars: Any) -> tuple[Array, Array, Array]:
+    """Rotations and places of struts' far ends, and their body Jacobians (..., 6, 13).
+
+    Of coordinates (..., 13) that are recorded as well.
+    """
+    J, beyond = np.zeros((*q.shape[:-1], 6, 13), q.dtype), q[..., 7:10].copy()
     (R1, axes1), (R2, axes2) = turned(q[..., 3:6]), turned(q[..., 10:13])
-    upper = se3.pose(R2, q[..., 7:10])
-    bar = np.zeros((*q.shape[:-1], 3))
-    bar[..., 2] = bars + q[..., SLIDE]
-    beyond = se3.pose(None, bar) @ upper
-    J[..., :3, 3:6], J[..., 3:, :3] = axes1, R1.swapaxes(-1, -2)
-    J[..., :6] = se3.adjoint_of_inverse(beyond) @ J[..., :6]
+    # From the lower flexure's middle to the end, along the bar's axes.
+    beyond[..., 2] = beyond[..., 2] + q[..., SLIDE] + bars
+    back = R2.swapaxes(-1, -2)
+    J[..., 3:, :3] = back @ R1.swapaxes(-1, -2)
+    J[..., :3, 3:6], J[..., 3:, 3:6] = back @ axes1, -(back @ (se3.skew_of(beyond) @ axes1))
     J[..., 3:, SLIDE] = R2[..., 2, :]
-    J[..., :3, 10:], J[..., 3:, 7:10] = axes2, R2.swapaxes(-1, -2)
-    return se3.pose(R1, q[..., :3]) @ beyond, J
+    J[..., 3:, 7:10], J[..., :3, 10:] = back, axes2
+    return R1 @ R2, q[..., :3] + (R1 @ beyond[..., None])[..., 0], J

@@ -34,12 +34,12 @@ from cartstiff.potentials.contract import (
 
 def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
     """``[[tr(t) I - sym(t), [c]x], [-[c]x, w I]]`` of stacks t (..., 3, 3), c (..., 3), w (...)."""
-    total = np.zeros((*weight.shape, 6, 6))
-    trace = turning.trace(axis1=-2, axis2=-1)[..., None, None]
+    total = np.zeros((*turning.shape[:-2], 6, 6), turning.dtype)
+    trace = np.asarray(turning.trace(axis1=-2, axis2=-1))[..., None, None]
     total[..., :3, :3] = trace * np.eye(3) - 0.5 * (turning + turning.swapaxes(-1, -2))
-    total[..., :3, 3:] = se3.skew(coupling)
+    total[..., :3, 3:] = se3.skew_of(coupling)
     total[..., 3:, :3] = -total[..., :3, 3:]
-    total[..., 3:, 3:] = weight[..., None, None] * np.eye(3)
+    total[..., 3:, 3:] = np.asarray(weight)[..., None, None] * np.eye(3)
     return total
 
 
@@ -70,11 +70,12 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
 
 
 def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
-    """`line_geometry` of poses (..., 4, 4); a line of zero length has the direction zero."""
+    """`line_geometry` of poses (..., 4, 4), recorded as well; of zero length without direction."""
     R, p = T_a_b[..., :3, :3], T_a_b[..., None, :3, 3]
     along = points - (anchors - p) @ R
-    lengths = np.linalg.norm(along, axis=-1)
-    u = along / np.maximum(lengths, numerics.TINY)[..., None]
+    lengths = np.sqrt((along * along).sum(axis=-1))
+    least = lengths if lengths.dtype == object else np.maximum(lengths, numerics.TINY)
+    u = along * (1.0 / least)[..., None]
     moments = np.cross(np.broadcast_to(points, u.shape), u)
     return LineGeometry(lengths, u, np.concatenate([moments, u], axis=-1))
 

@@ -85,16 +85,30 @@ def _forms_of_force() -> Array:
     return forms.reshape(12, 42)
 
 
+def _symmetric(form: Array) -> Array:
+    matrix = form.reshape(6, 6)
+    return np.asarray(0.5 * (matrix + matrix.T).ravel())
+
+
 _OF_FORCE = _forms_of_force()
+_OF_FORCE_B = _OF_FORCE.copy()
+_OF_FORCE_B[:, 6:] = np.array([_symmetric(form) for form in _OF_FORCE[:, 6:]])
+
+
+def held_force(force: Array, point: Array, forms: Array = _OF_FORCE_B) -> tuple[Array, Array]:
+    """Alpha and K^B of a force (3,) that is constant in the world, now along the axes of b.
+
+    It acts on a point of frame b; numbers may be recorded ones. With other forms K^A.
+    """
+    flat = np.concatenate((-force, np.multiply.outer(-force, point).ravel())).dot(forms)
+    return flat[:6], flat[6:].reshape(6, 6)
 
 
 def _dead_force(T_F_b: Array, force: Array, point: Array) -> tuple[float, Array, Array]:
     """Energy, alpha and K^A of a force constant in the world at a point of frame b."""
     R = T_F_b[:3, :3]
-    f = -force.dot(R)
-    forms = np.concatenate((f, np.multiply.outer(f, point).ravel())).dot(_OF_FORCE)
     energy = -float(force.dot(R.dot(point) + T_F_b[:3, 3]))
-    return energy, forms[:6], forms[6:].reshape(6, 6)
+    return energy, *held_force(force.dot(R), point, _OF_FORCE)
 
 
 @dataclass(frozen=True)
