@@ -402,7 +402,7 @@ def strut_end(q: Array, bars: Any) -> tuple[Array, Array, Array]:
     Of coordinates (..., 13) that are recorded as well.
     """
     J, beyond = np.zeros((*q.shape[:-1], 6, 13), q.dtype), q[..., 7:10].copy()
-    (R1, axes1), (R2, axes2) = turned(q[..., 3:6]), turned(q[..., 10:13])
+    (R1, R2), (axes1, axes2) = turned(np.stack([q[..., 3:6], q[..., 10:13]]))
     # From the lower flexure's middle to the end, along the bar's axes.
     beyond[..., 2] = beyond[..., 2] + q[..., SLIDE] + bars
     back = R2.swapaxes(-1, -2)
