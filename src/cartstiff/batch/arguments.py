@@ -28,6 +28,9 @@ OUTPUTS = (
     *(f"stiffness_{c}" for c in OF_MANY),
     *(f"compliance_{c}" for c in OF_MANY),
 )
+#: What has the legs of a platform instead of a body.
+TENSIONS = "tensions"
+EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
 
 
 def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
@@ -59,7 +62,7 @@ def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
         raise InputError("outputs is one word", expected="a sequence of names", got=outputs)
     names = tuple(dict.fromkeys(full_name(name) for name in outputs))
     for name in names:
-        if name not in OUTPUTS:
+        if name not in EVERY_OUTPUT:
             raise UnknownNameError("output", str(name), OUTPUTS)
     return names
 
@@ -73,12 +76,13 @@ def checked_count(what: str, value: object) -> int | None:
     return int(value)
 
 
-def _shape(name: str, count: int, n: int) -> tuple[int, ...]:
+def _shape(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
     sizes: dict[str, tuple[int, ...]] = {
         "pose": (4, 4),
         "jacobian": (6, n),
         "wrench": (6,),
         "energy": (),
+        TENSIONS: (legs,),
     }
     return (count, *sizes.get(name, (6, 6)))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.batch.algebra import FALLBACK, PLAIN
-from cartstiff.batch.arguments import OUTPUTS, aligned_empty
+from cartstiff.batch.arguments import EVERY_OUTPUT, OUTPUTS, aligned_empty
 from cartstiff.batch.closed_chains import ClosedCase, close, settle
 from cartstiff.batch.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
 from cartstiff.batch.plans import (
@@ -135,8 +135,8 @@ def chosen(
             )
         return None, None, answer
     answer = answer.under(load, axes)
-    # In the order of `OUTPUTS`, so that the same set finds the same kernel.
-    ordered = tuple(name for name in OUTPUTS if name in names)
+    # In one order, so that the same set finds the same kernel.
+    ordered = tuple(name for name in EVERY_OUTPUT if name in names)
     if path == "portable":
         return answer, _portable_kernel(answer.case, ordered), ASKED
     if not has_package("llvmlite"):

@@ -33,9 +33,8 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff import numerics
 from cartstiff.batch.algebra import FALLBACK, PLAIN, UNBALANCED
 from cartstiff.batch.arguments import (
-    OUTPUTS as OUTPUTS,
-)
-from cartstiff.batch.arguments import (
+    EVERY_OUTPUT,
+    TENSIONS,
     aligned_empty,
     arrays_for,
     checked_count,
@@ -43,6 +42,9 @@ from cartstiff.batch.arguments import (
     checked_q,
     checked_wrench,
     full_name,
+)
+from cartstiff.batch.arguments import (
+    OUTPUTS as OUTPUTS,
 )
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.execution import PortableKernel
@@ -52,19 +54,16 @@ from cartstiff.batch.kernels import (
     WORTH_RECORDING,
     Backend,
     chosen,
-    has_package,
     kernel_for,
     reading_kernel,
     run,
 )
 from cartstiff.batch.plans import TracedModel, given_as, plan
-from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.quantities import FREQUENCIES, frequency_name
 from cartstiff.batch.readings import READINGS, Readings, frequencies_of, with_masses
 from cartstiff.batch.work import BY_REFERENCE, timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
-    CartstiffError,
     ConvergenceError,
     InputError,
     UndefinedError,
@@ -158,6 +157,8 @@ def _closed(elastic: ElasticMechanism, q: Array) -> Array:
 
 
 def _output(result: PostureStiffness, name: str) -> Array | float | None:
+    if name == TENSIONS:
+        return tensions_of(result.elastic, result.posture)
     kind, _, connection = name.partition("_")
     if connection == "load":
         return result.tangent if kind == "stiffness" else result.tangent_compliance
@@ -435,7 +436,8 @@ def analyse_many(
             "count cannot be used", where="one_by_one", expected="0 or more", got=one_by_one
         )
     given = q if isinstance(q, np.ndarray) else coordinates
-    arrays = arrays_for(names, out, coordinates.shape, {"q": given, "wrench": loads})
+    legs = len(getattr(elastic.mechanism, "anchors", ()))
+    arrays = arrays_for(names, out, (*coordinates.shape, legs), {"q": given, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
     kind = checked_load(load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded)
@@ -473,7 +475,7 @@ def analyse_many(
         state[lost_rank] = _index(codes, lost_state)
     if len(unbalanced):
         state[unbalanced] = _index(codes, "unbalanced")
-        unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance")
+        unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance", TENSIONS)
         if taken.untraced.struts is not None:  # what is not found has no energy either
             unknown += ("energy", "jacobian")
         for name in names:
@@ -552,33 +554,14 @@ def tensions_of_many(
 
     NaN where no tensions balance the load, and of mechanisms without legs.
     """
-    taken, count = plan(elastic, given_as(wrench)), len(q)
-    legs = getattr(elastic.mechanism, "anchors", np.zeros((0, 3)))
-    tensions = np.full((count, len(legs)), np.nan)
-    served = type(elastic.springs) is LineSprings and count > 0
-    known = np.zeros(count, bool)
-    if isinstance(taken, TracedModel) and isinstance(taken.case, PlatformCase) and served:
-        taken = taken.under(kind, axes)
-        kernel = kernel_for(taken.case, ("tensions",), count, has_package("llvmlite"))
-        verdicts = np.zeros(count, np.uint8)
-        run(taken, kernel, q, wrench, {"tensions": tensions}, verdicts, 1, None)
-        known = (verdicts == PLAIN) & np.isfinite(tensions).all(axis=1)
-    for i in np.flatnonzero(~known):
-        tensions[i] = np.nan
-        try:
-            result = analyse(
-                elastic,
-                q[i],
-                wrench=wrench,
-                load_kind=kind.kind,
-                load_at=kind.at,
-                load_axes=axes,
-            )
-        except CartstiffError:
-            continue
-        if (found := tensions_of(result.elastic, result.posture)) is not None:
-            tensions[i] = found
-    return tensions
+    load: dict[str, Any] = {}
+    if wrench is not None:
+        load = {"load_kind": kind.kind, "load_at": kind.at, "load_axes": axes}
+    path: Backend = "auto" if type(elastic.springs) is LineSprings else "engine"
+    found = analyse_many(
+        elastic, q, wrench=wrench, outputs=(TENSIONS,), path=path, threads=1, **load
+    )
+    return found.arrays[TENSIONS]
 
 
 class Values(NamedTuple):
@@ -651,7 +634,7 @@ class Reader:
         self.elastic, self.readings = elastic, readings
         self._wrench = wrench
         self._plan = plan(elastic, given_as(wrench))
-        self._outputs = tuple(name for name in OUTPUTS if name in outputs or name == "pose")
+        self._outputs = tuple(name for name in EVERY_OUTPUT if name in outputs or name == "pose")
         self._kernel: Any = None
         self.state = ""
         if isinstance(self._plan, TracedModel):
