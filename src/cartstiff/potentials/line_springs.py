@@ -74,8 +74,10 @@ def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
     R, p = T_a_b[..., :3, :3], T_a_b[..., None, :3, 3]
     along = points - (anchors - p) @ R
     lengths = np.sqrt((along * along).sum(axis=-1))
-    least = lengths if lengths.dtype == object else np.maximum(lengths, numerics.TINY)
-    u = along * (1.0 / least)[..., None]
+    if lengths.dtype == object:  # recorded: one division a line
+        u = along * (1.0 / lengths)[..., None]
+    else:
+        u = along / np.maximum(lengths, numerics.TINY)[..., None]
     moments = np.cross(np.broadcast_to(points, u.shape), u)
     return LineGeometry(lengths, u, np.concatenate([moments, u], axis=-1))
 
