@@ -20,7 +20,7 @@ from cartstiff.batch.algebra import (
     solution,
 )
 from cartstiff.batch.arguments import aligned_empty
-from cartstiff.batch.execution import CompiledKernel, PortableKernel
+from cartstiff.batch.execution import CompiledKernel, PortableKernel, PrintedPosture
 from cartstiff.batch.plans import plan, program_for
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.tape import Number, Tape, cosine, sine
@@ -73,9 +73,38 @@ class TestTape:
         names = [o.name for o in program.operations if o.name not in ("input", "constant")]
         assert names == ["mul", "add", "div", "mul", "add"]
 
+    def test_equal_outputs_have_one_place_in_a_record(self):
+        """Without a load K^A, K^B and K^K are the same numbers, which are written once."""
+        tape = Tape()
+        x = tape.input("a", 0)
+        outputs = {"A": np.array([x * x, 2.0], object), "B": np.array([x * x, 2.0], object)}
+        printed = PrintedPosture(tape.program({**outputs, "c": np.array([x], object)}, []), {})
+        assert printed.at == {"A": slice(0, 2), "B": slice(0, 2), "c": slice(2, 3)}
+        assert printed.record(a=np.array([3.0])).tolist() == [9.0, 2.0, 3.0]
+
     def test_a_float_may_stand_for_a_number(self):
         assert sine(0.5) == np.sin(0.5)
         assert isinstance(cosine(Tape().input("a", 0)), Number)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrench", "operations"),
+    [
+        ("ur5", "none", 1285),
+        ("ur5", "shared", 1747),
+        ("panda", "none", 2410),
+        ("panda", "shared", 2936),
+        ("stewart-gough", "none", 3032),
+        ("stewart-gough", "shared", 3110),
+        ("6-ups", "none", 6557),
+        ("6-ups", "shared", 15127),
+    ],
+)
+def test_programs_do_not_grow(name, wrench, operations):
+    """A tenth more operations than these are too many."""
+    taken = plan(cartstiff.load(name), wrench)
+    outputs = "jacobian", "wrench", *(f"stiffness_{c}" for c in "ABKF")
+    assert program_for(taken.case, outputs).size <= 1.1 * operations
 
 
 class TestAlgebra:
