@@ -139,7 +139,7 @@ def test_frequencies_on_a_tape_are_those_of_the_modes(name, wrench, load, gravit
         elastic = elastic.with_gravity([1.0, -2.0, -9.0])
     names = tuple(frequency_name(i) for i in range(6))
     given = None if wrench is None else np.array(wrench)
-    assert readable(elastic, names, given, "body") == names
+    assert readable(elastic, names, given) == names
     asked = Readings(names, Settings(length=LENGTH, load=load))
     read = Reader(elastic, asked, (), given, path="portable").read(_near(elastic, 6))
     assert read.is_known.all()
@@ -197,11 +197,11 @@ def test_frequencies_that_are_not_on_a_tape_are_named():
     """Masses that loads bring; more than the lowest of many motions."""
     arm = cartstiff.load("ur5")
     names = ("frequency_1", "frequency_2", "condition")
-    assert readable(arm, names, None, "body") == names
+    assert readable(arm, names, None) == names
     heavy = arm.with_potential(payload(3.0, (0.0, 0.0, -9.81)))
-    assert readable(heavy, names, None, "body") == ("condition",)
-    assert readable(cartstiff.load("delta"), names, None, "body") == ("frequency_1", "condition")
-    assert readable(cartstiff.load("hexapod"), names, None, "body") == ("condition",)
+    assert readable(heavy, names, None) == ("condition",)
+    assert readable(cartstiff.load("delta"), names, None) == ("frequency_1", "condition")
+    assert readable(cartstiff.load("hexapod"), names, None) == ("condition",)
 
 
 @pytest.mark.parametrize("wrench", [None, FORCE])
