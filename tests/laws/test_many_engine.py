@@ -207,6 +207,19 @@ def test_tensions_are_the_engines(name, axes):
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=noise)
 
 
+def test_tensions_of_many_postures_add_up_to_the_wrench():
+    elastic = cartstiff.load("hexapod")
+    load = np.array([0.1, 0.2, -0.1, 3.0, -2.0, 5.0])
+    found = analyse_many(elastic, postures(elastic), wrench=load, outputs=("tensions", "pose"))
+    platform = elastic.mechanism
+    for T, t in zip(found.pose, found.tensions, strict=True):
+        along = platform.points - (platform.anchors - T[:3, 3]) @ T[:3, :3]
+        u = along / np.linalg.norm(along, axis=1)[:, None]
+        np.testing.assert_allclose(t @ u, load[3:], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(t @ np.cross(platform.points, u), load[:3], rtol=0.0, atol=1e-9)
+    assert found.to_xarray()["tensions"].dims == ("posture", "leg")
+
+
 def test_slack_cables():
     """Far from the middle some cables are slack."""
     elastic = cartstiff.load("cable-robot")

@@ -16,7 +16,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-#: Whose matrices can be asked for; "load" is the tangent under the load.
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17
 #: What can be asked for.
@@ -28,7 +27,7 @@ OUTPUTS = (
     *(f"stiffness_{c}" for c in OF_MANY),
     *(f"compliance_{c}" for c in OF_MANY),
 )
-#: What has the legs of a platform instead of a body.
+#: Of the legs of a platform.
 TENSIONS = "tensions"
 EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
 

@@ -314,6 +314,7 @@ class Postures:
             "jacobian": ("motion", "coordinate"),
             "wrench": ("wrench",),
             "energy": (),
+            TENSIONS: ("leg",),
             "stiffness": ("wrench", "motion"),
             "compliance": ("motion", "wrench"),
         }
@@ -391,7 +392,8 @@ def analyse_many(
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
         "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
-        under the load; "X" alone is short for "stiffness_X". Only what they need is computed.
+        under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of a platform's
+        legs. Only what they need is computed.
     out : mapping of str to ndarray, optional
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.
