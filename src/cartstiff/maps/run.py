@@ -257,7 +257,7 @@ def planned(
     row, steps = job.wrench, dict(job.told or {}) if isinstance(job, CommandedJob) else {}
     if not isinstance(job, CommandedJob):
         acts: Literal["none", "shared", "each"]
-        acts = "none" if row is None else "shared" if job.load_axes == "body" else "each"
+        acts = "none" if row is None else "shared"
         path = lasting_path(elastic, acts, job.outputs, sampling.size)
         reads = path == "compiled" and sampling.size >= WORTH_READING
         job = replace(job, path=path, by_kernel=reads)
