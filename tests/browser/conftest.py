@@ -218,7 +218,7 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def _pages(chromium: Any) -> Iterator[Pages]:
     found = Pages(chromium)
     yield found
@@ -232,24 +232,42 @@ def pages(_pages: Pages) -> Iterator[Pages]:
     _pages.check()
 
 
+_SHORT: list[Any] = []
+
+
+def short(source: Any) -> Any:
+    """A source whose curves are of a few postures: they are most of a server's time."""
+    _SHORT.append(source)
+    return source
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _short_curves() -> Iterator[None]:
+    """The page's own questions for curves are those for 61 postures, and more where they bend."""
+    from cartstiff.page.session import Session
+
+    sweep = Session._sweep
+
+    def swept(self: Session, message: Any) -> Any:
+        if message.steps == 61 and any(self.source is one for one in _SHORT):
+            message = message.model_copy(update={"steps": 7, "refined": False})
+        return sweep(self, message)
+
+    Session._sweep = swept
+    yield
+    Session._sweep = sweep
+
+
 @pytest.fixture(scope="session")
 def serve() -> Iterator[Callable[..., Any]]:
     """Serve a mechanism by name, once for the same arguments; returns the server.
 
-    Its curves are of a few postures, unless a test looks at them: they are most of a server's time.
+    Its curves are `short`, unless a test looks at them.
     """
     from cartstiff.page.server import Background
-    from cartstiff.page.session import Session
     from cartstiff.page.source import Source
 
     running: dict[str, Background] = {}
-    coarse: list[Source] = []
-    sweep = Session._sweep
-
-    def swept(self: Session, message: Any) -> Any:
-        if any(self.source is one for one in coarse):
-            message = message.model_copy(update={"steps": 7, "refined": False})
-        return sweep(self, message)
 
     def start(name: str, *, curves: bool = False, **options: Any) -> Background:
         key = f"{name} {curves} {sorted((k, str(v)) for k, v in options.items())}"
@@ -257,13 +275,9 @@ def serve() -> Iterator[Callable[..., Any]]:
             elastic = cartstiff.load(name)
             reload = lambda frame: cartstiff.load(name, frame=frame)  # noqa: E731
             source = Source(elastic, reload=reload, **options)
-            if not curves:
-                coarse.append(source)
-            running[key] = Background(source)
+            running[key] = Background(source if curves else short(source))
         return running[key]
 
-    Session._sweep = swept
     yield start
-    Session._sweep = sweep
     for server in running.values():
         server.close()

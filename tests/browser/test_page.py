@@ -15,7 +15,7 @@ from tools.screenshot import ready, settled
 import cartstiff
 from cartstiff.page.server import Background
 from cartstiff.page.source import Source
-from tests.browser.conftest import VIEWPORT, heard
+from tests.browser.conftest import VIEWPORT, heard, short
 
 #: Cells show three digits at least.
 SHOWN = 5.1e-3
@@ -534,7 +534,7 @@ def test_the_analysis_in_words(ur5):
 
 def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
     """The server goes while curves are asked for; they were asked for again and again."""
-    server = Background(Source(cartstiff.load("cubic")))
+    server = Background(short(Source(cartstiff.load("cubic"))))
     page = pages.open(server.url)
     page.wait_for_selector("#strip .plot:not(.computing) .curve-2")  # those of the start
     page.evaluate(
@@ -574,7 +574,7 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
 
 
 def test_the_page_comes_back_when_the_server_does(pages):
-    source = Source(cartstiff.load("cubic"))
+    source = short(Source(cartstiff.load("cubic")))
     server = Background(source)
     port, token = server.server.port, urlsplit(server.url).path.strip("/")
     page = pages.open(server.url)
@@ -600,7 +600,7 @@ def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):
     from cartstiff.page import server as tab
 
     monkeypatch.setattr(tab, "MOST_TABS", 1)
-    server = Background(Source(cartstiff.load("cubic")))
+    server = Background(short(Source(cartstiff.load("cubic"))))
     first, second = pages.open(server.url), pages.blank()
     second.goto(server.url)
     second.wait_for_selector("#banner:has-text('too many tabs')")

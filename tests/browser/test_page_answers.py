@@ -52,7 +52,7 @@ def opened(request, serve, pages, tmp_path_factory):
 
     def open_page(name):
         if request.param == "live":
-            return pages.shared(serve(name, curves=True).url)
+            return pages.shared(serve(name).url)
         file = tmp_path_factory.getbasetemp() / f"{name}.html"
         if not file.exists():
             file.write_text(export_page(Source(cartstiff.load(name))), encoding="utf-8")

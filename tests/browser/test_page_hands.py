@@ -92,7 +92,7 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
 
 
 def test_two_coordinates_are_a_map_of_colours(serve, pages):
-    page = pages.shared(serve("ur5", curves=True).url)
+    page = pages.shared(serve("ur5").url)
     changed(page, load=[0, 0, 0, 0, 0, -100])
     page.wait_for_function("() => window.cartstiff.source.local")
     page.select_option("select[aria-label='Values of']", "deflection")

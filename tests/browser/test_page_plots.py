@@ -44,7 +44,7 @@ def saved(page, kind: str, path):
     ("name", "i", "has_legs"), [("ur5", 2, False), ("cubic", 2, True), ("6-ups", 8, False)]
 )
 def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i, has_legs):
-    page = pages.shared(serve(name, curves=True).url)
+    page = pages.shared(serve(name).url)
     page.evaluate("(load) => window.cartstiff.change({ load })", LOAD)
     elastic = cartstiff.load(name)
     state = ViewState(load=LOAD)
@@ -131,7 +131,7 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
 
 
 def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
-    url = serve("ur5", curves=True).url
+    url = serve("ur5").url
     page = pages.open(url + "#load=0,0,0,0,0,-100")
     page.wait_for_selector("#strip .plot .curve-2")
     page.select_option(QUANTITY, "turn")
@@ -163,7 +163,7 @@ def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
 
 
 def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
-    page = pages.open(serve("cubic", curves=True).url + "#and=3&plot=condition&along=sweep:2")
+    page = pages.open(serve("cubic").url + "#and=3&plot=condition&along=sweep:2")
     page.wait_for_function("() => document.querySelectorAll('.plot.heat rect').length > 31 * 21")
     settled(page)
     _, names, table = saved(page, "csv", tmp_path / "map.csv")
