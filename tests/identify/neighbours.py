@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 
 # Relative change of the compliances between which differences are taken.

@@ -14,12 +14,11 @@ from tests.identify.neighbours import neighbours
 from tests.identify.test_polynomials import _campaign, _five_bar, _pulled
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff import DeadForce, analyse_posture
 from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify
 from cartstiff.identify.result import with_result
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.loads import DeadForce
 from cartstiff.vibration.sensitivities import intervals
 
 Q = np.array([0.3, 0.5, 0.9, 0.2, 0.7, -0.3])

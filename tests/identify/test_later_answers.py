@@ -10,15 +10,13 @@ from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_
 from tests.identify.neighbours import neighbours
 
 import cartstiff
+from cartstiff import DeadWrench, compensate, equilibrium
 from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.result import with_result
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.loads import DeadWrench
-from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import displacement_between
-from cartstiff.statics.toolpath import compensate
 
 FORCE = np.array([0, 0, 0, 30.0, -20.0, -60.0])
 PLACES = [[0.3, 0.5, 0.9, 0.2, 0.7, -0.3], [-0.4, 0.8, 0.5, -0.6, 0.9, 0.1]]

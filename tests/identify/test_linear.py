@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campaign, table_of
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff import analyse_posture
 from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify
 from cartstiff.identify.table import read_measurements

@@ -20,14 +20,13 @@ from tests.identify.campaigns import (
 )
 
 import cartstiff
+from cartstiff import DeadForce, equilibrium
 from cartstiff.geometry import se3
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.models import LinearModel, LoadedModel
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
 
 
 def _settings(q, W, values, *, mass=None, sd=1e-6, session=(), **more):

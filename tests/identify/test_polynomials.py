@@ -9,15 +9,15 @@ import pytest
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, table_of
 
 import cartstiff
+from cartstiff import DeadForce, InputError
 from cartstiff.cli.main import main
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.errors import ConvergenceError
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.models import BentModel, LoadedModel
 from cartstiff.identify.plan import candidates, plan, simulated
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.potentials.loads import DeadForce
 
 TRUE = (2.5e4, 3.0e5, 4.0e8)
 # Jacobians by differences of poses; differences of predictions by the parameters.

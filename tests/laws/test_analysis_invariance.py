@@ -10,6 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cartstiff
+from cartstiff import (
+    BI_INVARIANT,
+    CARTAN_MINUS,
+    CARTAN_PLUS,
+    KINEMATIC,
+    UndefinedError,
+    analyse_posture,
+)
 from cartstiff.analysis.asymmetry import asymmetry_of, compare_connections
 from cartstiff.analysis.centres import (
     centre_of_compliance,
@@ -33,16 +41,13 @@ from cartstiff.analysis.ellipsoids import (
 from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices_of
 from cartstiff.analysis.matrices import move_compliance, move_stiffness, scale_lengths
 from cartstiff.analysis.metrics import inertia_metric, length_metric, modes, natural_length
-from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.screws import (
     SWAP_FORM,
     eigenscrews,
     twist_compliant_axes,
     wrench_compliant_axes,
 )
-from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.geometry.connections import BI_INVARIANT, CARTAN_MINUS, CARTAN_PLUS, KINEMATIC
 from cartstiff.mechanisms.other_units import in_units
 
 # Condition numbers of the samples stay below 1e4: sixteen digits less four, less a factor for

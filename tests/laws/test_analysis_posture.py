@@ -12,20 +12,26 @@ from scipy.spatial.transform import Rotation
 from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
 
 import cartstiff
+from cartstiff import (
+    ElasticMechanism,
+    InputError,
+    JointSprings,
+    PostureStiffness,
+    Potential,
+    Tolerances,
+    UndefinedError,
+    analyse_posture,
+)
 from cartstiff.analysis.deflection import joint_shares
-from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.sections import numbers
 from cartstiff.analysis.synthesis import Spring, parallel_stiffness
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
+from cartstiff.analysis.tolerances import UncertainParameters
 from cartstiff.choices import LEVELS
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import LETTERS
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.contract import Evaluation, Posture
 from cartstiff.report.analysis import summary_text
-from cartstiff.stiffness.compute import PostureStiffness
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])
 KEYS = {

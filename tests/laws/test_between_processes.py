@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff import errors
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce, errors
 
 ERRORS = [
     errors.InputError("stiffness is wrong", where="--stiffness", expected="1", got=2),

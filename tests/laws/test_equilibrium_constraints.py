@@ -10,12 +10,11 @@ import pytest
 from tests.support import general_legs, legs_as_platform, relative_error, robot_file
 
 import cartstiff
-from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
+from cartstiff import DeadForce, DeadWrench, Held, InputError, equilibrium
+from cartstiff.errors import ConvergenceError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import jacobian
-from cartstiff.potentials.loads import DeadForce, DeadWrench
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.held import Held, displacement_between
+from cartstiff.statics.held import displacement_between
 
 
 def ur5():

@@ -13,26 +13,28 @@ from scipy.optimize import brentq
 from tests.support import links, robot_file
 
 import cartstiff
-from cartstiff.errors import (
+from cartstiff import (
     CartstiffError,
-    ConvergenceError,
+    DeadForce,
+    DeadWrench,
+    ElasticMechanism,
+    FollowerWrench,
     InputError,
-    MissingDependencyError,
+    JointSprings,
+    LineSprings,
     UndefinedError,
+    compensate,
+    equilibrium,
+    load_curve,
 )
+from cartstiff.errors import ConvergenceError, MissingDependencyError
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.output import save_figure
 from cartstiff.report.statics import draw_error_along_path, draw_load_curve
-from cartstiff.statics.continuation import branch, load_curve
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.toolpath import compensate
+from cartstiff.statics.continuation import branch
 
 HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0
 REST = float(np.hypot(HALF, HEIGHT))

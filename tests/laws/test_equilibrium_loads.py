@@ -11,12 +11,20 @@ import pytest
 from tests.support import relative_error, robot_file
 
 import cartstiff
-from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff import (
+    DeadForce,
+    DeadWrench,
+    FollowerWrench,
+    InputError,
+    UndefinedError,
+    equilibrium,
+    payload,
+)
+from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.differences import jacobian
 from cartstiff.geometry.se3 import right_jacobian
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, Scaled, payload
+from cartstiff.potentials.loads import Scaled
 from cartstiff.statics import problem
-from cartstiff.statics.equilibrium import equilibrium
 
 ROBOTS = ("ur5", "panda")
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import Grid
 from cartstiff.batch.following import Assembler
 from cartstiff.errors import ConvergenceError
-from cartstiff.maps.sampling import Grid
 from cartstiff.mechanisms.chain import Chain
 
 CLOSE = 1e-9

@@ -11,16 +11,11 @@ from scipy.spatial.transform import Rotation
 from tests.support import robot_file
 
 import cartstiff
+from cartstiff import Axis, DeadForce, Grid, compensate, compute_map, equilibrium, load_curve
 from cartstiff.kinematics.joint_poses import PlatformPoses
 from cartstiff.maps.reading import state_names
-from cartstiff.maps.run import compute_map
-from cartstiff.maps.sampling import Axis, Grid
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.potentials.loads import DeadForce
 from cartstiff.report.statics import describe_path
-from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.toolpath import compensate
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 DEGREES = [0.0, -60.0, 90.0, 0.0, 45.0, 0.0]

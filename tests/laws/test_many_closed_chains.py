@@ -11,14 +11,12 @@ from scipy.spatial.transform import Rotation
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
+from cartstiff import DeadForce, ElasticMechanism, InputError, analyse_many
 from cartstiff.batch.algebra import rotation_vector
 from cartstiff.batch.kernels import Closer
 from cartstiff.batch.plans import plan
-from cartstiff.batch.postures import OUTPUTS, analyse_many
-from cartstiff.errors import InputError
+from cartstiff.batch.postures import OUTPUTS
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.loads import DeadForce
 
 COUNT = 5
 RECORDED = tuple(name for name in OUTPUTS if not name.startswith("root"))

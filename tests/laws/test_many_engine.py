@@ -11,21 +11,28 @@ import pytest
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
+from cartstiff import (
+    DeadForce,
+    ElasticMechanism,
+    FollowerWrench,
+    JointFunction,
+    JointSprings,
+    Postures,
+    analyse_many,
+    payload,
+)
 from cartstiff.batch.chains import deflection_for
 from cartstiff.batch.execution import PortableKernel
-from cartstiff.batch.postures import OUTPUTS, Postures, analyse_many, tensions_of_many
+from cartstiff.batch.postures import OUTPUTS, tensions_of_many
 from cartstiff.batch.tape import Tape
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import Struts
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.functions import JointFunction
-from cartstiff.potentials.loads import DeadForce, FollowerWrench, payload
-from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff.potentials.springs import CoupledSprings, PolynomialLaw, TabulatedLaw
 from cartstiff.stiffness.applied_load import LoadKind
 
 #: Two computations in double precision: relative to the largest entry,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import analyse_many
 from cartstiff.batch import kernels
 from cartstiff.batch.algebra import (
     congruence,
@@ -22,7 +23,6 @@ from cartstiff.batch.algebra import (
 from cartstiff.batch.arguments import aligned_empty
 from cartstiff.batch.execution import CompiledKernel, PortableKernel, PrintedPosture
 from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.tape import Number, Tape, cosine, sine
 
 OPTIMISED = True

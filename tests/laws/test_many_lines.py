@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import LineSprings, analyse_many
 from cartstiff.batch import single
 from cartstiff.batch.plans import plan
-from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.single import QuickPosture
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")

@@ -14,14 +14,13 @@ from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
-from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff import ElasticMechanism, RandomPostures, analyse_many
+from cartstiff.batch.postures import Reader
 from cartstiff.batch.readings import Readings
 from cartstiff.batch.untraced import segments_of_many
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.quantities import Settings
-from cartstiff.maps.sampling import RandomPostures
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.stiffness.applied_load import LoadKind
 

@@ -7,10 +7,8 @@ import pytest
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
+from cartstiff import InputError, RandomPostures, analyse_many, compute_map, open_map
 from cartstiff.batch.plans import plan
-from cartstiff.batch.postures import analyse_many
-from cartstiff.errors import InputError
-from cartstiff.maps import RandomPostures, compute_map, open_map
 from cartstiff.page.browser_program import browser_program
 
 pytest.importorskip("llvmlite")

@@ -10,12 +10,11 @@ from tests.laws.test_many_engine import arm, assert_same
 from tests.mechanisms.machines import joint, write_urdf
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff import ElasticMechanism, analyse_many, analyse_posture
 from cartstiff.batch.kernels import WORTH_RECORDING
-from cartstiff.batch.postures import OUTPUTS, analyse_many
+from cartstiff.batch.postures import OUTPUTS
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate, needed_outputs
-from cartstiff.mechanisms.elastic import ElasticMechanism
 
 WRENCH = np.array([1.0, 2.0, -3.0, 40.0, 50.0, -6.0])
 _FREEDOMS = {"rotation": slice(0, 3), "translation": slice(3, 6)}

@@ -7,12 +7,10 @@ import pytest
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
-from cartstiff.batch.postures import analyse_many
+from cartstiff import DeadForce, ElasticMechanism, analyse_many
 from cartstiff.batch.untraced import strut_states
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.mounted_struts import MountedStruts
 
 WRENCH = np.array([0.1, -0.2, 0.3, 10.0, 20.0, -30.0])

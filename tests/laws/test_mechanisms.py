@@ -26,17 +26,21 @@ from tests.support import (
     translation,
 )
 
-from cartstiff.errors import UndefinedError
+from cartstiff import (
+    ElasticMechanism,
+    JointFunction,
+    JointSprings,
+    LineSprings,
+    PoseFunction,
+    UndefinedError,
+)
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.contract import SI, Coordinate, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.notes import Note
-from cartstiff.potentials.functions import JointFunction, PoseFunction
 from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings, PolynomialLaw
+from cartstiff.potentials.springs import PolynomialLaw
 from cartstiff.stiffness.compute import SCHEMA, analyse
 
 ROUNDING = 1e-12

@@ -22,22 +22,27 @@ import pytest
 from tests.support import add_frame, log_reference, platform_mechanism, random_pose, translation
 
 import cartstiff
-from cartstiff import numerics
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.batch.postures import analyse_many
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff import (
+    DeadForce,
+    DeadWrench,
+    ElasticMechanism,
+    FollowerWrench,
+    InputError,
+    JointSprings,
+    LineSprings,
+    analyse_many,
+    analyse_posture,
+    equilibrium,
+    numerics,
+)
+from cartstiff.errors import ConvergenceError
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.page.messages import Answer, ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
-from cartstiff.potentials.springs import JointSprings
-from cartstiff.statics.equilibrium import equilibrium
 
 DISTANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-11, 1e-12)
 LOADS = ("none", "dead force", "dead moment", "follower", "conservative", "spring")

@@ -7,14 +7,12 @@ import pinocchio as pin
 import pytest
 
 import cartstiff
+from cartstiff import DeadWrench, FollowerWrench, InputError, inverse_kinematics
 from cartstiff.analysis.congruence import cartesian_stiffness
 from cartstiff.analysis.deflection import displacement_of_point
 from cartstiff.analysis.matrices import move_stiffness
 from cartstiff.analysis.screws import screw_of_twist, screw_of_wrench
-from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.kinematics.inverse import inverse_kinematics
-from cartstiff.potentials.loads import DeadWrench, FollowerWrench
 
 W = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])
 FORCE = pin.Force(W[3:], W[:3])

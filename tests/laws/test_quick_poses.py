@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import Axis, CartesianGrid
 from cartstiff.batch.quick_poses import QuickPoses
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.maps import cartesian
-from cartstiff.maps.cartesian import CartesianGrid
-from cartstiff.maps.sampling import Axis
 
 COUNT = 300
 

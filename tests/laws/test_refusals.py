@@ -18,29 +18,34 @@ from tests.support import (
     translation,
 )
 
-from cartstiff.errors import (
+from cartstiff import (
     CartstiffError,
-    ConvergenceError,
+    DeadForce,
+    DeadWrench,
+    ElasticMechanism,
+    FollowerWrench,
     InputError,
-    MissingDependencyError,
+    JointFunction,
+    JointSprings,
+    LineSprings,
+    PoseFunction,
+    StiffnessTensor,
     UndefinedError,
-    UnknownNameError,
-    one_line,
+    from_symbols,
+    levi_civita,
+    payload,
 )
+from cartstiff.errors import ConvergenceError, MissingDependencyError, UnknownNameError, one_line
 from cartstiff.geometry.charts import from_pose_function, paper, product_of_exponentials
-from cartstiff.geometry.connections import flat, from_symbols, levi_civita
+from cartstiff.geometry.connections import flat
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.contract import Units, checked_vector, convert_length, named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import Give, plain_tree
-from cartstiff.potentials.functions import JointFunction, PoseFunction
-from cartstiff.potentials.line_springs import LineSprings, line_geometry
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, payload
-from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff.potentials.line_springs import line_geometry
+from cartstiff.potentials.springs import PolynomialLaw, TabulatedLaw
 from cartstiff.report.output import write_result, write_whole
 from cartstiff.stiffness.compute import analyse
-from cartstiff.stiffness.tensor import StiffnessTensor
 
 NAN = float("nan")
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff import numerics
+from cartstiff import analyse_many, numerics
 from cartstiff.batch.algebra import PLAIN, holds_soft_directions
-from cartstiff.batch.postures import analyse_many
 from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
 COUNT = 40

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import analyse_many, analyse_posture, modes
 from cartstiff.analysis.ellipsoids import compliance_ellipsoid
-from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.sections import unit_of
-from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff.batch.postures import Reader
 from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings
 from cartstiff.batch.readings import READINGS, Readings
 from cartstiff.batch.vibrations import ManyModes
@@ -25,7 +25,6 @@ from cartstiff.maps.quantities import choose_quantities, evaluate, needed_output
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.vibration.chatter import Milling, limiting_depth
-from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import Damping
 
 LENGTH, DIRECTION, RATIO = 0.3, (0.2, -0.5, 0.7), 0.03

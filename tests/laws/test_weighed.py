@@ -12,13 +12,10 @@ import pytest
 from tests.support import robot_file
 
 import cartstiff
+from cartstiff import DeadForce, compensate, equilibrium, load_curve, payload
 from cartstiff.mechanisms.elastic import gravity_loads
-from cartstiff.potentials.loads import DeadForce, payload
 from cartstiff.report.analysis import describe
 from cartstiff.report.statics import describe_curve, describe_equilibrium, describe_path
-from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.toolpath import compensate
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 Q = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]

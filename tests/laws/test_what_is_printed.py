@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import DeadForce, analyse_posture, equilibrium
 from cartstiff.analysis.asymmetry import compare_connections
-from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry import se3
-from cartstiff.potentials.loads import DeadForce, Scaled
+from cartstiff.potentials.loads import Scaled
 from cartstiff.report.analysis import describe, summary_text
 from cartstiff.report.layout import percent
 from cartstiff.report.statics import describe_equilibrium
-from cartstiff.statics.equilibrium import equilibrium
 
 
 def test_stored_energy_is_that_of_the_springs_alone():

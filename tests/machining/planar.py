@@ -6,11 +6,10 @@ import numpy as np
 import pinocchio as pin
 from tests.support import translation
 
+from cartstiff import ElasticMechanism, JointSprings
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import JointSprings
 
 LENGTHS = np.array([0.5, 0.4, 0.2])
 STIFFNESS = np.array([900.0, 700.0, 300.0])

@@ -8,9 +8,8 @@ from tests.machining import planar
 from tests.support import frame_pose, loaded_arm, random_pose
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError, inverse_kinematics
 from cartstiff.geometry import se3
-from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses, Kinematics, distinct, pose_errors
 from cartstiff.loading.catalogue import example_robots
 

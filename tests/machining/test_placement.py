@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from tests.machining import planar
 
-from cartstiff.errors import InputError, UndefinedError
-from cartstiff.toolpaths.placement import best_placement, workpiece_pose
-from cartstiff.toolpaths.tool_path import ToolPath
+from cartstiff import InputError, ToolPath, UndefinedError, best_placement
+from cartstiff.toolpaths.placement import workpiece_pose
 
 FORCE = np.array([-40.0, 25.0])
 # A short seam in the workpiece's frame.

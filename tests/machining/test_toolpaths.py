@@ -8,13 +8,12 @@ from tests.machining import planar
 from tests.support import frame_pose, loaded_arm
 
 import cartstiff
+from cartstiff import InputError, ToolPath, UndefinedError, optimise_path
 from cartstiff.analysis.deflection import compliance_deflection
 from cartstiff.cli.tables import read_path_file
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import example_robots
-from cartstiff.toolpaths.optimise import optimise_path
-from cartstiff.toolpaths.tool_path import ToolPath
 
 needs_robots = pytest.mark.skipif(not example_robots(), reason="example robots are not installed")
 # A fine grid of N values misses a smooth minimum by its curvature times the spacing squared.

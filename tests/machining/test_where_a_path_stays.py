@@ -7,10 +7,10 @@ import pytest
 from tests.machining import planar
 
 import cartstiff
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff import InputError, ToolPath, UndefinedError, optimise_path
+from cartstiff.errors import UnknownNameError
 from cartstiff.loading.collisions import Collisions
-from cartstiff.toolpaths.optimise import NEARBY, optimise_path
-from cartstiff.toolpaths.tool_path import ToolPath
+from cartstiff.toolpaths.optimise import NEARBY
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])
 PATH = ToolPath(planar.poses(POINTS, 0.0), [0, 0, 0, -40.0, 25.0, 0], axes="world")

@@ -10,10 +10,7 @@ from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import GRAVITY, Held, displaced
 from tests.support import gradient_of, relative_error
 
-from cartstiff import analyse, load
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff import ElasticMechanism, JointSprings, LineSprings, analyse, load
 
 # Sums of the same numbers in another order.
 SUM = 1e-12

@@ -15,14 +15,12 @@ from tests.docs.blocks import ROOT
 from tests.support.commands import answer, outcome
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import ElasticMechanism, InputError, LineSprings
 from cartstiff.geometry import se3
 from cartstiff.kinematics import study
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.platform_assembly import poses_of_lengths
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.json_schema import json_schema
 
 DIETMAIER = ROOT / "cases" / "dietmaier-forty-postures" / "mechanism.yaml"

@@ -11,12 +11,19 @@ from tests.mechanisms.bars import EI, SECTION, bar, load_bar
 from tests.mechanisms.machines import codes
 from tests.support import cross_matrix, relative_error
 
-from cartstiff import analyse, equilibrium, load
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff import (
+    DeadForce,
+    DeadWrench,
+    FollowerWrench,
+    InputError,
+    analyse,
+    equilibrium,
+    load,
+    load_curve,
+    taylor_check,
+)
+from cartstiff.errors import ConvergenceError
 from cartstiff.potentials.beams import Beam, Section, evaluate_together, stability_functions
-from cartstiff.potentials.functions import taylor_check
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
-from cartstiff.statics.continuation import load_curve
 
 # Linear algebra of condition 1e6, and sums of the same compliances.
 SUM = 1e-10

@@ -10,10 +10,7 @@ from tests.mechanisms.oracle import bundled_lines
 from tests.support import relative_error
 
 import cartstiff
-from cartstiff import analyse, load
-from cartstiff.errors import InputError
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, InputError, analyse, equilibrium, load
 
 # A closed form against a sum over four cables.
 CLOSED_FORM = 1e-13

@@ -8,8 +8,7 @@ from tests.support.commands import answer
 from tests.support.oracles import exp_reference
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.statics.command import after_command, commanded
+from cartstiff import InputError, after_command, commanded
 
 EXACT = 1e-9
 LOAD = np.array([3.0, -5.0, 2.0, 20.0, 40.0, -500.0])

@@ -12,12 +12,9 @@ from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.support import gradient_of, relative_error
 
 import cartstiff
-from cartstiff import analyse, load
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff import InputError, LineSprings, UndefinedError, after_command, analyse, load
 from cartstiff.geometry import se3
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.statics.command import after_command
 
 # Two ways through 13 coordinates a leg, the longer one through 60 closures.
 SAME = 1e-10

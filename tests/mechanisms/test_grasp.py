@@ -8,10 +8,7 @@ from ruamel.yaml import YAML
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS, Held, missed
 
-from cartstiff import analyse, analyse_many, load
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.errors import UndefinedError
-from cartstiff.geometry.connections import CARTAN_PLUS
+from cartstiff import CARTAN_PLUS, UndefinedError, analyse, analyse_many, analyse_posture, load
 from cartstiff.report.analysis import describe
 
 # Differences of the reduced energy and of the load, step 0.005.

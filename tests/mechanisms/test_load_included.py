@@ -9,8 +9,7 @@ import pytest
 from tests.mechanisms.oracle import GRAVITY, displaced, natural_error
 from tests.support import log_reference, relative_error
 
-from cartstiff import analyse, load
-from cartstiff.potentials.functions import PoseFunction
+from cartstiff import PoseFunction, analyse, load
 
 # Required; rounding of forces that cancel is all there is.
 SAME = 1e-10

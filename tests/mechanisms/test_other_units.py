@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError, JointFunction
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.functions import JointFunction
 
 SLIDING = """<robot name='r'><link name='l0'/>
 <link name='l1'><inertial><mass value='3'/><origin xyz='.1 .02 .3'/>

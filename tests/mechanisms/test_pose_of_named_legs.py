@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 from tests.support.commands import outcome
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.kinematics.at_pose import COORDINATES, at_pose
-from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff import InputError, at_pose, inverse_kinematics
+from cartstiff.kinematics.at_pose import COORDINATES
 
 EXACT = 1e-10
 #: What of a pose is free, by machine.

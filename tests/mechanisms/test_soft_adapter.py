@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
-from cartstiff import analyse, equilibrium, load
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce, ElasticMechanism, analyse, equilibrium, load
 
 # Two ways through the same few rotations.
 ROUNDING = 1e-12

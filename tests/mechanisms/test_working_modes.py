@@ -12,7 +12,7 @@ from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.mechanisms.test_pose_of_a_parallel_machine import CRANK, RADIUS, ROD, six_rus
 
 import cartstiff
-from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff import inverse_kinematics
 
 # Solutions of each leg are good to rounding.
 EXACT = 1e-10

@@ -9,17 +9,9 @@ import pytest
 from tests.support import loaded_arm
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.tolerances import (
-    Tolerance,
-    Tolerances,
-    UncertainParameters,
-    propagate_first_order,
-)
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.springs import JointSprings
+from cartstiff import ElasticMechanism, JointSprings, PostureStiffness, Tolerances, analyse_posture
+from cartstiff.analysis.tolerances import Tolerance, UncertainParameters, propagate_first_order
 from cartstiff.report.analysis import summary_text
-from cartstiff.stiffness.compute import PostureStiffness
 
 HELD = "ellipsoids.stiffness.translation.held.eigenvalues"
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff import analyse_posture
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers

@@ -14,13 +14,10 @@ from tests.support import add_frame, random_pose, translation
 from tests.support.digits import matrix, skew, turned
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.batch.postures import analyse_many
+from cartstiff import ElasticMechanism, JointSprings, analyse_many, analyse_posture
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.analysis import summary_text
 
 # What is asked of the compliance: ten digits of its largest entry, in the chain's natural units.

@@ -23,11 +23,9 @@ from tests.support import (
     translation,
 )
 
-from cartstiff.errors import UndefinedError
+from cartstiff import ElasticMechanism, JointSprings, UndefinedError
 from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import analyse
 
 # Second differences of an energy of size 10 at step 0.01, through a matrix logarithm.

@@ -17,14 +17,13 @@ from tests.support import (
     relative_error,
 )
 
+from cartstiff import JointFunction, JointSprings, LineSprings, PoseFunction
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.functions import JointFunction, PoseFunction
 from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff.potentials.springs import PolynomialLaw, TabulatedLaw
 
 # Eighth-order differences at step 0.01 of energies near one; second differences lose four digits.
 GRADIENT = 1e-10

@@ -8,9 +8,8 @@ from scipy.optimize import minimize
 from tests.support import robot_file, slope
 
 import cartstiff
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.held import Held, displacement_between
+from cartstiff import DeadForce, Held, equilibrium
+from cartstiff.statics.held import displacement_between
 
 # Mechanism, base load [its unit of force], and the size of the change for the differences.
 CASES = {

@@ -16,10 +16,8 @@ import numpy as np
 import pytest
 from tests.support import links
 
-from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff import DeadForce, FollowerWrench, equilibrium, load_curve
 from cartstiff.report.statics import describe_curve, describe_equilibrium
-from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.equilibrium import equilibrium
 
 K, LENGTH, MASS = 3.0, 0.7, 2.5
 PUSH = FollowerWrench([0.0, 0.0, 0.0, -K / LENGTH, 0.0, 0.0])  # factor P l / k

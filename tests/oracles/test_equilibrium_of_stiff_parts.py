@@ -7,8 +7,7 @@ import pytest
 from tests.support import log_reference
 
 import cartstiff
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, equilibrium
 
 
 @pytest.mark.parametrize("seed", range(8))

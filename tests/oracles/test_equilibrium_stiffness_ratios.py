@@ -8,10 +8,9 @@ import pytest
 from tests.support import platform_mechanism, robot_file
 
 import cartstiff
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff import DeadForce, InputError, equilibrium
+from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
 
 # Rounding of six joint angles of size 1, and what it does to a reach of one metre.
 ROUNDED = 1e-14

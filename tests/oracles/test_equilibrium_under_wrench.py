@@ -7,17 +7,18 @@ import pytest
 from tests.support import slope
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry import se3
-from cartstiff.potentials.loads import (
+from cartstiff import (
     DeadForce,
     DeadWrench,
     FollowerWrench,
-    SemitangentialWrench,
+    InputError,
+    compensate,
+    equilibrium,
+    load_curve,
 )
-from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.toolpath import compensate
+from cartstiff.errors import UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.potentials.loads import SemitangentialWrench
 
 KINDS = ("dead", "follower", "conservative")
 AT = np.array([0.02, -0.03, 0.06])

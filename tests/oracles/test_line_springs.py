@@ -16,7 +16,7 @@ from tests.support import (
     twist_matrix,
 )
 
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff import LineSprings
 from cartstiff.stiffness.compute import analyse
 
 # The oracle is good to 25 digits; what is left is double precision over some dozen operations.

@@ -9,10 +9,8 @@ import pytest
 from tests.support import adjoint_reference, exp_reference, log_reference, robot_file, slope
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, DeadWrench, FollowerWrench, InputError, LineSprings, equilibrium
+from cartstiff.errors import UnknownNameError
 
 #: A load about the point, along the body's axes, as a share of what the mechanism bears.
 WRENCHES = {

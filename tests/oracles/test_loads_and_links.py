@@ -20,14 +20,14 @@ from tests.support import (
     translation,
 )
 
+from cartstiff import DeadForce, DeadWrench, ElasticMechanism, FollowerWrench, JointSprings, payload
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.flexible_links import VIRTUAL, Give
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import extended, merged, plain_tree
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, Scaled, payload
-from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.potentials.loads import Scaled
+from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness.compute import analyse
 
 ROUNDING = 1e-12

@@ -12,11 +12,8 @@ from tests.support import platform_mechanism
 from tests.support.digits import skew
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.batch.postures import analyse_many
+from cartstiff import DeadForce, analyse_many, analyse_posture, equilibrium
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
 
 CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
 

@@ -8,10 +8,7 @@ from tests.support import relative_error, robot_file
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.batch.postures import analyse_many
-from cartstiff.errors import InputError
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, InputError, analyse_many, equilibrium
 
 K = np.array([3e4, 3e4, 2e4, 5e3, 5e3, 4e3])
 FORCE = np.array([20.0, 30.0, -100.0])

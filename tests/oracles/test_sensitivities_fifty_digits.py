@@ -10,13 +10,20 @@ from tests.mechanisms.machines import write_file
 from tests.support import loaded_arm
 from tests.support.digits import skew, turned
 
-from cartstiff import accuracy, analyse, equilibrium, load, modes, sensitivities
-from cartstiff.analysis.tolerances import Tolerances
+from cartstiff import (
+    DeadForce,
+    ElasticMechanism,
+    JointSprings,
+    Tolerances,
+    accuracy,
+    analyse,
+    equilibrium,
+    load,
+    modes,
+    sensitivities,
+)
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.potentials.springs import JointSprings
 
 #: Required; double precision gives 1e-11.
 EXACT = 1e-8

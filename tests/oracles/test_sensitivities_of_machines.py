@@ -14,12 +14,11 @@ from tests.oracles.test_sensitivities_fifty_digits import (
     EXACT,
     check,
     derivative,
-    exp,
     moved_placement,
-    skew,
     transform,
     vector,
 )
+from tests.support.digits import skew, turned
 
 import cartstiff
 from cartstiff.vibration.sensitivities import MATRICES, Home
@@ -77,7 +76,7 @@ class Legs:
                 far = T, self.beams[i]
             poses.append(T)
             w, v = self.screws[i][:3], self.screws[i][3:]
-            T = T * transform(exp(q[i] * w), q[i] * v)
+            T = T * transform(turned(q[i] * w), q[i] * v)
         end = inverse(T * grip)
         J, C = mp.zeros(6, len(leg)), mp.zeros(6)
         for c, (i, pose) in enumerate(zip(leg, poses, strict=True)):
@@ -191,12 +190,12 @@ def cables(values, R, place):
         )
         along = b - R.T * (a - place)
         length = mp.sqrt(mp.fdot(along, along))
-        u, D, turned = along / length, mp.zeros(3, 6), mp.zeros(6)
+        u, D, turning = along / length, mp.zeros(3, 6), mp.zeros(6)
         D[:, :3], D[:, 3:] = -skew(b), mp.eye(3)
         G[i, :] = u.T * D
         # The last term of K^A: u . (w_j x (w_i x b + v_i)) = w_j . ((w_i x b + v_i) x u).
-        turned[:, :3] = (-skew(u) * D).T
-        each.append(D.T * (mp.eye(3) - u * u.T) * D / length + turned)
+        turning[:, :3] = (-skew(u) * D).T
+        each.append(D.T * (mp.eye(3) - u * u.T) * D / length + turning)
     return G, each
 
 

@@ -22,8 +22,8 @@ from tests.support import (
     twist_matrix,
 )
 
+from cartstiff import ElasticMechanism
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.stiffness.compute import analyse
 

@@ -13,8 +13,7 @@ from tests.mechanisms.bars import EI, SECTION, bar
 from tests.peers.opensees import extrapolated
 from tests.support import relative_error
 
-from cartstiff import equilibrium
-from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff import DeadForce, FollowerWrench, equilibrium
 
 # What is left of Exudyn's mesh after extrapolation, and of its Newton iterations.
 MESH = 3e-6

@@ -11,8 +11,7 @@ import pytest
 from tests.mechanisms.machines import write_file
 from tests.support import log_reference, relative_error
 
-from cartstiff import equilibrium, load
-from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff import DeadForce, FollowerWrench, equilibrium, load
 
 mujoco = pytest.importorskip("mujoco")
 

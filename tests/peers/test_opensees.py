@@ -14,9 +14,7 @@ from tests.mechanisms.machines import write_file
 from tests.peers.opensees import extrapolated, frame_bar, solved, space_frame
 from tests.support import relative_error
 
-from cartstiff import equilibrium, load
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.continuation import load_curve
+from cartstiff import DeadForce, equilibrium, load, load_curve
 
 # What is left of OpenSees' mesh after extrapolation.
 MESH = 2e-5

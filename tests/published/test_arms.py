@@ -7,10 +7,9 @@ import pinocchio as pin
 import pytest
 from tests.support import reference, relative_error, robot_file
 
+from cartstiff import ElasticMechanism, JointSprings
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import analyse
 
 ARMS = reference("arms.json")

@@ -7,12 +7,9 @@ import pinocchio as pin
 import pytest
 from tests.support import add_frame, cross_matrix, platform_mechanism, translation
 
-from cartstiff.geometry.connections import BI_INVARIANT, KINEMATIC
+from cartstiff import BI_INVARIANT, KINEMATIC, ElasticMechanism, JointSprings, PoseFunction
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.functions import PoseFunction
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import analyse
 
 # Printed to 15 digits; a handful of operations.

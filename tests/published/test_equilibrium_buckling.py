@@ -8,14 +8,9 @@ import pytest
 from scipy.optimize import brentq
 from tests.mechanisms.machines import write_file
 
-from cartstiff.loading import load
+from cartstiff import DeadForce, ElasticMechanism, JointSprings, equilibrium, load, load_curve
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.potentials.springs import JointSprings
-from cartstiff.statics.continuation import load_curve
-from cartstiff.statics.equilibrium import equilibrium
 
 LENGTH, STIFFNESS = 0.7, 3.0
 # Smallest P l / k of n equal links, each joint with a spring, the base one included.

@@ -15,13 +15,11 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cartstiff import ElasticMechanism, JointSprings, LineSprings
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.contract import Units
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
 from tests.support.oracles import (
     adjoint_reference,
     body_jacobian,

@@ -6,12 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cartstiff import load, modes
-from cartstiff.errors import InputError
+from cartstiff import ElasticMechanism, InputError, JointSprings, load, modes
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.chatter import (
     MeasuredReceptance,
     Milling,

@@ -13,8 +13,7 @@ from tests.support import general_legs, legs_as_platform
 from tests.vibration.exudyn_tree import ExudynTree
 from tests.vibration.test_mujoco_modes import FIVE_BAR, TRIPOD, _loaded, arm_xml
 
-from cartstiff import equilibrium, modes
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce, equilibrium, modes
 
 #: Required.
 FREQUENCIES = 1e-6

@@ -10,10 +10,18 @@ from tests.mechanisms.machines import write_file
 from tests.support import exp_reference, links, loaded_arm, relative_error
 
 import cartstiff
-from cartstiff import analyse, equilibrium, load, modes
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff import (
+    DeadForce,
+    FollowerWrench,
+    InputError,
+    UndefinedError,
+    analyse,
+    equilibrium,
+    load,
+    modes,
+    payload,
+)
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.loads import DeadForce, FollowerWrench, payload
 
 #: Hz, as the simulator's documentation prints them, to a tenth.
 PRINTED = [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.6]

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from tests.mechanisms.machines import write_file
 from tests.vibration.mujoco_peer import Vibrating
 
-from cartstiff import equilibrium, load, modes
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce, equilibrium, load, modes
 
 mujoco = pytest.importorskip("mujoco")
 
