@@ -379,7 +379,7 @@ def test_chunks_are_near_cubes_and_keep_branches_whole(elastic):
     assert np.prod(shape) <= 100**3 // 128
     grid = CartesianGrid({"x": Axis(0, 1, 50), "y": Axis(0, 1, 50)}, elastic, elastic.q)
     assert chunk_shape(grid)[3] == 8
-    assert chunk_shape(RandomPostures(10**9, 0, [0.0], [1.0])) == (2**20,)
+    assert chunk_shape(RandomPostures(10**9, 0, [0.0], [1.0])) == (11 * 2**16,)
     assert usual_chunk(10**6, 16384) == 10**6 // 32  # postures that are quickly computed
     assert usual_chunk(1000, 16384) == 16384
 

@@ -189,8 +189,8 @@ def test_parts_are_few_large_objects_in_pieces(elastic, expected, tmp_path, monk
     _, layout = planned(elastic, _random(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
     objects = len(layout.boxes) * (1 + len(layout.arrays))
     assert objects < 2000
-    assert layout.encoding(layout.arrays["q"])["chunks"] == (2**16, 6)
-    monkeypatch.setattr(store, "_INNER", 3)
+    assert layout.encoding(layout.arrays["q"])["chunks"] == (45056, 6)
+    monkeypatch.setattr(store, "INNER", 3)
     asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
     found = compute_map(*asked, chunk=6, length=0.2)
     array = zarr.open_group(tmp_path / "m.zarr")["condition"]

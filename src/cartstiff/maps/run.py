@@ -14,7 +14,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, fields, replace
 from functools import lru_cache, partial
 from hashlib import sha256
@@ -48,6 +48,7 @@ from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_qua
 from cartstiff.maps.sampling import Grid, Sampling, chunk_shape, dimension_name
 from cartstiff.maps.store import (
     CHECKSUM,
+    INNER,
     NOT_COMPUTED,
     SCHEMA,
     Kind,
@@ -483,12 +484,22 @@ def part_of(job: MapJob, file: MapFile, number: int) -> int:
     """Compute and write a part, unless another worker has; its number."""
     if not file.is_done(number):
         arrays = job.compute(file.boxes[number])
-        with timed("writing the file"):
-            file.write(number, arrays)
+        try:
+            # Large parts one after the other: what is compressed is in memory twice.
+            one = _WRITING if file.count(number) > INNER else nullcontext()
+            with one, timed("writing the file"):
+                file.write(number, arrays)
+        except OSError as error:  # a full disk, a store that does not answer
+            raise InputError(
+                "map cannot be written",
+                where=file.where,
+                got=error.strerror or one_line(str(error)),
+                expected="the same command to go on from the parts that are there",
+            ) from None
     return number
 
 
-_LOADING = Lock()
+_LOADING, _WRITING = Lock(), Lock()
 
 
 def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, number: int) -> int:

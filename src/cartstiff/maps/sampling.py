@@ -360,11 +360,11 @@ class Trajectory(Sampling):
 
 # Smallest and largest number of postures in a chunk, and how many chunks are aimed at; fewer where
 # a posture takes less than what is done once for each chunk.
-_LEAST, _MOST, _CHUNKS, _FEW_CHUNKS = 64, 2**20, 128, 32
+_LEAST, _MOST, _CHUNKS, _FEW_CHUNKS = 64, 11 * 2**16, 128, 32
 
 
 def usual_chunk(count: int, least: int | None = None) -> int:
-    """Postures of a chunk of so many: from 64 for small maps to 1048576 for large ones.
+    """Postures of a chunk of so many: from 64 for small maps to 720896 for large ones.
 
     Where postures are quickly computed it is from `least` on.
     """

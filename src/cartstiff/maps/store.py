@@ -40,8 +40,8 @@ NOT_COMPUTED = 255
 PLACES = ("position", "q", "time")
 # Most parts of a map: each is some objects, and all of them are listed.
 _MOST_PARTS = 10**6
-# Most postures of what is compressed as one: a few are read without the rest of a part.
-_INNER = 2**16
+#: Most postures of what is compressed as one: a few are read without the rest of a part.
+INNER = 2**16
 # Blosc packs no more.
 _LARGEST_FILE = 2**31
 # Group of what is known of the parts, so that it is no variable of the map.
@@ -121,7 +121,7 @@ class Layout:
         known = dict(zip(self.sampling.dims, self.chunk, strict=True)) | dict(self.sizes)
         part = [known[dim] for dim in kind.dims]
         inner = part[0]
-        while inner % 2 == 0 and inner * prod(part[1:]) > _INNER * self.sizes.get(kind.dims[-1], 1):
+        while inner % 2 == 0 and inner * prod(part[1:]) > INNER * self.sizes.get(kind.dims[-1], 1):
             inner //= 2
         return {
             "chunks": (inner, *part[1:]),
@@ -511,13 +511,13 @@ class MapFile:
         found = {n: marks[:, i : i + k] for n, i, k in zip(self.names, first, sizes, strict=False)}
         return {name: rows[marks[:, 0] > 0] for name, rows in found.items() if rows.size}
 
-    def write(self, part: int, arrays: Mapping[str, Array]) -> None:
-        """Put the arrays of a part in the store, and then its mark."""
+    def write(self, part: int, arrays: dict[str, Array]) -> None:
+        """Move the arrays of a part to the store, and then write its mark."""
         group, facts = self._unread, []
         for name in self.names:
             # What is nothing but its fill value is written, too.
             array = group[name].with_config({"write_empty_chunks": True})
-            kept = arrays[name].astype(array.dtype, copy=False)
+            kept = arrays.pop(name).astype(array.dtype, copy=False)
             array[self.boxes[part][: array.ndim]] = kept
             if name not in PLACES:
                 facts.append(fact(name, kept))
