@@ -61,6 +61,7 @@ from cartstiff.batch.quantities import (
     BLOCKS,
     FREQUENCIES,
     QUANTITIES,
+    Rows,
     Settings,
     Source,
     frequency_name,
@@ -459,7 +460,7 @@ class RecordedSource(Source):
         found: list[Scalar] = self.once("ends", make)
         return found
 
-    def ratio(self, values: Sequence[Scalar]) -> Scalar:
+    def ratio(self, values: Rows) -> Scalar:
         """Largest over smallest of positive eigenvalues."""
         return values[-1] / values[0]
 

@@ -268,13 +268,18 @@ class Command(click.Command):
             own = get_type_hints(kind, include_extras=True)
             names = [f for f in fields(kind) if f.name not in taken.without]
             self._objects[key] = kind, [f.name for f in names]
-            for part in kind.__mro__[-2::-1]:
+            classes = inspect.getmro(kind)
+            owner = {
+                f.name: next(c for c in classes if f.name in vars(c).get("__annotations__", ()))
+                for f in names
+            }
+            for part in classes[-2::-1]:
                 of_class = Documented.of(part)
                 self._exclusive += vars(part).get("EXCLUSIVE", ())
                 self._rare += vars(part).get("RARE", "").split()
                 rules.append(vars(part).get("NEEDS", {}))
                 for f in names:
-                    if f.name in vars(part).get("__annotations__", ()):
+                    if owner[f.name] is part:
                         shape, text = of_class.parameters.get(f.name, ("", ""))
                         words = shape, taken.words.get(f.name, text)
                         section = None if f.default is MISSING else of_class.about.partition(".")[0]

@@ -227,7 +227,7 @@ def level_of(
 def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) -> None:
     if not asked or context.resilient_parsing:
         return
-    from cartstiff.maps.quantities import QUANTITIES
+    from cartstiff.batch.quantities import QUANTITIES
     from cartstiff.mechanisms.contract import SI
 
     known = [
@@ -259,8 +259,12 @@ class Held(Reading):
     ----------
     quantities : NAME
         A quantity that the map holds; repeat it for several.
+    connection : LETTER
+        Matrix that is read: A, B, K, F or load, the tangent stiffness under the load. Default
+        under a load: load.
     """
 
+    connection: Annotated[Literal["load", "A", "B", "K", "F"] | None, "--connection"] = None
     quantities: Annotated[tuple[str, ...], "--quantity"] = ()
 
     @property
@@ -550,7 +554,7 @@ def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, flo
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:
     """Refuse a list of the best of what has no better end before the map is computed."""
-    from cartstiff.maps.quantities import QUANTITIES
+    from cartstiff.batch.quantities import QUANTITIES
 
     for name in quantities:
         if "." in name or (name in QUANTITIES and QUANTITIES[name].better is None):

@@ -27,7 +27,7 @@ from cartstiff.batch.postures import (
     readable,
     tensions_of_many,
 )
-from cartstiff.batch.quantities import FREQUENCIES
+from cartstiff.batch.quantities import FREQUENCIES, Quantity, Settings
 from cartstiff.batch.readings import Readings
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.batch.work import timed
@@ -37,8 +37,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.quantities import (
     MapRows,
-    Quantity,
-    Settings,
     choose_quantities,
     evaluate,
     needed_outputs,

@@ -31,6 +31,7 @@ from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_input, checked_unit, checked_vector
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
+from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -44,7 +45,7 @@ from cartstiff.errors import (
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob
-from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities
+from cartstiff.maps.quantities import choose_quantities
 from cartstiff.maps.sampling import Grid, Sampling, chunk_shape, dimension_name
 from cartstiff.maps.store import (
     CHECKSUM,
@@ -216,8 +217,8 @@ def map_job(
             )
         if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
             raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
-        own = (getattr(job, field.name) for field in fields(MapJob))
-        return CommandedJob(*own, steps)
+        own = {field.name: getattr(job, field.name) for field in fields(MapJob)}
+        return CommandedJob(**own, told=steps)
     return job
 
 

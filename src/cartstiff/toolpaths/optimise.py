@@ -38,6 +38,7 @@ from scipy.spatial import cKDTree
 from cartstiff import numerics
 from cartstiff.arrays import checked_seed, csv_text, plain_dict
 from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name, checked_kind
@@ -45,7 +46,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses, distinct
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
-from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
+from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
