@@ -20,7 +20,17 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import click
 from click.core import ParameterSource
@@ -268,7 +278,7 @@ class Command(click.Command):
             own = get_type_hints(kind, include_extras=True)
             names = [f for f in fields(kind) if f.name not in taken.without]
             self._objects[key] = kind, [f.name for f in names]
-            classes = inspect.getmro(kind)
+            classes: tuple[type, ...] = inspect.getmro(cast(type, kind))
             owner = {
                 f.name: next(c for c in classes if f.name in vars(c).get("__annotations__", ()))
                 for f in names
