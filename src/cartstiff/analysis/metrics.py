@@ -156,9 +156,16 @@ def length_of_pair(K: Array | None, C: Array | None) -> CharacteristicLength:
     try:
         value = _natural_length(K, C)
     except UndefinedError:
-        reason = "one unit of length: none is natural, as the stiffness is not positive definite"
-        return CharacteristicLength(1.0, "unit", reason)
+        return NOT_NATURAL
     return CharacteristicLength(value, "natural", NATURAL)
+
+
+#: Where the stiffness is not positive definite.
+NOT_NATURAL = CharacteristicLength(
+    1.0,
+    "unit",
+    "one unit of length: none is natural, as the stiffness is not positive definite",
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,12 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_ellipsoid,
 )
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION, definiteness
-from cartstiff.analysis.metrics import NATURAL, CharacteristicLength, length_of_pair
+from cartstiff.analysis.metrics import (
+    NATURAL,
+    NOT_NATURAL,
+    CharacteristicLength,
+    length_of_pair,
+)
 from cartstiff.analysis.screws import Screw
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
@@ -211,12 +216,13 @@ class MatrixPair:
     def length(self) -> CharacteristicLength:
         """`cartstiff.analysis.metrics.characteristic_length` without a given one."""
         is_whole, values, _ = self._blocks
-        if is_whole[0] and is_whole[2]:
-            moving, softness = values[0].tolist(), values[2].tolist()
-            if moving[0] > 0.0 and softness[0] > 0.0:
-                logs = sum(map(log, softness)) + sum(map(log, moving))
-                return CharacteristicLength(exp(-logs / 6.0), "natural", NATURAL)
-        return length_of_pair(self.K, self.C)
+        if not (is_whole[0] and is_whole[2]):
+            return length_of_pair(self.K, self.C)
+        moving, softness = values[0].tolist(), values[2].tolist()
+        if not (moving[0] > 0.0 and softness[0] > 0.0):
+            return NOT_NATURAL
+        logs = sum(map(log, softness)) + sum(map(log, moving))
+        return CharacteristicLength(exp(-logs / 6.0), "natural", NATURAL)
 
 
 @lru_cache(maxsize=16)  # numbers and picture of a page are about the same
