@@ -226,7 +226,7 @@ def option(rng: random.Random) -> str:
         p
         for p in chosen.params
         if isinstance(p, click.Option)
-        and p.name not in ("workers", "scheduler", "cluster", "help_all")
+        and p.name not in ("workers", "dask", "cluster", "help_all")
         and (p.multiple or not set(p.opts) & set(words) or rng.random() < 0.02)
     ]
     for parameter in rng.sample(options, min(len(options), rng.randint(0, 3))):

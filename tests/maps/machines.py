@@ -88,7 +88,7 @@ def held(function):
 
     return hold
 
-if "--scheduler" in sys.argv:
+if "--dask" in sys.argv:
     bar = run._bar
 
     @contextmanager

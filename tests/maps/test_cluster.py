@@ -102,7 +102,7 @@ def _same(file, expected):
 def test_a_killed_worker_costs_its_chunks_only(whole, scheduler, worker, tmp_path):
     first, second = worker(), worker()
     file = tmp_path / "m.zarr"
-    process = start_held_map(file, 4, "--scheduler", scheduler)
+    process = start_held_map(file, 4, "--dask", scheduler)
     first.send_signal(signal.SIGKILL)
     first.wait(timeout=600)
     kept = marks(file)
@@ -124,7 +124,7 @@ def test_a_client_of_ones_own(whole, scheduler, worker, tmp_path):
     asked = elastic, grid, ["compliance_translation_free_max"]
     with Client(scheduler, set_as_default=False) as client:
         client.wait_for_workers(2)
-        there = compute_map(*asked, tmp_path / "m.zarr", scheduler=client, chunk=1)
+        there = compute_map(*asked, tmp_path / "m.zarr", dask=client, chunk=1)
         assert client.status == "running"
     here = compute_map(*asked, tmp_path / "n.zarr", chunk=1)
     for name in ("state", *asked[2]):
@@ -146,15 +146,15 @@ def test_processes_are_those_of_a_scheduler(tmp_path):
     process = start_map(tmp_path / "m.zarr", "--workers", "2")
     _, error = process.communicate(timeout=600)
     assert process.returncode == 2
-    assert error.startswith("cartstiff: --workers: is no option any more; expected --scheduler")
+    assert error.startswith("cartstiff: --workers: is no option any more; expected --dask")
     elastic = arm()
     with pytest.raises(InputError, match="an address, or a client of Dask"):
-        compute_map(elastic, _few(elastic), ["condition"], tmp_path / "n.zarr", scheduler=2)
+        compute_map(elastic, _few(elastic), ["condition"], tmp_path / "n.zarr", dask=2)
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path):
     quickly = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}
-    process = start_map(tmp_path / "m.zarr", "--scheduler", "tcp://127.0.0.1:1", **quickly)
+    process = start_map(tmp_path / "m.zarr", "--dask", "tcp://127.0.0.1:1", **quickly)
     out, error = process.communicate(timeout=600)
     assert process.returncode == 2
     assert out == ""

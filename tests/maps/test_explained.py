@@ -109,7 +109,7 @@ def test_map_explains_itself(tmp_path):
     ways = ("machine code", "recorded arithmetic")
     assert sum(s["postures"] for name, s in by_name.items() if name.startswith(ways)) == 3000
     assert "writing the file" in by_name
-    told_twice = [*words, "--profile", "--scheduler", "tcp://127.0.0.1:1"]
+    told_twice = [*words, "--profile", "--dask", "tcp://127.0.0.1:1"]
     with pytest.raises(cartstiff.InputError, match="other processes"):
         CliRunner().invoke(command, told_twice, catch_exceptions=False)
 

@@ -201,8 +201,9 @@ RENAMED = {
 GONE = {
     "map --workers": (
         "is no option any more",
-        "--scheduler ADDRESS of 'dask scheduler' and 'dask worker'",
+        "--dask ADDRESS of 'dask scheduler' and 'dask worker'",
     ),
+    "map --scheduler": ("has another name now", "--dask ADDRESS"),
     "design --scheduler": ("designs have no scheduler any more", "--workers N"),
 }
 #: Where a context says that the whole help is shown.

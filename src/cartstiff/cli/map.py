@@ -342,7 +342,7 @@ class Shown:
 @declared(
     "map",
     json_of_file=False,
-    rare="lengths damping milling single verify chunk progress profile threads scheduler",
+    rare="lengths damping milling single verify chunk progress profile threads dask",
     more=(
         click.Option(
             ["--list-quantities"],
@@ -377,7 +377,7 @@ def command(
     progress: bool | None = None,
     profile: bool = False,
     threads: Processes = None,
-    scheduler: str | None = None,
+    dask: str | None = None,
 ) -> None:
     r"""Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
 
@@ -416,7 +416,7 @@ def command(
         machine.
     threads : N
         Threads of this process; default one for every core.
-    scheduler : ADDRESS
+    dask : ADDRESS
         Use the workers of a running Dask scheduler.
 
     Examples
@@ -435,11 +435,11 @@ def command(
     cartstiff map panda --trajectory path.csv --quantity deflection \
         --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
     """
-    if profile and scheduler is not None:
+    if profile and dask is not None:
         raise InputError(
             "the time of other processes is not counted",
             where="--profile",
-            expected="no --scheduler",
+            expected="no --dask",
         )
     quantities = reading.quantities
     if not quantities:
@@ -474,7 +474,7 @@ def command(
     try:
         with watched() as work:
             computed, damaged = run_map(
-                job, file, threads=threads, scheduler=scheduler, progress=progress, verify=verify
+                job, file, threads=threads, dask=dask, progress=progress, verify=verify
             )
     except KeyboardInterrupt:
         say(

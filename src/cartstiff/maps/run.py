@@ -607,7 +607,7 @@ def compute_map(
     file: Any,
     *,
     threads: int | None = None,
-    scheduler: Any = None,
+    dask: Any = None,
     progress: bool | None = False,
     verify: bool = False,
     **asked: Any,
@@ -625,7 +625,7 @@ def compute_map(
         a store of Zarr.
     threads : int, optional
         In this process; default one for every core.
-    scheduler : str or distributed.Client, optional
+    dask : str or distributed.Client, optional
         A running Dask scheduler's address, or its client: its workers compute instead. They see the
         file under the same path.
     progress : bool or None
@@ -647,7 +647,7 @@ def compute_map(
         After Ctrl-C; the file is valid and the same call goes on with it.
     """
     job, there = prepare_map(elastic, sampling, quantities, file, **asked)
-    run_map(job, there, threads=threads, scheduler=scheduler, progress=progress, verify=verify)
+    run_map(job, there, threads=threads, dask=dask, progress=progress, verify=verify)
     return open_map(file)
 
 
@@ -656,7 +656,7 @@ def run_map(
     file: MapFile,
     *,
     threads: int | None = None,
-    scheduler: Any = None,
+    dask: Any = None,
     progress: bool | None = False,
     verify: bool = False,
 ) -> Run:
@@ -672,7 +672,7 @@ def run_map(
         advance(sum(map(file.count, done)))
         missing = [part for part in range(len(file.boxes)) if part not in done]
         if missing:
-            with _workers(job, file, min(count, len(missing)), scheduler) as submit:
+            with _workers(job, file, min(count, len(missing)), dask) as submit:
                 futures = [submit(part) for part in missing]
                 try:
                     for future in as_completed(futures):
