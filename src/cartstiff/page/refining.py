@@ -49,8 +49,9 @@ def refine(
     rows: Rows, row_at: _RowAt, i: int, narrow: float, most: int
 ) -> Generator[None, None, None]:
     """Add up to `most` rows where `widest_jump` wants them, yielding between them."""
+    known: dict[tuple[float, float], float] = {}
     for _ in range(most):
-        if (middle := widest_jump(rows, narrow)) is None:
+        if (middle := widest_jump(rows, narrow, known)) is None:
             return
         near = min((x for x in rows if "reason" not in rows[x]), key=lambda x: abs(x - middle))
         q = np.array(rows[near]["q"])
@@ -59,7 +60,9 @@ def refine(
         yield
 
 
-def widest_jump(rows: Mapping[float, Row], narrow: float) -> float | None:
+def widest_jump(
+    rows: Mapping[float, Row], narrow: float, known: dict[tuple[float, float], float] | None = None
+) -> float | None:
     """The middle of the interval over which the curves change most; None where all are smooth.
 
     A cable that is slack in two neighbours may be taut between them: its margin (length less
@@ -71,16 +74,20 @@ def widest_jump(rows: Mapping[float, Row], narrow: float) -> float | None:
         By the coordinate that runs, in any order.
     narrow : float
         Intervals up to this width are left.
+    known : dict, optional
+        Changes over intervals that were looked at before; those that are new are added.
     """
-    at = sorted(rows)
+    at, known = sorted(rows), {} if known is None else known
     if not any("reason" not in row for row in rows.values()):
         return None
     middle, most = None, _DECADES
     for k, (a, b) in enumerate(pairwise(at)):
         if b - a <= narrow:
             continue
-        change = _change(rows[a], rows[b])
-        for outer in ([at[k - 1]] if k else []) + ([at[k + 2]] if k + 2 < len(at) else []):
+        if (a, b) not in known:
+            known[a, b] = _change(rows[a], rows[b])
+        change, outside = known[a, b], (at[k - 1 : k] + at[k + 2 : k + 3])
+        for outer in outside if rows[a].get("margins") else ():
             if change < _BREAK and _crosses_between(rows, a, b, outer):
                 change = _BREAK
         if change > most:
