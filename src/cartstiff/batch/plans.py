@@ -23,7 +23,7 @@ from cartstiff.batch.closed_chains import (
 )
 from cartstiff.batch.platforms import PlatformCase, platform_arrays
 from cartstiff.batch.readings import Readings, read
-from cartstiff.batch.tape import Program, Tape, larger
+from cartstiff.batch.tape import Program, Tape, larger, uncollected
 from cartstiff.batch.twists import ChainConstants, ForceField, numbers, read_chain
 from cartstiff.batch.untraced import UntracedTerms
 from cartstiff.geometry.se3 import Array
@@ -94,6 +94,7 @@ class TracedModel:
 
 
 @lru_cache(maxsize=64)
+@uncollected()
 def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None = None) -> Program:
     """Program of the outputs of a case that exist, and of the verdict on the posture; kept.
 

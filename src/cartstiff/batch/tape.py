@@ -10,14 +10,31 @@ is computed from the same numbers, says so.
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Python's collector rests: a recording is many small objects that all stay.
+
+    It would look through them again and again, for half of the time.
+    """
+    rests = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if rests:
+            gc.enable()
 
 
 class Operation(NamedTuple):

@@ -35,6 +35,7 @@ from typing import (
 import click
 from click.core import ParameterSource
 
+from cartstiff.cli.output import say
 from cartstiff.errors import InputError
 
 
@@ -216,7 +217,7 @@ def _help_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the whole help and end."""
     if asked and not ctx.resilient_parsing:
         ctx.meta[HELP_ALL] = True
-        click.echo(ctx.get_help())
+        say(ctx.get_help())
         ctx.exit()
 
 

@@ -293,9 +293,9 @@ def _require_plain_files(folder: Path) -> None:
 
 def _objects(layout: Layout) -> dict[str, bytes]:
     """What describes a map, by key: the group, its arrays, and the values along the axes."""
+    zarr, kept = _zarr(), dict[str, Any]()
     from cartstiff.maps.sealed import seal
 
-    zarr, kept = _zarr(), dict[str, Any]()
     names = list(layout.arrays)
     group = zarr.create_group(
         zarr.storage.MemoryStore(kept), attributes=dict(layout.attributes), zarr_format=3

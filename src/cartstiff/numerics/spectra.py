@@ -40,9 +40,9 @@ def eigenvalues(
         NaN where neither is known, and where one of the values is known to less than `LOST_ERROR`.
     """
     a = _of_symmetric(matrix)
-    if inverse is None:
-        return _cleaned(a)
     n = a.shape[-1]
+    if inverse is None or n == 0:
+        return _cleaned(a)
     result = _cleaned(a).reshape(-1, n)
     is_lossy = losses[0] != 1.0
     todo = np.flatnonzero(is_lossy | ~(condition(result) < PLAIN_BLOCK))
