@@ -29,7 +29,7 @@ SIZE = {"width": 1280, "height": 720}
 #: The report of the README; its first screen is taken.
 REPORT = ["report", "ur10", "--tcp", "0,0,0.15", "--payload", "4,0,0,-0.05"]
 REPORT += ["--load", "0,0,0,0,0,-300", "--world"]
-REPORT_SIZE = {"width": 900, "height": 720}
+REPORT_SIZE = {"width": 900, "height": 960}
 
 #: Software rendering, no calls home; as root a sandbox is not to be had.
 FLAGS = [

@@ -122,7 +122,7 @@ def test_springs_that_nobody_measured_are_doubted_before_the_answer():
     assumed = cartstiff.load(f"<robot name='arm'>{ARM}</robot>")
     for elastic, words_of_doubt in (
         (assumed, "The springs are assumed: no joint stiffness was given"),
-        (cartstiff.load("ur5"), "The springs are illustrative, not measured."),
+        (cartstiff.load("ur5"), "The springs are illustrative, not measured"),
     ):
         text = report_page(elastic)
         assert 0 < text.index('<p class="doubt">') < text.index("<li>")

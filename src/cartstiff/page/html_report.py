@@ -276,7 +276,7 @@ def _doubt(elastic: ElasticMechanism) -> str:
     if assumed:
         words = f"The springs are assumed: {assumed[0]}. Give them by --springs, or identify them."
     elif "illustrative" in (elastic.source or "").lower():
-        words = f"The springs are illustrative, not measured. {elastic.source}"
+        words = "The springs are illustrative, not measured (see What is assumed)."
     else:
         return ""
     return f'<p class="doubt">{_text(words)}</p>'
