@@ -248,7 +248,7 @@ def _answer(
         if load.added is not None and state.stable is not False:
             turned, moved = np.split(displacement_between(before.pose, state.pose), 2)
             shift = moved
-            least = numerics.BLANK * np.abs(moved).max()
+            least = numerics.REPORTED_ERROR * np.abs(moved).max()
             along = ", ".join(f"{mm * x:+.3g}" if abs(x) > least else "0" for x in moved)
             lines.append(
                 f"The tip moves {mm * np.linalg.norm(moved):.3g} mm ({along} mm along the axes of "
@@ -431,7 +431,9 @@ def _at_same_pose(elastic: ElasticMechanism, start: Array, load: _Load, here: fl
 
 
 def _place(elastic: ElasticMechanism, value: float, is_length: bool) -> str:
-    return f"{value:.4g} {elastic.units.length}" if is_length else f"{np.degrees(value):.1f} deg"
+    if is_length:
+        return f"{round(value, 9) + 0.0:.4g} {elastic.units.length}"
+    return f"{round(np.degrees(value), 1) + 0.0:.1f} deg"
 
 
 def _in_room(load: _Load) -> Array:
