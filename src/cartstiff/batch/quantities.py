@@ -347,6 +347,10 @@ def _vibration_quantities() -> Iterator[Quantity]:
     )
 
 
+def _condition_of(s: Any, freedom: Freedom) -> Numbers:
+    return s.ratio(s.principal("stiffness", freedom, "held"))
+
+
 def _of_mode(s: Any, of: str, i: int) -> Numbers:
     return getattr(s, of)(i)
 
@@ -401,21 +405,16 @@ QUANTITIES: dict[str, Quantity] = {
             _PAIR,
             "length",
         ),
-        Quantity(
-            "translation_condition",
-            "condition number of the translational block of K",
-            "1",
-            lambda s: s.ratio(s.principal("stiffness", "translation", "held")),
-            _PAIR,
-            better="smaller",
-        ),
-        Quantity(
-            "rotation_condition",
-            "condition number of the rotational block of K",
-            "1",
-            lambda s: s.ratio(s.principal("stiffness", "rotation", "held")),
-            _PAIR,
-            better="smaller",
+        *(
+            Quantity(
+                f"{freedom}_condition",
+                f"condition number of the {freedom}al block of K",
+                "1",
+                partial(_condition_of, freedom=freedom),
+                _PAIR,
+                better="smaller",
+            )
+            for freedom in reversed(BLOCKS)
         ),
         Quantity(
             "determinant",

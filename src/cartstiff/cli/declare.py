@@ -213,12 +213,23 @@ HELP_ALL = "cartstiff.help_all"
 _EXAMPLES = 4
 
 
-def _help_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print the whole help and end."""
-    if asked and not ctx.resilient_parsing:
-        ctx.meta[HELP_ALL] = True
-        say(ctx.get_help())
-        ctx.exit()
+def ending(name: str, print_it: Callable[[click.Context], None], words: str) -> click.Option:
+    """A flag that prints something and ends, whatever else is given or missing."""
+
+    def callback(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+        if asked and not ctx.resilient_parsing:
+            print_it(ctx)
+            ctx.exit()
+
+    return click.Option(
+        [name], is_flag=True, is_eager=True, expose_value=False, callback=callback, help=words
+    )
+
+
+def _help_all(ctx: click.Context) -> None:
+    """Print the whole help."""
+    ctx.meta[HELP_ALL] = True
+    say(ctx.get_help())
 
 
 def _brief(text: str, room: int) -> str:
@@ -313,16 +324,7 @@ class Command(click.Command):
             help=documented.about,
             epilog="\n\n".join(f"\b\n{part}" for part in lines) if documented.examples else None,
         )
-        self.params.append(
-            click.Option(
-                ["--help-all"],
-                is_flag=True,
-                is_eager=True,
-                expose_value=False,
-                callback=_help_all,
-                help="All options, in full.",
-            )
-        )
+        self.params.append(ending("--help-all", _help_all, "All options, in full."))
 
     def _run(self, **values: Any) -> None:
         """Call the function with its objects."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import click
 
-from cartstiff.cli.declare import Factors, Overrides
+from cartstiff.cli.declare import Factors, Overrides, ending
 from cartstiff.cli.options import (
     ANGLE,
     Amount,
@@ -224,9 +224,8 @@ def level_of(
     )
 
 
-def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    if not asked or context.resilient_parsing:
-        return
+def _list_quantities(context: click.Context) -> None:
+    """Print the table of quantities."""
     from cartstiff.batch.quantities import QUANTITIES
     from cartstiff.mechanisms.contract import SI
 
@@ -242,13 +241,12 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     ]
     if "--json" in context.meta["words"]:
         say(json.dumps({"schema": "cartstiff-quantities/1", "quantities": known}))
-        context.exit()
+        return
     width = max(map(len, QUANTITIES))
     for q in known:
         more = f"; --{q['asks']}".replace("deflect", "added-load or --load") if q["asks"] else ""
         say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
     say("\nAny other number of the analysis by its path, such as indices.best_length.")
-    context.exit()
 
 
 @dataclass(frozen=True)
@@ -344,13 +342,10 @@ class Shown:
     json_of_file=False,
     rare="lengths damping milling single verify chunk progress profile threads dask",
     more=(
-        click.Option(
-            ["--list-quantities"],
-            is_flag=True,
-            is_eager=True,
-            expose_value=False,
-            callback=_list_quantities,
-            help="Print the names and end; with --json as one object.",
+        ending(
+            "--list-quantities",
+            _list_quantities,
+            "Print the names and end; with --json as one object.",
         ),
     ),
 )

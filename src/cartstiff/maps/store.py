@@ -101,8 +101,7 @@ class Layout:
     @property
     def cuts(self) -> tuple[int, ...]:
         """Number of parts along each dimension."""
-        pairs = zip(self.sampling.shape, self.chunk, strict=True)
-        return tuple(ceil(n / c) for n, c in pairs)
+        return cuts(self.sampling.shape, self.chunk)
 
     @property
     def boxes(self) -> list[tuple[slice, ...]]:
@@ -133,12 +132,15 @@ class Layout:
         }
 
 
+def cuts(shape: Sequence[int], chunk: Sequence[int]) -> tuple[int, ...]:
+    """Number of parts of an array along each dimension."""
+    return tuple(ceil(n / c) for n, c in zip(shape, chunk, strict=True))
+
+
 def boxes(shape: Sequence[int], chunk: Sequence[int]) -> list[tuple[slice, ...]]:
     """Parts of an array, in C order."""
-    cuts = [
-        [slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in zip(shape, chunk, strict=True)
-    ]
-    return list(product(*cuts))
+    pairs = zip(shape, chunk, strict=True)
+    return list(product(*([slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in pairs)))
 
 
 def fact(name: str, values: Array) -> Array:
@@ -436,7 +438,7 @@ class MapFile:
     @cached_property
     def cuts(self) -> tuple[int, ...]:
         """Number of parts along each dimension."""
-        return tuple(ceil(n / c) for n, c in zip(self.shape, self.chunk, strict=True))
+        return cuts(self.shape, self.chunk)
 
     @cached_property
     def boxes(self) -> list[tuple[slice, ...]]:

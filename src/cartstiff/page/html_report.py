@@ -182,7 +182,7 @@ class _Load:
         moment, force = np.split(held, 2)
         held = np.concatenate([moment - np.cross(kind.at, force), force])
         if axes == "world":
-            held = np.kron(np.eye(2), alone.pose[:3, :3]) @ held
+            held = _turned(alone.pose[:3, :3], held)
         return cls(added, held, kind, axes, alone.pose)
 
     @property
@@ -191,6 +191,12 @@ class _Load:
         if self.added is None:
             return self.held
         return self.added if self.held is None else self.added + self.held
+
+    @property
+    def in_room(self) -> Array:
+        """The load (6,) along the axes of F."""
+        added = np.zeros(6) if self.added is None else self.added
+        return added if self.axes == "world" else _turned(self.pose[:3, :3], added)
 
     def result(self, elastic: ElasticMechanism, q: Array) -> PostureStiffness:
         """The posture as `analyse` answers it: with the load where its springs can take it over.
@@ -218,8 +224,13 @@ class _Load:
             return analyse_posture(result) | {"deflection": None}
         added = self.added
         if self.axes == "world":
-            added = np.kron(np.eye(2), self.pose[:3, :3].T) @ added
+            added = _turned(self.pose[:3, :3].T, added)
         return analyse_posture(result, wrench=added, wrench_at=self.kind.at)
+
+
+def _turned(rotation: Array, wrench: Array) -> Array:
+    """Moment and force (6,) along other axes."""
+    return np.asarray(wrench.reshape(2, 3) @ rotation.T).ravel()
 
 
 def _answer(
@@ -379,7 +390,7 @@ def _less(elastic: ElasticMechanism, start: Array, there: Array, load: _Load) ->
     """How much less the load moves the tip at another posture, by both equilibria; empty if not."""
     moved = []
     for q in (start, there):
-        term = load.kind.acting(_in_room(load), elastic.mechanism.at(q).pose, "world")
+        term = load.kind.acting(load.in_room, elastic.mechanism.at(q).pose, "world")
         try:
             state = equilibrium(elastic, term, q0=q)
         except CartstiffError:
@@ -436,14 +447,6 @@ def _place(elastic: ElasticMechanism, value: float, is_length: bool) -> str:
     return f"{round(np.degrees(value), 1) + 0.0:.1f} deg"
 
 
-def _in_room(load: _Load) -> Array:
-    """The load along the axes of F."""
-    added = np.zeros(6) if load.added is None else load.added
-    if load.axes == "world":
-        return added
-    return np.asarray(np.kron(np.eye(2), load.pose[:3, :3]) @ added)
-
-
 def _displacements(elastic: ElasticMechanism, Q: Array, load: _Load) -> Array:
     """Displacement of the tip (N,) at postures under the load, fixed in the room.
 
@@ -452,7 +455,7 @@ def _displacements(elastic: ElasticMechanism, Q: Array, load: _Load) -> Array:
     arrays = analyse_many(
         elastic,
         Q,
-        wrench=_in_room(load),
+        wrench=load.in_room,
         load_kind=load.kind.kind,
         load_at=load.kind.at,
         load_axes="world",
@@ -534,7 +537,7 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     every = np.vstack(lines)
     low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDING)
     drawn, tip = [], posture.pose[:3, 3]
-    arrows = _arrows(load, posture.pose, moved, size)
+    arrows = _arrows(load, moved, size)
     for number, (title, across, up) in enumerate((("from the side", 0, 2), ("from above", 0, 1))):
         left = 20 + 320 * number
         for line in lines:
@@ -576,14 +579,10 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     )
 
 
-def _arrows(
-    load: _Load, pose: Array, moved: Array | None, size: float
-) -> list[tuple[Array, str, str]]:
+def _arrows(load: _Load, moved: Array | None, size: float) -> list[tuple[Array, str, str]]:
     """Force on the tip and its displacement as drawn in F, with their colours and words."""
     arrows = []
-    force = np.zeros(3) if load.added is None else load.added[3:]
-    if load.axes == "body":
-        force = pose[:3, :3] @ force
+    force = load.in_room[3:]
     if force.any():
         arrows.append((0.15 * size * force / np.linalg.norm(force), "#222", "force in black"))
     if moved is not None and moved.any():
