@@ -49,6 +49,8 @@ ARM = {
     "q": POSTURE,
     "springs": {f"j{i}": {"stiffness": 1e4 * i, "rest": 0.1 * i} for i in range(1, 7)},
 }
+DH_ROWS = [{"d": 0.3, "alpha": 1.5}, {"a": 0.5}, {"a": 0.4, "theta": 0.4}]
+DH = {"kind": "serial", "dh": {"convention": "standard", "joints": DH_ROWS}}
 ELASTIC = ARM | {"springs": {f"j{i}": {"stiffness": 1e4 * i} for i in range(1, 7)}}
 FOUND = {
     "compliances": [{"name": "j1", "value": 1e-4}, {"name": "j2", "value": 5e-5}],

@@ -32,6 +32,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.dh import dh_description
 from cartstiff.loading.legs import check_limits, drawn_legs, one_each
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import (
@@ -539,7 +540,11 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
 def described(
     file: SerialFile | LegModel | ClosedChainFile, beside: Path | None, floating: bool = False
 ) -> RobotDescription:
-    """The robot of a `model:` entry: a path relative to the mechanism file, or a robot's name."""
+    """The robot of a `model:` or `dh:` entry; paths are relative to the mechanism file."""
+    if file.dh is not None or file.model is None:
+        if file.dh is None or file.xacro or file.package_path:
+            raise InputError("xacro arguments and package paths belong to robots by model")
+        return dh_description(file.dh, floating)
     for folder in file.package_path:
         if not _from(beside, folder).is_dir():
             raise InputError("no such folder", where="package_path", got=one_line(folder))

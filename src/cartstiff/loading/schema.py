@@ -19,6 +19,7 @@ from pydantic import (
     PrivateAttr,
     Tag,
     TypeAdapter,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
@@ -805,11 +806,85 @@ class _File(FileModel):
     identified: IdentifiedModel | None = None
 
 
+class DHUnits(FileModel):
+    """Units of the numbers in a DH table of a mechanism file."""
+
+    length: Literal["m", "cm", "mm", "in"] = "m"
+    angle: Literal["rad", "deg"] = "rad"
+
+
+class DHJoint(FileModel):
+    """A row of a DH table; its numbers are in the table's units."""
+
+    name: Text | None = keyed(
+        "of the joint; default j1, j2, ...; of a fixed row that of its link", None
+    )
+    type: Literal["revolute", "prismatic", "fixed"] = "revolute"
+    a: Number = keyed("distance along x", 0.0)
+    alpha: Number = keyed("angle about x", 0.0)
+    d: Number = keyed("distance along z; of a prismatic joint where q is 0", 0.0)
+    theta: Number = keyed("angle about z; of a revolute joint where q is 0", 0.0)
+    limits: Pair | None = keyed("[least, most] of q", None)
+
+    @model_validator(mode="after")
+    def _one(self) -> DHJoint:
+        if self.limits is not None and (self.type == "fixed" or self.limits[0] > self.limits[1]):
+            raise ValueError("limits are [least, most] of a joint that moves")
+        return self
+
+
+class DHModel(FileModel):
+    """An arm by Denavit-Hartenberg parameters; M is in the frame of the last row, link6 of six."""
+
+    convention: Literal["standard", "modified"] = keyed(
+        "standard: a row is Rz(theta) Tz(d) Tx(a) Rx(alpha), joint i turns about z of frame i-1; "
+        "modified (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), joint i turns about z of frame i"
+    )
+    joints: list[DHJoint] | None = keyed("row by row", None, min_length=1, max_length=100)
+    table: FileName | None = keyed(
+        "CSV in place of joints: columns joint, type, a, alpha, d, theta, lower, upper, with the "
+        "units in the heads, as a [mm]",
+        None,
+    )
+    units: DHUnits = keyed("of the numbers under joints", DHUnits.model_construct())
+
+    @model_validator(mode="after")
+    def _one(self, info: ValidationInfo) -> DHModel:
+        only_one(self, "joints", "table")
+        if self.table is None:
+            return self
+        if self.units != DHUnits():
+            raise ValueError("units of a table are in its heads")
+        from cartstiff.loading.dh import read_dh_table
+
+        folder = (info.context or {}).get("folder", Path())
+        path = folder / Path(self.table).expanduser()
+        try:
+            rows = [DHJoint.model_validate(row) for row in read_dh_table(path)]
+        except ValidationError as error:
+            problem = error.errors(include_url=False)[0]
+            words = f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
+            raise InputError(
+                "a row cannot be used", where=one_line(str(path)), got=one_line(words)
+            ) from None
+        return self.model_copy(update={"joints": rows})
+
+
 class _Robot(FileModel):
-    model: FileName = keyed("name of a robot, or path of URDF, xacro or MJCF")
+    model: FileName | None = keyed("name of a robot, or path of URDF, xacro or MJCF", None)
+    dh: DHModel | None = keyed("in place of model: a Denavit-Hartenberg table", None)
     xacro: dict[str, Argument] = keyed("arguments of a xacro file by name", {})
     package_path: list[FileName] = keyed("folders in which ROS packages are looked for first", [])
     _named: tuple[str, ...] = PrivateAttr(default=())
+
+    @model_validator(mode="after")
+    def _is_described(self) -> Self:
+        if self.model is None and self.dh is None:
+            raise ValueError("key 'model' is missing: give model, or dh")
+        only_one(self, "model", "dh")
+        if self.dh is not None and (self.xacro or self.package_path):
+            raise ValueError("xacro and package_path belong to model, not to dh")
+        return self
 
     @property
     def named_folders(self) -> tuple[str, ...]:

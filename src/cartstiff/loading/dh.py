@@ -1,0 +1,141 @@
+r"""Denavit-Hartenberg tables, standard and modified, as robots.
+
+Row i places frame i in frame i-1 by turns R about, and displacements T along, the axes x and z:
+
+    standard:          R_z(theta) T_z(d) T_x(a) R_x(alpha), joint i on the z axis of frame i-1
+    modified (Craig):  R_x(alpha) T_x(a) R_z(theta) T_z(d), joint i on the z axis of frame i
+
+where q is added to theta of a revolute joint and to d of a prismatic one. The a and alpha of a
+modified row are those that Craig numbers i-1.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.loading.robot_description import RobotDescription
+from cartstiff.loading.robot_facts import RobotFacts
+from cartstiff.loading.tables import UNITS, head_of, read_cells
+from cartstiff.parsing import parse_numbers
+
+if TYPE_CHECKING:
+    from cartstiff.loading.schema import DHModel
+
+_NUMBERS = {"a": "length", "d": "length", "alpha": "angle", "theta": "angle"}
+_COLUMNS = ("joint", "type", *_NUMBERS, "lower", "upper")
+
+
+def read_dh_table(path: Path) -> list[dict[str, Any]]:
+    """Rows of a table as the keys of a mechanism file, in m and rad.
+
+    Columns are joint, type, a, alpha, d, theta, lower and upper, with their units in the heads;
+    lower and upper may stand there twice, in degrees for revolute and in mm for prismatic joints.
+    Of a joint without one of them that cell is empty; an empty number is zero.
+
+    Raises
+    ------
+    InputError
+        With file and line.
+    """
+    cells, heads = read_cells(path, "rows of the DH table"), list[tuple[str, str | None, float]]()
+    for cell in cells.names:
+        name, kind, size = head_of(cell, cells.place)
+        wanted = {"joint": (None,), "type": (None,), "lower": ("angle", "length")}
+        kinds = wanted.get(name.replace("upper", "lower"), (_NUMBERS.get(name),))
+        if name not in _COLUMNS or kind not in kinds:
+            units = ", ".join(str(u) for k in kinds if k for u in list(UNITS[k])[:5])
+            raise InputError(
+                f"column {cell!r} cannot be used",
+                where=cells.place,
+                expected=f"{name} [unit], such as {units}" if units else ", ".join(_COLUMNS),
+            )
+        heads.append((name, kind, size))
+    rows = []
+    for line, place in zip(cells.rows, cells.places, strict=True):
+        row: dict[str, Any] = {}
+        limits: dict[str, tuple[str, float]] = {}
+        for (name, kind, size), text in zip(heads, line, strict=True):
+            if not text:
+                continue
+            if kind is None:
+                row["name" if name == "joint" else name] = text
+                continue
+            value = float(parse_numbers(text, f"{place}, column {name}", 1)[0]) * size
+            if name in _NUMBERS:
+                row[name] = value
+            else:
+                limits[name] = kind, value
+        slides = row.get("type") == "prismatic"
+        if limits:
+            given = {kind for kind, _ in limits.values()}
+            if len(limits) != 2 or given != {"length" if slides else "angle"}:
+                raise InputError(
+                    "limits do not fit the joint",
+                    where=place,
+                    expected=f"lower and upper, {'a length' if slides else 'an angle'} each",
+                )
+            row["limits"] = [limits["lower"][1], limits["upper"][1]]
+        rows.append(row)
+    return rows
+
+
+def dh_description(table: DHModel, floating: bool) -> RobotDescription:
+    """The robot of a table: joints j1, j2, ... and links link1, link2, ... unless they have names.
+
+    Raises
+    ------
+    InputError
+        For a name that two rows have, and a table without joints.
+    """
+    model = pin.Model()
+    model.name = "DH table"
+    joint = (
+        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root") if floating else 0
+    )
+    lower, upper = (list(x) for x in (model.lowerPositionLimit, model.upperPositionLimit))
+    model.addFrame(_frame("base", joint, np.eye(4)))
+    T, links = np.eye(4), ["world", "base"]
+    length, angle = UNITS["length"][table.units.length], UNITS["angle"][table.units.angle]
+    for i, row in enumerate(table.joints, start=1):
+        moves = row.type != "fixed"
+        name = row.name or (f"j{i}" if moves else f"link{i}")
+        link = f"link{i}" if moves else name
+        if link in links or name in model.names:
+            raise InputError("two rows have one name", where=f"key dh.joints.{i}", got=repr(name))
+        links.append(link)
+        across = _screw([1, 0, 0], row.alpha * angle, row.a * length)
+        along = _screw([0, 0, 1], row.theta * angle, row.d * length)
+        before, after = (
+            (across @ along, np.eye(4)) if table.convention == "modified" else (along, across)
+        )
+        T = T @ before
+        if moves:
+            slides = row.type == "prismatic"
+            kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
+            joint = model.addJoint(joint, kind, pin.SE3(T), name)
+            low, high = row.limits or (-np.inf, np.inf)
+            lower.append(low * (length if slides else angle))
+            upper.append(high * (length if slides else angle))
+            T = np.eye(4)
+        T = T @ after
+        model.addFrame(_frame(link, joint, T))
+    if not any(row.type != "fixed" for row in table.joints):
+        raise InputError("robot has no movable joints", where="key dh.joints")
+    model.lowerPositionLimit, model.upperPositionLimit = np.array(lower), np.array(upper)
+    facts = RobotFacts(weightless=("masses of the links, which a DH table does not give",))
+    return RobotDescription(None, model, facts, ())
+
+
+def _screw(axis: list[int], turn: float, shift: float) -> Array:
+    return se3.exp(np.concatenate([np.multiply(axis, turn), np.multiply(axis, shift)]))
+
+
+def _frame(name: str, joint: int, T: Array) -> Any:
+    return pin.Frame(name, joint, pin.SE3(T), pin.FrameType.BODY, pin.Inertia.Zero())
