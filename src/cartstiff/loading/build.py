@@ -544,7 +544,7 @@ def described(
     if file.dh is not None or file.model is None:
         if file.dh is None or file.xacro or file.package_path:
             raise InputError("xacro arguments and package paths belong to robots by model")
-        return dh_description(file.dh, floating)
+        return dh_description(file.dh, beside or Path(), floating)
     for folder in file.package_path:
         if not _from(beside, folder).is_dir():
             raise InputError("no such folder", where="package_path", got=one_line(folder))

@@ -12,28 +12,27 @@ modified row are those that Craig numbers i-1.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from pydantic import ValidationError
 
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import RobotFacts
+from cartstiff.loading.schema import DHJoint, DHModel
 from cartstiff.loading.tables import UNITS, head_of, read_cells
 from cartstiff.parsing import parse_numbers
-
-if TYPE_CHECKING:
-    from cartstiff.loading.schema import DHModel
 
 _NUMBERS = {"a": "length", "d": "length", "alpha": "angle", "theta": "angle"}
 _COLUMNS = ("joint", "type", *_NUMBERS, "lower", "upper")
 
 
-def read_dh_table(path: Path) -> list[dict[str, Any]]:
-    """Rows of a table as the keys of a mechanism file, in m and rad.
+def read_dh_table(path: Path) -> list[DHJoint]:
+    """Rows of a table, in m and rad.
 
     Columns are joint, type, a, alpha, d, theta, lower and upper, with their units in the heads;
     lower and upper may stand there twice, in degrees for revolute and in mm for prismatic joints.
@@ -82,11 +81,16 @@ def read_dh_table(path: Path) -> list[dict[str, Any]]:
                     expected=f"lower and upper, {'a length' if slides else 'an angle'} each",
                 )
             row["limits"] = [limits["lower"][1], limits["upper"][1]]
-        rows.append(row)
+        try:
+            rows.append(DHJoint.model_validate(row))
+        except ValidationError as error:
+            problem = error.errors(include_url=False)[0]
+            words = f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
+            raise InputError("cannot be used", where=place, got=one_line(words)) from None
     return rows
 
 
-def dh_description(table: DHModel, floating: bool) -> RobotDescription:
+def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescription:
     """The robot of a table: joints j1, j2, ... and links link1, link2, ... unless they have names.
 
     Raises
@@ -94,6 +98,9 @@ def dh_description(table: DHModel, floating: bool) -> RobotDescription:
     InputError
         For a name that two rows have, and a table without joints.
     """
+    rows = table.joints
+    if rows is None:
+        rows = read_dh_table(folder / Path(table.table or "").expanduser())
     model = pin.Model()
     model.name = "DH table"
     joint = (
@@ -103,7 +110,7 @@ def dh_description(table: DHModel, floating: bool) -> RobotDescription:
     model.addFrame(_frame("base", joint, np.eye(4)))
     T, links = np.eye(4), ["world", "base"]
     length, angle = UNITS["length"][table.units.length], UNITS["angle"][table.units.angle]
-    for i, row in enumerate(table.joints, start=1):
+    for i, row in enumerate(rows, start=1):
         moves = row.type != "fixed"
         name = row.name or (f"j{i}" if moves else f"link{i}")
         link = f"link{i}" if moves else name
@@ -126,7 +133,7 @@ def dh_description(table: DHModel, floating: bool) -> RobotDescription:
             T = np.eye(4)
         T = T @ after
         model.addFrame(_frame(link, joint, T))
-    if not any(row.type != "fixed" for row in table.joints):
+    if not any(row.type != "fixed" for row in rows):
         raise InputError("robot has no movable joints", where="key dh.joints")
     model.lowerPositionLimit, model.upperPositionLimit = np.array(lower), np.array(upper)
     facts = RobotFacts(weightless=("masses of the links, which a DH table does not give",))

@@ -19,7 +19,6 @@ from pydantic import (
     PrivateAttr,
     Tag,
     TypeAdapter,
-    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
@@ -849,25 +848,11 @@ class DHModel(FileModel):
     units: DHUnits = keyed("of the numbers under joints", DHUnits.model_construct())
 
     @model_validator(mode="after")
-    def _one(self, info: ValidationInfo) -> DHModel:
+    def _one(self) -> DHModel:
         only_one(self, "joints", "table")
-        if self.table is None:
-            return self
-        if self.units != DHUnits():
+        if self.table is not None and self.units != DHUnits():
             raise ValueError("units of a table are in its heads")
-        from cartstiff.loading.dh import read_dh_table
-
-        folder = (info.context or {}).get("folder", Path())
-        path = folder / Path(self.table).expanduser()
-        try:
-            rows = [DHJoint.model_validate(row) for row in read_dh_table(path)]
-        except ValidationError as error:
-            problem = error.errors(include_url=False)[0]
-            words = f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
-            raise InputError(
-                "a row cannot be used", where=one_line(str(path)), got=one_line(words)
-            ) from None
-        return self.model_copy(update={"joints": rows})
+        return self
 
 
 class _Robot(FileModel):
