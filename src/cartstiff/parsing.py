@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError
 
 
 def parse_numbers(
-    text: str, where: str, count: int | None = None, *, rigid: bool = False
+    text: str,
+    where: str,
+    count: int | None = None,
+    *,
+    word: Callable[[str, str], float | None] = lambda *_: None,
 ) -> list[float]:
     """Comma-separated finite numbers.
 
@@ -21,8 +26,8 @@ def parse_numbers(
         What they were given as: an option, a line of a file.
     count : int, optional
         How many there must be.
-    rigid : bool
-        Whether "rigid", "inf" and ".inf" may stand for infinity.
+    word : callable
+        The number that a text stands for which is none, such as "rigid"; from the text and `where`.
 
     Raises
     ------
@@ -32,8 +37,8 @@ def parse_numbers(
     parts = [part.strip() for part in text.split(",")]
     numbers = []
     for part in parts:
-        if rigid and part in ("rigid", "inf", ".inf"):
-            numbers.append(math.inf)
+        if (stands_for := word(part, where)) is not None:
+            numbers.append(stands_for)
             continue
         try:
             number = float(part)

@@ -19,13 +19,13 @@ from cartstiff.cli.options import (
     ByName,
     JointValues,
     Number,
-    Numbers,
     Output,
     OutputFile,
     Pairs,
     Point,
     Robot,
     Springs,
+    Stiffnesses,
     TableUnits,
     Values,
     Wrench,
@@ -192,8 +192,8 @@ class Fit:
 
     unknown: tuple[str, ...] = ()
     tie: tuple[str, ...] = ()
-    known: Annotated[_Stiffnesses, Springs("NAME=K", Numbers("K", 1))] = None
-    prior: Annotated[_Stiffnesses, Springs("NAME=K,SD", Numbers("K,SD", 2))] = None
+    known: Annotated[_Stiffnesses, Springs("NAME=K", Stiffnesses("K", 1))] = None
+    prior: Annotated[_Stiffnesses, Springs("NAME=K,SD", Stiffnesses("K,SD", 2))] = None
     offsets: Literal["rigid", "translation", "none"] | None = None
     loaded: bool = False
     fit: Literal["plain", "robust"] = "plain"

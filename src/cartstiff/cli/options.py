@@ -58,6 +58,10 @@ class Numbers(OptionType):
         self.counts, self.powers, self.above_zero = counts, powers, above_zero
         self.low, self.some = low, some
 
+    def word(self, text: str, where: str) -> float | None:  # noqa: ARG002
+        """The number that a text stands for which is none."""
+        return None
+
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
         """Each number in its other unit."""
         powers = (*self.powers, *[self.powers[-1]] * len(value))
@@ -68,7 +72,8 @@ class Numbers(OptionType):
 
     def parsed(self, text: str, where: str) -> Any:
         """List of floats."""
-        numbers = parse_numbers(text, where, self.counts[0] if len(self.counts) == 1 else None)
+        count = self.counts[0] if len(self.counts) == 1 else None
+        numbers = parse_numbers(text, where, count, word=self.word)
         if self.counts and len(numbers) not in self.counts:
             raise InputError("wrong count", where=where, expected=self.name, got=len(numbers))
         if min(numbers) < self.low or (self.above_zero and min(numbers) <= 0):
@@ -79,6 +84,26 @@ class Numbers(OptionType):
             expected = "a number that is not 0" if self.counts == (1,) else "not all zero"
             raise InputError("must not be zero", where=where, expected=expected, got=text)
         return numbers
+
+
+def stiffness_of(text: str, where: str) -> float | None:
+    """A stiffness that is a word, or has a unit: "rigid", "392 N m/arcmin"; None for a number."""
+    if text in ("rigid", "inf", ".inf"):
+        return math.inf
+    if not re.search(r"^[-+.\d].*[A-Za-df-z]", text):  # an exponent has an e
+        return None
+    from cartstiff.mechanisms.contract import GivenStiffness
+
+    return GivenStiffness.read(text, where)
+
+
+class Stiffnesses(Numbers):
+    """Stiffnesses, of which each may have its unit, as many as one of `counts`."""
+
+    def word(self, text: str, where: str) -> float | None:
+        """A stiffness with its unit."""
+        number = stiffness_of(text, where)
+        return None if number == math.inf else number
 
 
 class Number(Numbers):
@@ -137,9 +162,14 @@ class Springs(ByName):
         slides = dict(zip(elements.names, elements.is_length, strict=True))
         slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
         return {
-            name: [k / a if slides.get(name) else k * a for k in numbers]
+            name: [_times(k, 1.0 / a if slides.get(name) else a) for k in numbers]
             for name, numbers in value.items()
         }
+
+
+def _times(number: float, factor: float) -> float:
+    """A number in another unit; one with a unit of its own stays."""
+    return number if type(number) is not float else number * factor
 
 
 class Arguments(OptionType):
@@ -263,20 +293,23 @@ class JointValues(OptionType):
             }
         numbers = value.numbers
         if isinstance(numbers, dict):
-            return replace(value, numbers={n: x * sizes.get(n, 1.0) for n, x in numbers.items()})
+            by_name = {n: _times(x, sizes.get(n, 1.0)) for n, x in numbers.items()}
+            return replace(value, numbers=by_name)
         names = elastic.spring_names if self.springs else elastic.names
         if self.broadcast and len(numbers) == 1:
             numbers = numbers * len(names)
         if len(numbers) != len(names):  # refused where it is used
             return value
-        return replace(value, numbers=[x * sizes[n] for x, n in zip(numbers, names, strict=True)])
+        pairs = zip(numbers, names, strict=True)
+        return replace(value, numbers=[_times(x, sizes[n]) for x, n in pairs])
 
     def parsed(self, text: str, where: str) -> Values:
         """Values as given, not yet compared with the mechanism."""
+        words = {"word": stiffness_of} if self.stiffness else {}
         if "=" not in text:
-            return Values(where, parse_numbers(text, where, rigid=self.stiffness))
+            return Values(where, parse_numbers(text, where, **words))
         wrong = "mixes numbers and name=value pairs"
-        named = _named(text, where, "NAME=VALUE", rigid=self.stiffness, wrong=wrong)
+        named = _named(text, where, "NAME=VALUE", wrong=wrong, **words)
         return Values(where, {name: numbers[0] for name, numbers in named.items()})
 
 
@@ -287,9 +320,9 @@ def _named(
     *,
     between: str = ",",
     names: tuple[str, ...] = (),
-    rigid: bool = False,
     single: bool = False,
     wrong: str = "cannot be used",
+    **words: Any,
 ) -> dict[str, list[float]]:
     """Numbers by name, as many as the `shape` says; `single`: or one."""
     found: dict[str, list[float]] = {}
@@ -301,7 +334,7 @@ def _named(
             more = f" of {', '.join(names)}" if names else " or NAME=VALUE" if single else ""
             expected = f"{shape}{more}, each once"
             raise InputError(wrong, where=where, expected=expected, got=repr(item))
-        values = [parse_numbers(part, f"{where} {name}", 1, rigid=rigid)[0] for part in parts]
+        values = [parse_numbers(part, f"{where} {name}", 1, **words)[0] for part in parts]
         add_once(found, name, values, where)
     return found
 
@@ -497,8 +530,8 @@ class Posture:
     lengths
         Posture of a platform by its six leg lengths, near the file's pose.
     stiffness
-        Stiffness of joints or legs. One number for all, one each, or name=value pairs; joints may
-        be rigid.
+        Stiffness of joints or legs. One number for all, one each, or name=value pairs, each with
+        its unit if that is another: "392 N m/arcmin", 20N/um; joints may be rigid.
     rest
         Rest positions of joints or legs. Those of legs are lengths; written as for --q.
     actuate

@@ -10,6 +10,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.mechanisms.contract import own_stiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, law_of, with_coefficients
 from cartstiff.mechanisms.identified import BEAM, CompliancePattern
@@ -173,18 +174,29 @@ def unknowns_of(
     elements = Elements(elastic)
     names = _expanded(elastic, elements, sought or ("joints",))
     Gamma = elements.compliance.copy()
-    for name, k in (known or {}).items():
+    slides = elements.deflect_by_length
+
+    def own(name: str, k: float, option: str) -> float:
+        where = f"{option} {name}"
+        return float(own_stiffness(k, elastic.units, slides.get(name, False), where))
+
+    known = {name: own(name, k, "--known") for name, k in (known or {}).items()}
+    priors = {
+        name: (own(name, k, "--prior"), own(name, sd, "--prior"))
+        for name, (k, sd) in (priors or {}).items()
+    }
+    for name, k in known.items():
         i = elements.index(name, "--known")
         _check_stiffness(k, "--known", name)
         Gamma[i, i] = 1.0 / k
-    held = set(known or {})
+    held = set(known)
     tied = _checked_ties(elements, ties, held)
     parameters: list[Unknown] = []
     for name in names:
         if name in held or any(name in group[1:] for group in tied):
             continue
         group = next((g for g in tied if g[0] == name), (name,))
-        prior = _prior(group, priors or {})
+        prior = _prior(group, priors)
         if name in _polynomials(elastic):
             parameters += _of_law(elastic, name, prior)
         elif name in elements.names:
@@ -194,9 +206,9 @@ def unknowns_of(
             pattern = CompliancePattern(" = ".join(group), tuple((n, n, 1.0) for n in group))
             parameters.append(Unknown(pattern, unit, start, prior))
         else:
-            parameters += _of_link(elastic, elements, name, priors or {})
+            parameters += _of_link(elastic, elements, name, priors)
     able = [u for u in parameters if u.has_stiffness and not u.is_scale]
-    for name in priors or {}:
+    for name in priors:
         if not any(name in u.name.split(" = ") for u in able):
             raise UnknownNameError("spring", name, [u.name for u in able], where="--prior")
     if not parameters:

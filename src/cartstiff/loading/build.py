@@ -66,7 +66,13 @@ from cartstiff.loading.schema import (
 )
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.closures import ReferencePosture
-from cartstiff.mechanisms.contract import SI, Units, convert_length, rest_of_turns
+from cartstiff.mechanisms.contract import (
+    SI,
+    Units,
+    convert_length,
+    own_stiffness,
+    rest_of_turns,
+)
 from cartstiff.mechanisms.elastic import ElasticMechanism, adjusted
 from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
@@ -382,7 +388,8 @@ def springs_of(
             if entry.rest is not None:
                 rest[j] = entry.rest
             if entry.stiffness is not None:
-                stiffness[j] = entry.stiffness
+                slides, where = tree.coordinates[j].is_length, f"key springs.{name}.stiffness"
+                stiffness[j] = own_stiffness(entry.stiffness, SI, slides, where)
             elif entry.polynomial is not None:
                 laws[j] = PolynomialLaw(tuple(entry.polynomial))
             elif entry.table is not None:

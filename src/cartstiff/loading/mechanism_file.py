@@ -26,9 +26,11 @@ from cartstiff.loading.schema import (
     with_findings,
 )
 from cartstiff.loading.yaml_file import Lines
+from cartstiff.mechanisms.contract import SI, GivenStiffness, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 
+_UNITS = {"length", "force"}
 #: Keys of a file whose texts are for readers.
 _WORDS = ("name", "description", "source")
 Place = tuple[str | int, ...]
@@ -100,7 +102,9 @@ def with_parameters(
     values, used = _evaluated(entries, asked, place)
     rest = {key: value for key, value in data.items() if key != "parameters"}
     filled = {
-        key: value if key in _WORDS else _filled(value, (key,), values, used, place)
+        key: value
+        if key in _WORDS
+        else _in_units(_filled(value, (key,), values, used, place), (key,), rest, place)
         for key, value in rest.items()
     }
     for name in entries:
@@ -173,6 +177,38 @@ def _filled(
     value = formula.value(values)
     # Counts, such as the segments of a beam, are whole numbers.
     return int(value) if value.is_integer() else value
+
+
+#: Keys of stiffnesses; whether they are of what slides (None: that depends on the joint), and
+#: whether they are in the file's units.
+_STIFFNESSES = {
+    "stiffness": (None, True),
+    "axial": (True, True),
+    "shear": (True, True),
+    "bending": (False, False),
+    "torsion": (False, False),
+}
+
+
+def _in_units(data: Any, at: Place, file: Mapping[str, Any], place: Callable[[Place], str]) -> Any:
+    """The data with numbers in place of stiffnesses such as "392 N m/arcmin"."""
+    if isinstance(data, dict):
+        return {k: _in_units(v, (*at, k), file, place) for k, v in data.items()}
+    if isinstance(data, list):
+        return [_in_units(v, (*at, i), file, place) for i, v in enumerate(data)]
+    key = next((part for part in reversed(at) if isinstance(part, str)), "")
+    is_text = isinstance(data, str) and data != "rigid"
+    if key not in _STIFFNESSES or not is_text or "flexible" in at:
+        return data
+    slides, is_own = _STIFFNESSES[key]
+    if file.get("kind") in ("stewart-gough", "springs") or "lines" in at:
+        slides = True if slides is None else slides
+    given = GivenStiffness.read(data, place(at))
+    if slides is None:  # files of kinds that have joints are in SI
+        return given
+    units = file.get("units") if is_own else None
+    known = Units(**units) if isinstance(units, dict) and units.keys() <= _UNITS else SI
+    return given.in_units(known, slides, place(at))
 
 
 def checked_file(

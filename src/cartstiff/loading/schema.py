@@ -30,6 +30,7 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import LARGEST_NUMBER, read_text
+from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, coefficient, law_of
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
@@ -48,10 +49,14 @@ Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-#: A number, or the word for an infinite one.
-RIGID = WrapValidator(
-    lambda value, check: math.inf if value in ("rigid", math.inf) else check(value)
-)
+def _stiff(value: Any, check: Any) -> Any:
+    number = math.inf if value in ("rigid", math.inf) else check(value)
+    # Its unit says later whether it is of a joint that slides or turns.
+    return value if isinstance(value, GivenStiffness) else number
+
+
+#: A number, which may have come with a unit, or the word for an infinite one.
+RIGID = WrapValidator(_stiff)
 
 
 def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
@@ -512,7 +517,11 @@ class JointSpringModel(FileModel):
     stiffness: Annotated[
         NotNegative | None,
         RIGID,
-    ] = keyed("N m/rad, N/m for a prismatic joint; or rigid", None)
+    ] = keyed(
+        "N m/rad, N/m for a prismatic joint, or a text with another unit such as 392 N m/arcmin; "
+        "or rigid",
+        None,
+    )
     polynomial: list[Number] | None = keyed(
         "torque c1 x + c2 x^2 + ...", None, min_length=1, max_length=20
     )

@@ -11,7 +11,6 @@ import csv
 import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from math import pi
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -21,7 +20,17 @@ import numpy as np
 from cartstiff.arrays import Array, unsafe_cell
 from cartstiff.errors import InputError, one_line
 from cartstiff.loading.yaml_file import LARGEST, read_text
-from cartstiff.mechanisms.contract import FORCES, LENGTHS, SI, Units, convert_length
+from cartstiff.mechanisms.contract import (
+    ANGLES,
+    FORCES,
+    LENGTHS,
+    LINEAR,
+    SI,
+    TORSIONAL,
+    Units,
+    convert_length,
+    plain_unit,
+)
 from cartstiff.parsing import parse_numbers
 
 
@@ -260,24 +269,16 @@ def read_rows(
 
 
 _ROUND = re.compile(
-    r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?|kg|g|m?s|m?rad|deg|\u00b0))\s*\)\s*$"
+    r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?(?:/\w+)?|kg|g|m?s|m?rad|deg|\u00b0))"
+    r"\s*\)\s*$"
 )
 # The first line of some spreadsheets' tables.
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
-# Signs in units: of degrees, and two that stand for micro.
-_SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
 #: Factors to SI, by kind of quantity.
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "number": {"": 1.0, "1": 1.0, "-": 1.0},
-    "angle": {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "urad": 1e-6,
-        "deg": pi / 180.0,
-        "arcmin": pi / 10800.0,
-        "arcsec": pi / 648000.0,
-    },
+    "angle": ANGLES,
     "length": LENGTHS,
     "force": FORCES,
     "moment": {
@@ -286,6 +287,8 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
         for f, a in FORCES.items()
         for u, b in LENGTHS.items()
     },
+    "torsional stiffness": TORSIONAL,
+    "stiffness": LINEAR,
     "mass": {"kg": 1.0, "g": 1e-3, "lb": 0.45359237},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "text": {},
@@ -325,7 +328,7 @@ def head_of(cell: str, place: str, kind: str | None = None) -> tuple[str, str | 
     name = match[1]
     if match[2] is None:
         return name, None, 1.0
-    unit = " ".join(match[2].translate(_SIGNS).split())
+    unit = plain_unit(match[2])
     for of, sizes in UNITS.items():
         if unit in sizes and kind in (None, of):
             return name, of, sizes[unit]
@@ -333,7 +336,7 @@ def head_of(cell: str, place: str, kind: str | None = None) -> tuple[str, str | 
     raise InputError(
         f"column {name!r} has an unknown unit",
         where=place,
-        got=repr(unit),
+        got=repr(match[2]),
         expected=", ".join(some if kind is None else list(UNITS[kind])[:12]) or "no unit",
     )
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,97 @@ from cartstiff.potentials.contract import Evaluation, LineGeometry, SecondOrderM
 #: Units of length in m, of force in N.
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
+#: Units of angle in rad.
+ANGLES = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "deg": np.pi / 180.0,
+    "arcmin": np.pi / 10800.0,
+    "arcsec": np.pi / 648000.0,
+}
+#: Units of stiffness in SI, without blanks: of what slides, and of what turns.
+LINEAR = {f"{f}/{u}": a / b for f, a in FORCES.items() for u, b in LENGTHS.items()}
+TORSIONAL = {
+    f"{f}{u}/{r}": a * b / c
+    for f, a in FORCES.items()
+    for u, b in LENGTHS.items()
+    for r, c in ANGLES.items()
+}
+# Signs in units: of degrees, minutes, and two that stand for micro; what may stand in a product.
+_SIGNS = {"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u", "'": "arcmin", "\u2032": "arcmin"}
+_SIGNS |= dict.fromkeys(" \t*.\u00b7\u22c5\u00a0")
+_AMOUNT = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\[?([^\d\[\]][^\[\]]*)\]?\s*"
+)
+
+
+def plain_unit(text: str) -> str:
+    """A unit without blanks, dots and signs: "N·m/°" is "Nm/deg"."""
+    return text.translate(str.maketrans(_SIGNS))
+
+
+class GivenStiffness(float):
+    """A stiffness that was given with its unit: the number in N m/rad or N/m.
+
+    Attributes
+    ----------
+    text : str
+        As it was given.
+    is_length : bool
+        Whether it is that of something that slides.
+    """
+
+    text: str
+    is_length: bool
+
+    @classmethod
+    def read(cls, text: str, where: str | None = None) -> Self:
+        """Of a text such as "392 N m/arcmin" or "20 N/um".
+
+        Raises
+        ------
+        InputError
+            If it is not a number and a unit of stiffness.
+        """
+        match = _AMOUNT.fullmatch(text)
+        unit = plain_unit(match[2]) if match else ""
+        if match is None or unit not in {**LINEAR, **TORSIONAL}:
+            raise InputError(
+                "not a stiffness",
+                where=where,
+                expected="a number, or one with its unit: N m/rad, N m/deg, N m/arcmin, N/m, "
+                "kN/mm, N/um",
+                got=repr(text),
+            )
+        given = cls(float(match[1]) * (LINEAR.get(unit) or TORSIONAL[unit]))
+        given.text, given.is_length = text.strip(), unit in LINEAR
+        return given
+
+    def in_units(self, units: Units, is_length: bool, where: str | None = None) -> float:
+        """The number in other units, for a spring that slides or turns.
+
+        Raises
+        ------
+        InputError
+            If the spring is of the other kind.
+        """
+        if is_length != self.is_length:
+            raise InputError(
+                f"unit is of a spring that {'slides' if self.is_length else 'turns'}",
+                where=where,
+                expected=f"a unit such as {'N/mm' if is_length else 'N m/arcmin'}",
+                got=repr(self.text),
+            )
+        length, force = convert_length(SI, units)
+        return float(self) * force * (1.0 / length if is_length else length)
+
+
+def own_stiffness(value: Any, units: Units, is_length: bool, where: str | None = None) -> Any:
+    """A stiffness in these units; numbers without a unit are in them already."""
+    if isinstance(value, str) and _AMOUNT.fullmatch(value):
+        value = GivenStiffness.read(value, where)
+    return value.in_units(units, is_length, where) if isinstance(value, GivenStiffness) else value
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from cartstiff.mechanisms.contract import (
     Units,
     checked_gravity,
     named_values,
+    own_stiffness,
     rest_of_turns,
 )
 from cartstiff.mechanisms.identified import Identified
@@ -454,7 +455,8 @@ class ElasticMechanism(ShownInLines):
         stiffness, rest
             One number for all joints, one per joint, or a mapping from joint names for some of
             them; None leaves what is there. One stiffness is for the joints that are actuated or
-            have a spring: passive joints stay free.
+            have a spring: passive joints stay free. A stiffness may be a text with its unit, such
+            as "392 N m/arcmin".
 
         Raises
         ------
@@ -467,7 +469,7 @@ class ElasticMechanism(ShownInLines):
             raise InputError(
                 f"{self.name} has no joint springs", expected="legs or line springs in its file"
             )
-        undriven = self.mechanism.undriven
+        undriven, stiffness = self.mechanism.undriven, self._own_stiffness(stiffness)
         springs = with_values(self.springs, self.spring_names, stiffness, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
         # What was measured is not known of springs that are given anew.
@@ -476,6 +478,27 @@ class ElasticMechanism(ShownInLines):
             kept = [note for note in notes if note.code != "rest-of-turns"]
             notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
         return replace(self, springs=springs, notes=notes, identified=identified)
+
+    def _own_stiffness(self, given: Any) -> Any:
+        """Stiffnesses of which some have units, as numbers in the mechanism's own."""
+        slides = dict.fromkeys(self.spring_names, True)
+        if not isinstance(self.springs, LineSprings):
+            slides = {c.name: c.is_length for c in self.mechanism.coordinates}
+        if isinstance(given, Mapping):
+            return {
+                n: own_stiffness(k, self.units, slides.get(n, False), f"stiffness of {n!r}")
+                for n, k in given.items()
+            }
+        if isinstance(given, (list, tuple)) and len(given) == len(slides):
+            return [
+                own_stiffness(k, self.units, s, f"stiffness of {n!r}")
+                for k, (n, s) in zip(given, slides.items(), strict=True)
+            ]
+        driven = {s for j, s in enumerate(slides.values()) if j not in self.mechanism.undriven}
+        plain = given
+        for is_length in driven or set(slides.values()):
+            plain = own_stiffness(given, self.units, is_length, "stiffness of every joint")
+        return plain
 
     @property
     def spring_names(self) -> tuple[str, ...]:

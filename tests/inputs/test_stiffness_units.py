@@ -1,0 +1,117 @@
+"""Stiffnesses with their units, wherever one is given: files, options, Python, heads of tables."""
+
+import math
+
+import numpy as np
+import pytest
+from tests.support.commands import answer, run
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.loading.tables import head_of
+
+#: By hand: an arc minute is pi/10800 rad, an inch 0.0254 m, a pound 4.4482216152605 N.
+BY_HAND = {
+    "392 N m/arcmin": 392 * 10800 / math.pi,
+    "392Nm/arc.min": 392 * 10800 / math.pi,
+    "113 Nm/'": 113 * 10800 / math.pi,
+    "1000 N·m/°": 1000 * 180 / math.pi,
+    "2 kN m/mrad": 2e6,
+    "50 lbf in/deg": 50 * 4.4482216152605 * 0.0254 * 180 / math.pi,
+}
+ARM = """kind: serial
+model: ur5
+frame: tool0
+springs:
+  shoulder_pan_joint: {stiffness: %s}
+  shoulder_lift_joint: {stiffness: 3.0e4}
+  elbow_joint: {stiffness: 2.0e4}
+  wrist_1_joint: {stiffness: 5.0e3}
+  wrist_2_joint: {stiffness: rigid}
+  wrist_3_joint: {stiffness: 4.0e3}
+"""
+HEXAPOD = """kind: stewart-gough
+units: {length: mm, force: kN}
+layout: {base: {radius: 300}, platform: {radius: 200, half_angle: 0.5}, height: 400}
+legs: {%s}
+"""
+
+
+@pytest.mark.parametrize("text", BY_HAND)
+def test_turning_springs_everywhere(text, tmp_path):
+    """One text in a file, in Python and in both forms of the option."""
+    (path := tmp_path / "arm.yaml").write_text(ARM % f'"{text}"')
+    expected = pytest.approx(BY_HAND[text], rel=1e-12)
+    assert cartstiff.load(path).springs.stiffness[0] == expected
+    named = cartstiff.load("ur5", stiffness={"shoulder_pan_joint": text})
+    assert named.springs.stiffness[0] == expected
+    assert named.with_springs([text, 1, 2, 3, 4, "5 N m/deg"]).springs.stiffness[0] == expected
+    K = answer("analyse ur5 --analysis none", [f"--stiffness={text}"])["stiffness"]["B"]
+    same = answer("analyse ur5 --analysis none", [f"--stiffness={BY_HAND[text]!r}"])
+    np.testing.assert_allclose(K, same["stiffness"]["B"], rtol=1e-9, atol=1e-3)
+
+
+def test_other_units_of_the_answer():
+    """--units converts numbers without a unit, and no others."""
+    wanted = answer("analyse ur5 --analysis none", ["--stiffness=elbow_joint=22460 N m/rad"])
+    for text in ("elbow_joint=22.46 kN m/rad", "elbow_joint=22460000"):
+        found = answer("analyse ur5 --analysis none --units mm", [f"--stiffness={text}"])
+        np.testing.assert_allclose(
+            found["stiffness"]["B"], wanted["stiffness"]["B"], rtol=1e-9, atol=1e-6
+        )
+
+
+def test_legs_and_flexures_in_a_file_of_millimetres(tmp_path):
+    """20 N/um are 20 kN/mm; bending stays in N m/rad whatever the file's units."""
+    path = tmp_path / "hexapod.yaml"
+    path.write_text(HEXAPOD % "stiffness: 20 N/um")
+    platform = cartstiff.load(path)
+    assert platform.springs.stiffness == pytest.approx(20.0, rel=1e-12)
+    assert platform.with_springs("3 kN/mm").springs.stiffness == pytest.approx(3.0, rel=1e-12)
+    upper = "{bending: 33, torsion: 20, axial: 40}"
+    strut = "strut: {axial: %s, lower: {bending: %s, torsion: rigid}, upper: %s}"
+    path.write_text(HEXAPOD % (strut % ("20 kN/mm", f"{math.pi / 180 * 33!r} N m/deg", upper)))
+    given = cartstiff.load(path).springs
+    path.write_text(HEXAPOD % (strut % (20, math.pi / 180 * 33 * 180 / math.pi, upper)))
+    np.testing.assert_allclose(given.stiffness, cartstiff.load(path).springs.stiffness)
+    assert given.lower.bending == pytest.approx(cartstiff.load(path).springs.lower.bending)
+
+
+def test_heads_of_tables():
+    for unit, factor in (("N m/arcmin", 10800 / math.pi), ("Nm/deg", 180 / math.pi)):
+        for head in (f"k [{unit}]", f"k ({unit})"):
+            assert head_of(head, "here") == ("k", "torsional stiffness", pytest.approx(factor))
+    assert head_of("k [N/um]", "here") == ("k", "stiffness", pytest.approx(1e6))
+
+
+def test_known_springs_of_identify(tmp_path):
+    """--known and --prior take units, too."""
+    table, made = tmp_path / "rows.csv", tmp_path / "made.csv"
+    loads = ("100,0,0", "0,100,0", "0,0,100", "0,90,40")
+    rows = [f"0.3,-1.1,1.4,-0.7,0.9,0.2,{load}" for load in loads]
+    table.write_text("\n".join(["q1,q2,q3,q4,q5,q6,fx,fy,fz", *rows]))
+    deviations = "--sd dx=0.01mm --sd dy=0.01mm --sd dz=0.01mm"
+    run("identify ur5", table, "--simulate 1", deviations, "--csv", made)
+    found = []
+    for k, sd in (("3600", "360"), ("62.83185307179586N m/deg", "0.36 kN m/rad")):
+        wrists = [f"--known=wrist_{i}_joint={k}" for i in (1, 2, 3)]
+        found.append(answer("identify ur5", made, wrists, [f"--prior=elbow_joint={k},{sd}"]))
+    assert len(found[0]["parameters"]) == 3
+    for a, b in zip(*(one["parameters"] for one in found), strict=True):
+        assert a["compliance"] == pytest.approx(b["compliance"], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("20 N/um", "slides"), ("3 N m/foo", "N m/arcmin"), ("3 N m", "N m/arcmin")],
+)
+def test_what_is_no_stiffness_of_the_joint(text, words, tmp_path):
+    (path := tmp_path / "arm.yaml").write_text(ARM % text)
+    with pytest.raises(InputError, match=words) as error:
+        cartstiff.load(path)
+    assert "springs.shoulder_pan_joint.stiffness" in str(error.value)
+    assert "line 5" in str(error.value)
+    assert words in run("analyse ur5", [f"--stiffness={text}"], code=2)
+    path.write_text(HEXAPOD % "stiffness: 392 N m/arcmin")
+    with pytest.raises(InputError, match=r"line 4, key legs\.stiffness: unit is of .* turns"):
+        cartstiff.load(path)
