@@ -9,6 +9,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers
+from cartstiff.scene.theme import COLOURS
 from tests.browser.test_page_state import TOOL, changed
 
 
@@ -221,7 +222,7 @@ def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
     way = R @ result.jacobian[3:, 2]
     assert np.abs(turn @ axis) == pytest.approx(1, abs=1e-6)
     assert np.allclose(np.cross(turn, p - place), way, atol=1e-6)
-    assert colour == 0xE08A00
+    assert colour == COLOURS["negative"]
     page.mouse.up()
     settled(page)
     assert page.evaluate(ENDS) == []

@@ -12,7 +12,7 @@ from tests.view.viewer import Viewer
 
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.scene import Appearance, RecordingWindow, Scene
+from cartstiff.scene import Appearance, RecordingWindow, Scene, theme
 from cartstiff.scene.ellipsoids import add_ellipsoid
 from cartstiff.scene.viewer import ViewerNode
 
@@ -150,7 +150,7 @@ def test_an_indefinite_matrix_has_no_ellipsoid():
     )
     assert viewer.visible(f"{parts[0]}/minus")
     assert not viewer.visible(f"{parts[0]}/plus")
-    assert negative == 0xC8102E
+    assert negative == theme.COLOURS["negative"]
     assert positive != negative
     assert viewer.text(body.replace("body", "value 1")) == "-511 N cm/rad"
     assert viewer.visible(drawing.body("translation"))
@@ -276,13 +276,13 @@ def test_legs_join_their_points_and_show_their_tension():
     np.testing.assert_allclose(legend["tension"]["values"], tension, rtol=1e-9)
     low, high = legend["tension"]["limits"]
     assert -low == high >= np.abs(tension).max()
-    # Pulling is warm, pushing is cold.
+    # Pulling is green, pushing is pink.
     for i, t in enumerate(tension):
-        r, _, b, a = drawing.viewer.places[f"{ROOT}/mechanism/legs/line {i + 1}/rod"].properties[
+        r, g, _, a = drawing.viewer.places[f"{ROOT}/mechanism/legs/line {i + 1}/rod"].properties[
             "color"
         ]
         assert a == 1.0
-        assert (r > b) == (t > 0.05 * high) or abs(t) < 0.05 * high
+        assert (g > r) == (t > 0.05 * high) or abs(t) < 0.05 * high
     body = drawing.viewer.world(f"{ROOT}/mechanism/body")
     np.testing.assert_allclose(body, T, atol=ROUNDING)
 

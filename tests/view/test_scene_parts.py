@@ -6,6 +6,7 @@ import base64
 import io
 import subprocess
 import sys
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from tests.view.viewer import Viewer, meshcat
 import cartstiff
 from cartstiff.analysis.screws import screw_of_twist
 from cartstiff.errors import InputError
+from cartstiff.page.files import page_style
 from cartstiff.scene import (
     Linear,
     Logarithmic,
@@ -325,11 +327,68 @@ def test_colours_are_ordered_by_lightness():
     assert np.all(np.diff(both[20:]) < 0)
 
 
+#: What eyes without one kind of cone see, on linear RGB: Machado, Oliveira and Fernandes 2009,
+#: severity 1 (protanopia, deuteranopia, tritanopia).
+SEEN = np.array(
+    [
+        np.eye(3),
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ],
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ],
+        [
+            [1.255528, -0.076749, -0.178779],
+            [-0.078411, 0.930809, 0.147602],
+            [0.004733, 0.691367, 0.303900],
+        ],
+    ]
+)
+
+
+def _lab(colour: int) -> np.ndarray:
+    """CIE L*a*b* (4, 3) of a colour as each kind of eye sees it."""
+    c = np.array([colour >> shift & 0xFF for shift in (16, 8, 0)]) / 255
+    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    to_xyz = np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    )
+    xyz = np.clip(SEEN @ linear, 0, 1) @ to_xyz.T / [0.9505, 1.0, 1.089]
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
+
+
+def test_no_two_meanings_have_one_hue():
+    """Distances in L*a*b*, of which a trained eye sees 2.3; what is set side by side lies apart."""
+    labs = {name: _lab(colour) for name, colour in theme.COLOURS.items()}
+    for a, b in combinations(labs, 2):
+        apart = np.linalg.norm(labs[a] - labs[b], axis=1).min()
+        assert apart > 14, (a, b)
+    for a, b in (
+        ("translation", "rotation"),
+        ("positive", "negative"),
+        ("tension", "compression"),
+    ):
+        assert np.linalg.norm(labs[a] - labs[b], axis=1).min() > 30, (a, b)
+
+
+def test_the_page_reads_the_table_of_colours():
+    served = page_style()
+    for name, colour in theme.COLOURS.items():
+        assert served.count(f"--{name}:") == 1
+        assert f"--{name}: #{colour:06x};" in served
+
+
 @pytest.mark.parametrize("look", [theme.LIGHT, theme.DARK])
 def test_labels_can_be_read(look):
     """Contrast of 4.5 between letters and paper, tinted ones too (WCAG 2.1, level AA)."""
     paper = _lightness(255 * np.array(theme.fractions(look.paper)))
-    for colour in (None, theme.TRANSLATION, theme.ROTATION, theme.DEFLECTION, theme.SCREW):
+    for colour in (None, *theme.COLOURS.values()):
         letters = look.text if colour is None else look.tinted(colour)
         ink = _lightness(255 * np.array(theme.fractions(letters)))
         light, dark = max(ink, paper), min(ink, paper)
@@ -394,5 +453,5 @@ def test_names_of_the_package():
 
 def test_one_shade_is_that_of_many():
     values = np.concatenate([np.linspace(-1.2, 1.2, 997), [-1.0, -0.5, 0.0, 0.5, 1.0]])
-    expected = [theme.hex_of(colour) for colour in theme.diverging(values)]
-    assert [theme.shade(x) for x in values.tolist()] == expected
+    expected = [theme.hex_of(colour) for colour in theme._between(theme.FORCES, 0.5 + 0.5 * values)]
+    assert [theme.force_colour(x) for x in values.tolist()] == expected

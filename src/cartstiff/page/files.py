@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from cartstiff.errors import MissingDependencyError, printable
+from cartstiff.scene.theme import style_properties
 from cartstiff.version import __version__
 
 _PAGE = Path(__file__).parent / "static"
@@ -48,8 +49,8 @@ def page_html() -> str:
 
 
 def page_style() -> str:
-    """The page's style sheet."""
-    return (_PAGE / "style.css").read_text(encoding="utf-8")
+    """The page's style sheet, with the colours that pictures have."""
+    return style_properties() + (_PAGE / "style.css").read_text(encoding="utf-8")
 
 
 def page_files() -> dict[str, tuple[str, bytes]]:
@@ -59,6 +60,7 @@ def page_files() -> dict[str, tuple[str, bytes]]:
         for path in sorted(_PAGE.iterdir())
         if path.suffix in _KINDS and path.suffix != ".js"
     }
+    files["/page/style.css"] = (_KINDS[".css"], page_style().encode())
     files["/"] = files.pop("/page/index.html")
     # One script instead of one for each module, which a browser would ask for one after another.
     files["/page/main.js"] = (_KINDS[".js"], page_script().encode())

@@ -164,8 +164,8 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
     tension = legend["tension"]
     if tension is not None and tension.get("limits", [0, 0])[1]:
         low, high = tension["limits"]
-        text = f"legs: blue {_few(low)} to orange {_few(high)} {tension['unit']}"
-        lines.append({"mark": "tension", "text": text})
+        ends = f"pink {_few(low)} (compression) to green {_few(high)} {tension['unit']} (tension)"
+        lines.append({"mark": "tension", "text": f"legs: {ends}"})
     for name, words in (("screws", "eigenscrews"), ("centres", "centres")):
         facts = legend[name]
         if isinstance(facts, Mapping) and facts.get("shown") is False:

@@ -129,7 +129,7 @@ class DeflectionPicture:
     def __init__(self, node: ViewerNode, size: float, look: theme.Theme) -> None:
         self._size = size
         self._frame = node["frame"]
-        self._arrow = Arrow(node["displacement"], theme.DEFLECTION, look)
+        self._arrow = Arrow(node["displacement"], theme.COLOURS["deflection"], look)
         self._made = False
         self._scale = Growing(1.0, SMALLEST_MOTION / LONGEST_ARROW)
 

@@ -162,7 +162,7 @@ class EllipsoidPicture:
         radius = 0.0035 * self._size
         for plus, minus in self._signs:  # from one end of the axis to the other
             plus.set_object(objects.rod(radius, _darker(self._colour)))
-            minus.set_object(objects.dashed_rod(1.3 * radius, theme.NEGATIVE))
+            minus.set_object(objects.dashed_rod(1.3 * radius, theme.COLOURS["negative"]))
             minus.show(False)
         turn = np.linspace(0.0, 2.0 * np.pi, 97)
         circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
@@ -280,9 +280,10 @@ def add_ellipsoid(
         if scale not in SCALES:
             raise InputError("unknown scale", expected=", ".join(SCALES), got=scale)
         scale = SCALES[scale].from_values(shape.eigenvalues, size)
-    default = theme.TRANSLATION if freedom == "translation" else theme.ROTATION
     look = theme.DARK if dark else theme.LIGHT
     node = node["ellipsoid"]
     node.delete()
-    picture = EllipsoidPicture(node, default if colour is None else colour, 3.0 * size, look)
+    picture = EllipsoidPicture(
+        node, theme.COLOURS[freedom] if colour is None else colour, 3.0 * size, look
+    )
     return picture.draw(shape, pose, scale, unit, labels=labels)

@@ -34,6 +34,13 @@ _METRES = {
 # What the viewer shows well: its camera sees from a hundredth to a hundred units.
 _SMALLEST, _LARGEST = 0.4, 8.0
 _FIELD_OF_VIEW = 38.0
+# Intensities of the viewer's lights: where all reach it a white surface is not burnt out.
+_LIGHTS = {
+    "AmbientLight": 0.42,
+    "PointLightNegativeX": 0.3,
+    "PointLightPositiveX": 0.3,
+    "FillLight": 0.2,
+}
 
 
 def scene_units(size: float, unit: str) -> float:
@@ -108,6 +115,8 @@ class Environment:
         if look is self._theme:
             return
         self._theme = look
+        for name, intensity in _LIGHTS.items():
+            self._root["Lights"][name]["<object>"].set_property("intensity", intensity)
         background = self._root["Background"]
         background.set_property("top_color", theme.fractions(look.top))
         background.set_property("bottom_color", theme.fractions(look.bottom))

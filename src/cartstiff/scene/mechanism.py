@@ -105,7 +105,7 @@ class LinesPicture:
 
     def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
         """Slack cables grey and dashed."""
-        shades = [theme.shade(share) for share in scale.share(tensions).tolist()]
+        shades = [theme.force_colour(share) for share in scale.share(tensions).tolist()]
         for i, line in enumerate(self._rods):
             slack = self._cables and not taut[i]
             shade = theme.SLACK if slack else shades[i]
@@ -195,7 +195,7 @@ class PlatformPicture:
 
     def facts(self) -> dict[str, Any]:
         """What the legs are, for a viewer that moves the picture itself."""
-        return {"telescope": self._lines.telescope, "colours": theme.DIVERGING.tolist()}
+        return {"telescope": self._lines.telescope, "colours": theme.FORCES.tolist()}
 
     def paint(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
         """Colour the legs by what they carry; returns the legend."""

@@ -26,7 +26,7 @@ def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]
     """Colours (n, 3) of values, and the facts of the colour bar.
 
     Values of one sign run from dark to light, by their logarithm where they spread far; values of
-    both signs from blue over pale to orange. What is not finite is grey, and counted. Words have a
+    both signs from red over pale to blue. What is not finite is grey, and counted. Words have a
     colour each, the rarest of many kinds are grey.
     """
     if values.dtype.kind == "U":
@@ -148,7 +148,7 @@ def add_path(
     positions: ArrayLike,
     values: ArrayLike | None = None,
     *,
-    colour: int = theme.DEFLECTION,
+    colour: int = theme.COLOURS["deflection"],
     label: str = "",
     unit: str = "",
 ) -> dict[str, Any]:

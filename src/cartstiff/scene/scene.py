@@ -46,7 +46,6 @@ from cartstiff.stiffness.posture import StiffnessInFrame
 Quantity = Literal["stiffness", "compliance"]
 _QUANTITIES: tuple[Quantity, Quantity] = ("stiffness", "compliance")
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
-_COLOURS = {"translation": theme.TRANSLATION, "rotation": theme.ROTATION}
 #: Largest semi-axis of an ellipsoid, over the size of the mechanism.
 _RADIUS = 0.17
 
@@ -210,7 +209,7 @@ class Scene:
             "units": {f"{q}/{f}": self._unit(f, q) for q, f in kinds},
             "letters": {
                 name: {
-                    **{f: shades.tinted(_COLOURS[f]) for f in _FREEDOMS},
+                    **{f: shades.tinted(theme.COLOURS[f]) for f in _FREEDOMS},
                     "load": shades.tinted(shades.load),
                     "paper": shades.paper,
                 }
@@ -292,7 +291,7 @@ class Scene:
         if (freedom, quantity) not in self._ellipsoids:
             self._ellipsoids[freedom, quantity] = EllipsoidPicture(
                 self._node[f"{freedom} ellipsoid"][quantity],
-                _COLOURS[freedom],
+                theme.COLOURS[freedom],
                 self._environment.size,
                 theme.THEMES[self._theme],
                 side=1.0 if freedom == "translation" else -1.0,
@@ -387,7 +386,7 @@ class Scene:
             self._lines["nodal"].hide()
             return None
         number, hertz, screw = look.nodal
-        line = Line(screw, f"nodal axis of mode {number}", hertz, "Hz", theme.NODAL)
+        line = Line(screw, f"nodal axis of mode {number}", hertz, "Hz", theme.COLOURS["screw"])
         unit = self._elastic.units.length
         return self._lines["nodal"].draw([line], result.pose, unit, look.labels)[0]
 

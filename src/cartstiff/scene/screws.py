@@ -47,7 +47,9 @@ def eigenscrew_lines(K: Array, C: Array | None, units: Units) -> list[Line]:
     except UndefinedError:
         return []
     return [
-        Line(e.screw, f"eigenscrew {i + 1}", e.eigenvalue, units.blocks["tr"], theme.SCREW)
+        Line(
+            e.screw, f"eigenscrew {i + 1}", e.eigenvalue, units.blocks["tr"], theme.COLOURS["screw"]
+        )
         for i, e in enumerate(screws)
     ]
 
@@ -56,8 +58,8 @@ def compliant_lines(K: Array, C: Array | None, units: Units) -> list[Line]:
     """Wrench- and twist-compliant axes of a symmetric stiffness, those that are known."""
     lines = []
     for kind, function, colour in (
-        ("wrench", wrench_compliant_axes, theme.WRENCH_AXIS),
-        ("twist", twist_compliant_axes, theme.TWIST_AXIS),
+        ("wrench", wrench_compliant_axes, theme.COLOURS["translation"]),
+        ("twist", twist_compliant_axes, theme.COLOURS["rotation"]),
     ):
         with suppress(UndefinedError):
             lines += [
@@ -177,7 +179,7 @@ class CentresPicture:
             if name not in self._made:
                 self._made.add(name)
                 ball.set_object(
-                    objects.solid(objects.sphere(0.011 * self._size), theme.CENTRES[name])
+                    objects.solid(objects.sphere(0.011 * self._size), theme.COLOURS["screw"])
                 )
             M = np.eye(4)
             M[:3, 3] = T[:3, :3] @ near[name] + T[:3, 3]
@@ -221,7 +223,7 @@ def add_screw(
     *,
     size: float = 0.5,
     unit: str = "m",
-    colour: int = theme.SCREW,
+    colour: int = theme.COLOURS["screw"],
     label: str | None = None,
     dark: bool = False,
 ) -> bool:

@@ -1,8 +1,9 @@
-"""Colours and proportions of every picture, in one place.
+"""Colours and proportions of every picture, plot and page, in one place.
 
-Hues are those of Okabe and Ito, which people with colour-blindness tell apart. Values between two
-ends run through a neutral middle (diverging) or from dark to light (sequential), so that lightness
-alone orders them.
+One hue has one meaning. The hues of `COLOURS` are told apart with each kind of colour-blindness,
+on a light and on a dark ground; whatever they say is also said by a sign, a dash or a word. Values
+between two ends run through a neutral middle (diverging) or from dark to light (sequential), so
+that lightness alone orders them. The page reads the table as properties of its style sheet.
 """
 
 from __future__ import annotations
@@ -16,22 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.arrays import real_array
 from cartstiff.geometry.se3 import Array
 
-ORANGE, SKY, GREEN, YELLOW = 0xE69F00, 0x56B4E9, 0x009E73, 0xF0E442
-BLUE, VERMILION, PURPLE, BLACK = 0x0072B2, 0xD55E00, 0xCC79A7, 0x000000
-
-TRANSLATION, ROTATION = ORANGE, BLUE
-NEGATIVE = 0xC8102E
-DEFLECTION, GHOST = GREEN, SKY
-SCREW, WRENCH_AXIS, TWIST_AXIS = PURPLE, ORANGE, BLUE
-#: Of a mode.
-NODAL = 0xD55E00
-#: Centres by the names of `cartstiff.analysis.centres.Centres`.
-CENTRES = {
-    "stiffness": VERMILION,
-    "compliance": BLUE,
-    "elasticity": GREEN,
-    "least_coupling": PURPLE,
+#: What each hue means. Positive and negative are signs of stiffnesses and of values of a map;
+#: "screw" are axes and centres of motion.
+COLOURS = {
+    "translation": 0xE69F00,
+    "rotation": 0x7C2BD6,
+    "positive": 0x4F8EE6,
+    "negative": 0xB82E34,
+    "tension": 0x2AA35F,
+    "compression": 0xDE74BC,
+    "deflection": 0x007A82,
+    "screw": 0x8A7A10,
 }
+GHOST = 0x56B4E9
 #: x, y, z of a frame. Red and green differ in lightness, for those who confuse the hues.
 AXES = (0xCC3311, 0x44AA66, 0x2255CC)
 #: Of points by kind: eight hues, then the same ones lighter.
@@ -117,11 +115,9 @@ DARK = Theme(
 )
 THEMES = {"light": LIGHT, "dark": DARK}
 
-#: Colours of `diverging` at equal steps.
-DIVERGING = np.array([[0, 84, 147], [86, 160, 211], [214, 218, 220], [232, 140, 60], [190, 70, 0]])
-_DIVERGING: list[list[int]] = DIVERGING.tolist()
+_PALE = [222, 224, 226]
 # Dark blue over green to yellow with evenly rising lightness.
-_SEQUENTIAL = np.array(
+SEQUENTIAL = np.array(
     [
         [40, 26, 88],
         [53, 66, 124],
@@ -140,19 +136,30 @@ def hex_of(colour: Sequence[float] | Array) -> int:
     return (r << 16) + (g << 8) + b
 
 
-def shade(x: float) -> int:
-    """`hex_of` of `diverging` of one value; of a few this is several times as fast."""
-    place = min(max(0.5 + 0.5 * x, 0.0), 1.0) * (len(_DIVERGING) - 1)
-    knot = min(int(place), len(_DIVERGING) - 2)
-    colour = 0
-    for start, end in zip(_DIVERGING[knot], _DIVERGING[knot + 1], strict=True):
-        colour = (colour << 8) + round((end - start) * (place - knot) + start)
-    return colour
-
-
 def fractions(colour: int) -> list[float]:
     """Red, green, blue in [0, 1] of 0xRRGGBB."""
     return [(colour >> shift & 0xFF) / 255 for shift in (16, 8, 0)]
+
+
+def _ends(low: str, high: str) -> Array:
+    """Colours at equal steps from one hue over pale to another, the ends darker."""
+    two = [255 * np.array(fractions(COLOURS[name])) for name in (low, high)]
+    return np.array([0.7 * two[0], two[0], _PALE, two[1], 0.7 * two[1]])
+
+
+#: Colours at equal steps of values of both signs, and of forces of legs.
+SIGNS, FORCES = _ends("negative", "positive"), _ends("compression", "tension")
+_FORCES: list[list[float]] = FORCES.tolist()
+
+
+def force_colour(x: float) -> int:
+    """0xRRGGBB of a leg's force over its limit: tension above zero."""
+    place = min(max(0.5 + 0.5 * x, 0.0), 1.0) * (len(_FORCES) - 1)
+    knot = min(int(place), len(_FORCES) - 2)
+    colour = 0
+    for start, end in zip(_FORCES[knot], _FORCES[knot + 1], strict=True):
+        colour = (colour << 8) + round((end - start) * (place - knot) + start)
+    return colour
 
 
 def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
@@ -164,10 +171,18 @@ def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
 
 
 def diverging(x: ArrayLike) -> NDArray[np.uint8]:
-    """Colours (..., 3) for values in [-1, 1]: blue below zero, orange above, pale at zero."""
-    return _between(DIVERGING, 0.5 + 0.5 * real_array(x))
+    """Colours (..., 3) for values in [-1, 1]: red below zero, blue above, pale at zero."""
+    return _between(SIGNS, 0.5 + 0.5 * real_array(x))
 
 
 def sequential(x: ArrayLike) -> NDArray[np.uint8]:
     """Colours (..., 3) for values in [0, 1]: dark to light."""
-    return _between(_SEQUENTIAL, x)
+    return _between(SEQUENTIAL, x)
+
+
+def style_properties() -> str:
+    """The table for a style sheet: ``--translation: #e69f00`` and so on; lists by commas."""
+    lists = {"axes": AXES, "sequential": [hex_of(colour) for colour in SEQUENTIAL]}
+    tables = {**{name: [colour] for name, colour in COLOURS.items()}, **lists}
+    rows = (f"--{n}: {','.join(f'#{c:06x}' for c in row)};" for n, row in tables.items())
+    return ":root { " + " ".join(rows) + " }\n"

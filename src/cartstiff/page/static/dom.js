@@ -21,6 +21,9 @@ export function el(tag, attributes = {}, ...children) {
 
 export const byId = (id) => document.getElementById(id);
 
+/** Colours of the table that pictures share, as #rrggbb. */
+export const hues = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim().split(",");
+
 /** How much of the page has come, from 0 to 1; then the bar goes. */
 export function loaded(share) {
   const bar = byId("loading");

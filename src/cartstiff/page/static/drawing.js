@@ -184,7 +184,7 @@ export class Drawing {
       const value = [...between(this.assets.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
       this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color", value });
     });
-    if (this.limit) lines.push({ mark: "tension", text: `legs: blue ${few(-this.limit)} to orange ${few(this.limit)} ${this.scene.units.force}` });
+    if (this.limit) lines.push({ mark: "tension", text: `legs: pink ${few(-this.limit)} (compression) to green ${few(this.limit)} ${this.scene.units.force} (tension)` });
   }
 
   ghost(state) {
@@ -292,7 +292,7 @@ function across(direction) {
 }
 
 /** A colour of a table with equal steps, at a share from 0 to 1. */
-function between(table, share) {
+export function between(table, share) {
   const at = share * (table.length - 1);
   const low = Math.min(Math.floor(at), table.length - 2);
   return table[low].map((x, i) => x + (at - low) * (table[low + 1][i] - x));

@@ -1,7 +1,7 @@
 // Hands in the picture: handles at the tool and at the load's arrows.
 
 /* global MeshCat */
-import { byId, chop, el, short } from "./dom.js";
+import { byId, chop, el, hues, short } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 import { limitRings } from "./rings.js";
 
@@ -13,7 +13,6 @@ const EDGE_ON = 0.2;
 // An arrow's head that is pulled within this distance (dots) of a line stays on it.
 const SNAP = 12;
 const AXIS_NAMES = ["x", "y", "z"];
-const HUES = [0xcc3311, 0x44aa66, 0x2255cc];
 // Without a moment, half a turn of its ring gives the force (or this one) at this share of the size.
 const FIRST_FORCE = 100;
 const LEVER = 0.1;
@@ -58,14 +57,15 @@ export function hands(store) {
 
   const ball = add(tool, new THREE.SphereGeometry(0.085, 20, 14), 0x0b5cad, null);
   add(tool, new THREE.SphereGeometry(0.15, 12, 8), 0, { kind: "ball" }, false);
+  const axes = hues("axes");
   for (let i = 0; i < 3; i++) {
     const arm = new THREE.Group(); // along its own y
     arm.quaternion.setFromUnitVectors(vector(0, 1, 0), vector(i === 0, i === 1, i === 2));
     arms.add(arm);
-    add(arm, new THREE.CylinderGeometry(0.016, 0.016, 0.5, 10).translate(0, 0.5, 0), HUES[i], null);
-    add(arm, new THREE.ConeGeometry(0.06, 0.18, 16).translate(0, 0.84, 0), HUES[i], null);
+    add(arm, new THREE.CylinderGeometry(0.016, 0.016, 0.5, 10).translate(0, 0.5, 0), axes[i], null);
+    add(arm, new THREE.ConeGeometry(0.06, 0.18, 16).translate(0, 0.84, 0), axes[i], null);
     add(arm, new THREE.CylinderGeometry(0.07, 0.07, 0.75, 8).translate(0, 0.58, 0), 0, { kind: "arm", axis: i }, false);
-    add(arm, new THREE.TorusGeometry(0.66, 0.013, 8, 60).rotateX(Math.PI / 2), HUES[i], null);
+    add(arm, new THREE.TorusGeometry(0.66, 0.013, 8, 60).rotateX(Math.PI / 2), axes[i], null);
     add(arm, new THREE.TorusGeometry(0.66, 0.06, 6, 40).rotateX(Math.PI / 2), 0, { kind: "ring", axis: i }, false);
   }
   const pulls = ["force", "moment"].map((kind) => {

@@ -1,14 +1,13 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
-import { SUPERSEDED, clamp, download, el, short } from "./dom.js";
+import { SUPERSEDED, clamp, download, el, hues, short } from "./dom.js";
+import { between } from "./drawing.js";
 import { lettered, sized, svg } from "./grid.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
 // Values of the second coordinate, and steps of each sweep.
 const COLUMNS = 31;
 const LINES = 21;
-// Colours at equal steps, dark to light: told apart by those who see fewer hues, too.
-const STOPS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 // Ratio of largest to smallest from which colours go by logarithms.
 const WIDE = 20;
 const EDGE = { left: 62, right: 76, top: 8, bottom: 18 };
@@ -21,11 +20,12 @@ const PAUSE = 30;
 export const CLOSER = 1.25;
 const NOTHING = { reason: "the server did not answer" };
 
+/** A colour from dark to light. */
 const hue = (share) => {
-  const at = clamp(share, 0, 1) * (STOPS.length - 1);
-  const k = Math.min(Math.floor(at), STOPS.length - 2);
-  return `rgb(${STOPS[k].map((x, i) => Math.round(x + (at - k) * (STOPS[k + 1][i] - x))).join(" ")})`;
+  stops ??= hues("sequential").map((text) => [1, 3, 5].map((i) => Number(`0x${text.slice(i, i + 2)}`)));
+  return `rgb(${between(stops, clamp(share, 0, 1)).map(Math.round).join(" ")})`;
 };
+let stops = null;
 
 /** `what` says what is drawn: {shown, along, key, busy}, with callbacks {choose, zoom, toggle, read, computed}. */
 export function heat(store, what) {

@@ -1,13 +1,13 @@
-// While the tool is held: a ring about each joint, or around each leg, that is near an end of its
+// While the tool is held: a pale ring about each joint, or around each leg, that is near an end of its
 // range; an arc from one end to the other, and a ball where it stands.
 
 /* global MeshCat */
+import { hues } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 
 // A coordinate is near its end within this share of its range, and an angle within this (rad).
 const NEAR_END = 0.1;
 const NEAR_ANGLE = Math.PI / 12;
-const [NEAR_HUE, STOP_HUE] = [0xe08a00, 0xb3261e];
 
 /** Returns what shows the rings of a held tool: called with whether it is held, and with the names of what stops it. */
 export function limitRings(store, world, size) {
@@ -23,9 +23,9 @@ export function limitRings(store, world, size) {
   }
 
   function made(range) {
-    const paint = (opacity) => new THREE.MeshBasicMaterial({ color: NEAR_HUE, transparent: true, opacity, depthTest: false });
+    const paint = (opacity) => new THREE.MeshBasicMaterial({ color: hues("negative")[0], transparent: true, opacity, depthTest: false });
     const ring = new THREE.Group();
-    ring.add(new THREE.Mesh(new THREE.TorusGeometry(0.62, 0.028, 8, 64, Math.min(range, 2 * Math.PI)), paint(0.75)));
+    ring.add(new THREE.Mesh(new THREE.TorusGeometry(0.62, 0.028, 8, 64, Math.min(range, 2 * Math.PI)), paint(1)));
     ring.add(new THREE.Mesh(new THREE.SphereGeometry(0.075, 14, 10).translate(0.62, 0, 0), paint(1)));
     for (const mesh of ring.children) {
       mesh.renderOrder = 19;
@@ -71,7 +71,7 @@ export function limitRings(store, world, size) {
       // The joint's own frame turns with it: its lower end lies behind.
       arc.rotation.z = angle ? lower - x : 0;
       ball.visible = angle;
-      for (const { material } of ring.children) material.color.set(stops ? STOP_HUE : NEAR_HUE);
+      for (const { material } of ring.children) material.opacity = stops ? 1 : 0.4;
       size(ring);
     }
   }
