@@ -40,7 +40,7 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 import cartstiff
 from cartstiff.cli import main as cli
 from cartstiff.cli.declare import HELP_ALL
-from cartstiff.loading.schema import json_schema
+from cartstiff.loading.mechanism_file import json_schema
 from cartstiff.report.json_schema import json_schema as output_schema
 
 ROOT = Path(__file__).resolve().parents[2]

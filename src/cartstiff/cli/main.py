@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import sys
@@ -111,6 +112,9 @@ def main(arguments: list[str] | None = None) -> None:
     Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that does not
     exist, 70 a fault of cartstiff itself.
     """
+    # Imports make many objects that stay: looking through them would be a sixth of a short command.
+    gc.set_threshold(50_000)
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # looked for in every package
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # names of files may hold what is no text
         if isinstance(stream, io.TextIOWrapper):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -33,7 +33,6 @@ from cartstiff.geometry.se3 import SWAP
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.dh import dh_description
-from cartstiff.loading.legs import check_limits, drawn_legs, one_each
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import (
     RobotDescription,
@@ -53,15 +52,12 @@ from cartstiff.loading.schema import (
     ClosureModel,
     FlexibleModel,
     JointSpringModel,
-    LegJointsModel,
-    LegModel,
     LineModel,
-    ParallelFile,
     PayloadModel,
-    PlatformFile,
     PoseModel,
     SerialFile,
-    SpringsFile,
+    check_limits,
+    one_each,
     pose_of,
 )
 from cartstiff.mechanisms.chain import Chain, Closure
@@ -94,6 +90,10 @@ from cartstiff.potentials.springs import (
     SpringLaw,
     TabulatedLaw,
 )
+
+if TYPE_CHECKING:
+    from cartstiff.loading.leg_schema import LegModel, ParallelFile
+    from cartstiff.loading.platform_schema import LegJointsModel, PlatformFile, SpringsFile
 
 # Last parts of the names that tools' frames have, the surest first.
 _TOOLS = tuple(
@@ -1469,6 +1469,8 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     ends: list[str] = []
     contacts: list[str] = []
     driven: list[str] = []
+    from cartstiff.loading.legs import drawn_legs
+
     legs = drawn_legs(file)
     for i, leg in enumerate(legs):
         prefix, place = f"leg{i + 1}/", f"leg {i + 1}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -14,16 +13,9 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
+from cartstiff.loading.leg_schema import LegEndsModel, LegModel, NamedLegs, ParallelFile
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.schema import (
-    JointSpringModel,
-    LegEndsModel,
-    LegModel,
-    NamedLegs,
-    ParallelFile,
-    PoseModel,
-    pose_of,
-)
+from cartstiff.loading.schema import JointSpringModel, PoseModel, check_limits, one_each, pose_of
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 
 _Z = np.array([0.0, 0.0, 1.0])
@@ -242,23 +234,6 @@ def _radial(p: Array, base: list[Array], where: str) -> Array:
             expected="vertical, or a vector",
         )
     return turns(_Z, np.arctan2(p[1], p[0]))
-
-
-def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
-    """One value for each of m legs; with `row` a value is itself a list of numbers."""
-    if not isinstance(value, list) or (row and value and not isinstance(value[0], list)):
-        return [value] * m
-    if len(value) != m:
-        expected = f"one, or {m}, one per leg"
-        raise InputError("wrong count", where=where, expected=expected, got=len(value))
-    return value
-
-
-def check_limits(pair: Sequence[float], where: str, meaning: str) -> None:
-    """Refuse limits the wrong way round."""
-    if pair[0] > pair[1]:
-        what = "limits are the wrong way round"
-        raise InputError(what, where=where, expected=meaning, got=list(pair))
 
 
 #: Where a leg ends: on the body, in its directions at home.

@@ -7,24 +7,19 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import cache, reduce
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
+from operator import or_
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.loading.schema import (
-    ADAPTER,
-    KINDS,
-    MODELS,
-    FileModel,
-    LayoutModel,
-    laid_out,
-    with_findings,
-)
+from cartstiff.loading.schema import FileModel, with_findings
 from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.contract import SI, GivenStiffness, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -33,6 +28,15 @@ from cartstiff.notes import Note
 _UNITS = {"length", "force"}
 #: Keys of a file whose texts are for readers.
 _WORDS = ("name", "description", "source")
+#: Module and model of each kind of file: a file loads the classes of its own kind.
+_MODELS = {
+    "serial": ("schema", "SerialFile"),
+    "stewart-gough": ("platform_schema", "PlatformFile"),
+    "springs": ("platform_schema", "SpringsFile"),
+    "parallel": ("leg_schema", "ParallelFile"),
+    "closed-chain": ("schema", "ClosedChainFile"),
+}
+_KINDS = ", ".join(_MODELS)
 Place = tuple[str | int, ...]
 
 
@@ -249,13 +253,28 @@ def _of_its_kind(data: dict[str, Any], folder: Path) -> Any:
         If anything is wrong.
     """
     kind, context = data.get("kind"), {"folder": folder}
-    model = MODELS.get(kind) if isinstance(kind, str) else None
-    if model is not None:
+    if isinstance(kind, str) and kind in _MODELS:
         try:
-            return model.model_validate(data, context=context)
+            return _model(kind).model_validate(data, context=context)
         except ValidationError:
             pass
-    return ADAPTER.validate_python(data, context=context)
+    return _any_kind().validate_python(data, context=context)
+
+
+def _model(kind: str) -> Any:
+    module, name = _MODELS[kind]
+    return getattr(import_module(f"cartstiff.loading.{module}"), name)
+
+
+@cache
+def _any_kind() -> TypeAdapter[Any]:
+    kinds = reduce(or_, map(_model, _MODELS))
+    return TypeAdapter(Annotated[kinds, Field(discriminator="kind")])
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of the mechanism file, of every kind."""
+    return _any_kind().json_schema()
 
 
 def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, Any]:
@@ -265,6 +284,8 @@ def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, An
     for key in ("base", "platform", "pose"):
         if key in data:
             raise InputError(f"give layout or {key}, not both", where=place_of(path, lines, (key,)))
+    from cartstiff.loading.platform_schema import LayoutModel, laid_out
+
     try:
         layout = LayoutModel.model_validate(data["layout"])
     except ValidationError as error:
@@ -325,7 +346,7 @@ def first_error(
     elif kind == "missing":
         what, expected, got = f"key {at[-1]!r} is missing", None, None
     elif kind in ("union_tag_invalid", "union_tag_not_found"):
-        what, expected, at = "unknown kind", KINDS, ("kind",)
+        what, expected, at = "unknown kind", _KINDS, ("kind",)
         got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
     elif kind == "value_error":
         what, expected, got = chosen["msg"].removeprefix("Value error, "), None, None

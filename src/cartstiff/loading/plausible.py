@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
-    from cartstiff.loading.schema import PlatformFile, SpringsFile
+    from cartstiff.loading.platform_schema import PlatformFile, SpringsFile
 
 #: rad; a rotation that is written as more than a turn looks like degrees.
 _TURN = 2.0 * math.pi

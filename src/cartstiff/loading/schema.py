@@ -1,9 +1,12 @@
-"""The mechanism file as data classes; every key, its type and its meaning stand here once."""
+"""The mechanism file as data classes; every key, its type and its meaning stand here once.
+
+Here is what several kinds share, with serial arms and closed chains. Bodies on line springs and
+bodies on chains have modules of their own, so that a file loads the classes of its own kind only.
+"""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +16,9 @@ import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
-    Discriminator,
     Field,
     PlainValidator,
     PrivateAttr,
-    Tag,
-    TypeAdapter,
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
@@ -137,138 +137,21 @@ def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
         raise ValueError(f"give {' or '.join(keys)}, not both")
 
 
-_THIRD = 2.0 * math.pi / 3.0
+def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
+    """One value for each of m legs; with `row` a value is itself a list of numbers."""
+    if not isinstance(value, list) or (row and value and not isinstance(value[0], list)):
+        return [value] * m
+    if len(value) != m:
+        expected = f"one, or {m}, one per leg"
+        raise InputError("wrong count", where=where, expected=expected, got=len(value))
+    return value
 
 
-class RingModel(FileModel):
-    """The joints of base or platform, on a circle around z."""
-
-    radius: Positive | None = keyed("of the circle; not for a cube", None)
-    half_angle: NotNegative | None = keyed(
-        "rad, between a joint and the middle of its pair; default 0, one point", None
-    )
-    angles: list[Number] | None = keyed(
-        "rad, of each leg's joint, in place of that", None, min_length=1, max_length=6
-    )
-    height: Number | None = keyed(
-        "of the circle, along z of F for the base, of P for the platform; default "
-        "0, for a cube that of its vertices",
-        None,
-    )
-
-    @model_validator(mode="after")
-    def _one(self) -> RingModel:
-        only_one(self, "half_angle", "angles", needed=False)
-        return self
-
-
-class CubicModel(FileModel):
-    """A cube with its diagonal along z; the legs lie along six of its edges."""
-
-    edge: Positive | None = None
-    size: Positive | None = keyed(
-        "height between its two triangles of vertices: edge / sqrt(3)", None
-    )
-    centre: Vector | Number = keyed("in F; one number: on z", 0.0)
-
-    @model_validator(mode="after")
-    def _one(self) -> CubicModel:
-        only_one(self, "edge", "size")
-        return self
-
-
-_OF_RINGS = ("radius", "half_angle", "angles")
-
-
-class LayoutModel(FileModel):
-    """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
-
-    base: RingModel = keyed("joints on the ground", RingModel.model_construct())
-    platform: RingModel = keyed("joints on the platform", RingModel.model_construct())
-    height: Number | None = keyed("of P over F; 0 for a cube if absent, else needed", None)
-    turn: Number | None = keyed(
-        "rad, of the platform's pairs against the base's; default pi/3", None
-    )
-    symmetry: Literal[1, 2, 3, 6] | None = keyed(
-        "angles are given for one part of so many; the others follow by turning", None
-    )
-    cubic: CubicModel | None = None
-
-    @model_validator(mode="after")
-    def _fits(self) -> LayoutModel:
-        rings = {"base": self.base, "platform": self.platform}
-        if self.cubic is not None:
-            owners = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _OF_RINGS}
-            owners |= {"turn": self.turn, "symmetry": self.symmetry}
-            for key, value in owners.items():
-                if value is not None:
-                    raise ValueError(f"{key} is not for a cubic layout")
-            return self
-        if self.height is None:
-            raise ValueError("key 'height' is missing: of P over F")
-        each = 6 // (self.symmetry or 1)
-        for name, ring in rings.items():
-            if ring.radius is None:
-                raise ValueError(f"key 'radius' of {name} is missing")
-            if ring.angles is not None and len(ring.angles) != each:
-                of = f" with symmetry {self.symmetry}" if self.symmetry else ""
-                raise ValueError(f"{name}.angles must be {each}{of}: there are {len(ring.angles)}")
-        if self.symmetry is not None and all(r.angles is None for r in rings.values()):
-            raise ValueError("symmetry is for angles; pairs stand 120 degrees apart")
-        if self.turn is not None and self.platform.angles is not None:
-            raise ValueError("turn is for pairs: angles of the platform say where its joints are")
-        return self
-
-    def points(self) -> tuple[Array, Array, Array]:
-        """Joints of the base in F (6, 3), of the platform in P (6, 3), and the origin of P in F."""
-        if self.cubic is not None:
-            return self._cube(self.cubic)
-        alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
-        turn = math.pi / 3.0 if self.turn is None else self.turn
-        lower = [i * _THIRD + side for i in range(3) for side in (-alpha, alpha)]
-        upper = [i * _THIRD + turn + side for i in range(3) for side in (beta - _THIRD, -beta)]
-        origin = np.array([0.0, 0.0, self.height or 0.0])
-        return self._ring(self.base, lower), self._ring(self.platform, upper), origin
-
-    def _ring(self, ring: RingModel, angles: list[float]) -> Array:
-        if ring.angles is not None:
-            parts = self.symmetry or 1
-            turns = [2.0 * math.pi * i / parts for i in range(parts)]
-            angles = [turn + angle for turn in turns for angle in ring.angles]
-        radius = ring.radius or 0.0  # a layout without is refused
-        height = ring.height or 0.0
-        return np.array([[radius * math.cos(a), radius * math.sin(a), height] for a in angles])
-
-    def _cube(self, cubic: CubicModel) -> tuple[Array, Array, Array]:
-        size = cubic.size if cubic.size is not None else (cubic.edge or 0.0) / math.sqrt(3.0)
-        centre = np.array(cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre])
-        radius = math.sqrt(2.0) * size
-        lower = RingModel(radius=radius, height=-size / 2.0)
-        upper = RingModel(radius=radius, height=size / 2.0)
-        base, top, _ = LayoutModel(base=lower, platform=upper, height=0.0).points()
-        base, top, origin = base + centre, top + centre, np.array([0.0, 0.0, self.height or 0.0])
-        along = (top - base) / size  # rises by one
-
-        def cut(height: float) -> Array:
-            points: Array = base + along * (height - base[:, 2:])
-            points[:, 2] = height
-            return points
-
-        if self.platform.height is not None:
-            top = cut(origin[2] + self.platform.height)
-        if self.base.height is not None:
-            base = cut(self.base.height)
-        return base, top - origin, origin
-
-
-def laid_out(layout: LayoutModel) -> dict[str, Any]:
-    """Keys of the mechanism file that say the same as a layout."""
-    base, platform, origin = layout.points()
-    return {
-        "base": base.tolist(),
-        "platform": platform.tolist(),
-        "pose": {"xyz": origin.tolist()},
-    }
+def check_limits(pair: Sequence[float], where: str, meaning: str) -> None:
+    """Refuse limits the wrong way round."""
+    if pair[0] > pair[1]:
+        what = "limits are the wrong way round"
+        raise InputError(what, where=where, expected=meaning, got=list(pair))
 
 
 # Values of the file and its springs agree to this share; a person may round them.
@@ -398,113 +281,6 @@ class PayloadModel(FileModel):
 
     mass: NotNegative = keyed("kg, whatever the units")
     com: Vector = keyed("mass centre in the body frame M", [0.0, 0.0, 0.0])
-
-
-class BodyModel(FileModel):
-    """The platform's own mass, for vibrations and gravity."""
-
-    mass: NotNegative = keyed("kg, whatever the units")
-    com: Vector = keyed("mass centre in P", [0.0, 0.0, 0.0])
-    inertia: list[Vector] | None = keyed(
-        "3x3 about the mass centre, axes of P; kg and the file's length squared",
-        None,
-        min_length=3,
-        max_length=3,
-    )
-
-
-class LegMassModel(FileModel):
-    """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
-
-    fixed: PerLeg = keyed("kg, of the bar on the base's joint", 0.0)
-    moving: PerLeg = keyed("kg, of the bar on the platform's joint", 0.0)
-    fixed_com: PerLeg = keyed("distance of its centre from the base's joint", 0.0)
-    moving_com: PerLeg = keyed("distance of its centre from the platform's joint", 0.0)
-    radius: PerLeg = keyed("of both bars; 0 for slender ones", 0.0)
-
-
-class LegJointsModel(FileModel):
-    """Universal or spherical joints at one end of the legs, and how far they turn."""
-
-    axis: Vector | Vectors = keyed(
-        "middle direction of the leg seen from the joint, or one per leg; in F "
-        "at the base, in P at the platform"
-    )
-    angle: PerLeg = keyed("largest angle of the leg from it, rad")
-
-
-_Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
-
-
-class FlexureModel(FileModel):
-    """A flexure joint of a strut: a spring, or none, for each of its six motions."""
-
-    axial: Annotated[Positive, RIGID] = keyed(
-        "along the strut, force per length; default rigid", math.inf
-    )
-    shear: Annotated[Positive, RIGID] = keyed(
-        "across the strut, force per length; default rigid", math.inf
-    )
-    bending: Annotated[NotNegative, RIGID] = keyed(
-        "about axes across it, N m/rad whatever the units"
-    )
-    torsion: Annotated[NotNegative, RIGID] = keyed(
-        "about its axis, N m/rad whatever the units; or rigid"
-    )
-    offset: NotNegative = keyed("from the leg's point to the flexure, along the strut", 0.0)
-
-
-class StrutModel(FileModel):
-    """Legs as struts between flexure joints, straight with the platform at the file's pose."""
-
-    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = keyed(
-        "stiffness along the strut without its flexures; one number or one per leg"
-    )
-    lower: FlexureModel = keyed("at the base")
-    upper: FlexureModel = keyed("at the platform")
-    mass: LegMassModel | None = keyed("in place of mass in legs", None)
-
-    @model_validator(mode="after")
-    def _stands(self) -> StrutModel:
-        if self.lower.torsion == self.upper.torsion == 0.0:
-            raise ValueError("the strut would spin: one of its flexures needs torsion above 0")
-        if self.lower.bending == math.inf and self.upper.bending == math.inf:
-            raise ValueError("one of the flexures must bend: both are rigid")
-        return self
-
-
-class LinesLegs(FileModel):
-    """Springs in the legs; one number for all or one per leg."""
-
-    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = keyed(
-        "of legs between ideal joints, force per length", None
-    )
-    strut: StrutModel | None = keyed("in place of stiffness: legs with flexure joints", None)
-    rest_length: PerLeg | None = keyed("length without tension", None)
-    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = keyed(
-        "tension at the file's pose, instead of rest_length", None
-    )
-    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = keyed(
-        "[shortest, longest], or one pair per leg", None
-    )
-    base_joints: LegJointsModel | None = None
-    platform_joints: LegJointsModel | None = None
-    diameter: PerLeg | None = keyed("of the legs, which must not touch each other", None)
-    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = keyed(
-        "[least, largest] tension, or one pair per leg; compression below zero", None
-    )
-    mass: LegMassModel | None = None
-    damping: PerLeg = keyed("dampers along the legs, force per velocity (seconds)", 0.0)
-
-    @model_validator(mode="after")
-    def _one(self) -> LinesLegs:
-        if self.stiffness is None and self.strut is None:
-            raise ValueError("key 'stiffness' is missing: give stiffness, or strut")
-        only_one(self, "stiffness", "strut")
-        only_one(self, "rest_length", "preload", needed=False)
-        if self.strut is not None and None not in (self.strut.mass, self.mass):
-            raise ValueError("give mass in legs or in strut, not both")
-        return self
 
 
 #: Bytes of a superelement's text: two hundred nodes with all digits.
@@ -667,138 +443,9 @@ class LineModel(FileModel):
         return self
 
 
-Stiffness = Annotated[Positive, RIGID]
-_Word = Literal["radial", "tangential", "vertical"]
-Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_length=100)]
-_PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
-_Mode = Literal["plus", "minus"]
+class FileWords(FileModel):
+    """Keys that every file may have."""
 
-#: What can be drawn: struts, then rails and cranks; a rod between two balls spins in vain.
-_KNOWN = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
-KNOWN = (
-    "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such "
-    "as RUS, RUU, RSS, RRR"
-)
-
-
-class LegEndsModel(FileModel):
-    """Joints on a circle about z, or points one by one."""
-
-    radius: Positive | None = None
-    half_angle: Number | None = keyed(
-        "rad, between a joint and the middle of its pair; three pairs, and the two "
-        "legs of a pair of the base are mirror images of each other",
-        None,
-    )
-    angles: list[Number] | None = keyed(
-        "where the joints are on the circle; default [0]", None, min_length=1, max_length=100
-    )
-    height: Number = keyed("of the circle, along z", 0.0)
-    points: list[Vector] | None = keyed("instead of the circle", None, min_length=1, max_length=100)
-
-    @model_validator(mode="after")
-    def _one(self) -> LegEndsModel:
-        only_one(self, "radius", "points")
-        on_circle = self.half_angle is not None or self.angles is not None or self.height != 0.0
-        if self.points is not None and on_circle:
-            raise ValueError("half_angle, angles and height go with radius, not with points")
-        only_one(self, "half_angle", "angles", needed=False)
-        return self
-
-
-class NamedLegs(FileModel):
-    """Equal legs by the letters of their joints, from the ground to the body.
-
-    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower, upper.
-    """
-
-    chain: Text = keyed(
-        "joints from the ground to the body: R revolute, P prismatic, U universal, "
-        "S spherical, C cylindrical; such as UPS, PUS, RUS, RPS, PRS, UPU, RUU, RRR"
-    )
-    base: LegEndsModel = keyed("first joints, in F")
-    platform: LegEndsModel = keyed("last joints, in the body's frame P")
-    symmetry: int | None = keyed(
-        "how often what base and platform give is repeated about z; default 3, and "
-        "1 where points or angles are given",
-        None,
-        strict=True,
-        ge=1,
-        le=100,
-    )
-    turn: Number | None = keyed(
-        "rad, of the platform's pairs against the base's; default pi/3", None
-    )
-    axis: Direction | None = keyed(
-        "of cranks, hinges and first axes of universal joints: radial, tangential, "
-        "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
-        "leg; default vertical for chains of R and P only, else tangential",
-        None,
-    )
-    rail: Direction | None = keyed(
-        "direction of the rails of chains that begin with P, as axis; default vertical", None
-    )
-    crank: _PerLeg | None = keyed("length, for chains that begin with R", None)
-    rod: _PerLeg | None = keyed("length, for chains that begin with P or R", None)
-    mode: _Mode | list[_Mode] | None = keyed(
-        "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
-        "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
-        "and the crank that points outwards the more",
-        None,
-    )
-    actuated: list[Text] | None = keyed(
-        "names of the driven joints; default slide, or crank; [] for none", None
-    )
-    stiffness: Stiffness | list[Stiffness] | None = keyed(
-        "of the driven joints, N/m or N m/rad; or rigid", None
-    )
-    limits: Pair | list[Pair] | None = keyed("[least, most] of the slide or crank", None)
-    diameter: _PerLeg | None = keyed(
-        "of the rods, or struts, which must not touch each other", None
-    )
-    turns: dict[Text, Pair] = keyed(
-        "[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
-        "a ball is limited about each of its three axes",
-        {},
-    )
-    springs: dict[str, JointSpringModel] = {}
-    flexible: dict[str, FlexibleModel] = {}
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_strut(cls, value: object) -> object:
-        if isinstance(value, dict) and "strut" in value:
-            raise ValueError(
-                "strut is of kind stewart-gough, whose legs have no joints with names; here joints "
-                "have springs: {u1: {stiffness: 33}, ...}, and links may be flexible"
-            )
-        return value
-
-    @model_validator(mode="after")
-    def _fits(self) -> NamedLegs:
-        if not _KNOWN.fullmatch(self.chain):
-            raise ValueError(f"unknown chain {self.chain!r} (expected {KNOWN})")
-        strut = self.chain[1] in "PC"
-        if self.turn is not None and self.platform.half_angle is None:
-            raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
-        for key, wanted in (
-            ("rail", self.chain[0] == "P"),
-            ("rod", not strut),
-            ("crank", self.chain[0] == "R" and not strut),
-            ("mode", not strut),
-        ):
-            if not wanted and getattr(self, key) is not None:
-                raise ValueError(f"a leg {self.chain} has no {key}")
-        for key in ("rod", "crank"):
-            wanted = not strut and (key == "rod" or self.chain[0] == "R")
-            if wanted and getattr(self, key) is None:
-                raise ValueError(f"a leg {self.chain} needs {key}: its length")
-        if self.actuated == [] and self.stiffness is not None:
-            raise ValueError("stiffness is of driven joints, and actuated is empty")
-        return self
-
-
-class _File(FileModel):
     name: Text | None = keyed("name shown to people", None)
     description: Text | None = keyed("what the mechanism is, for readers", None)
     source: Text | None = keyed("where its numbers come from, for readers", None)
@@ -897,7 +544,9 @@ class _Robot(FileModel):
         return robot
 
 
-class _Joints(_Robot):
+class Joints(_Robot):
+    """Keys of a tree of joints."""
+
     frame: Text | None = keyed("link or site that is the body frame M", None)
     locked: dict[str, Number] = keyed("joints held fixed", {})
     q: dict[str, Number] = keyed("default posture; a closed chain is assembled from there", {})
@@ -906,7 +555,7 @@ class _Joints(_Robot):
     flexible: dict[str, FlexibleModel] = keyed("by link name", {})
 
 
-class SerialFile(_Joints, _File):
+class SerialFile(Joints, FileWords):
     """A serial arm."""
 
     kind: Literal["serial"]
@@ -914,107 +563,6 @@ class SerialFile(_Joints, _File):
         "the robot's own base frame B (its root) in F, the room", PoseModel.model_construct()
     )
     offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
-    lines: list[LineModel] = []
-
-
-class _BodyOnLines(_File):
-    units: UnitsModel = UnitsModel.model_construct()
-    pose: PoseModel = keyed("P in F", PoseModel.model_construct())
-    frame: PoseModel = keyed("M in P", PoseModel.model_construct())
-    body: BodyModel | None = None
-    legs: LinesLegs
-    flexible: dict[Literal["base", "platform"], FlexibleModel] = keyed(
-        "what gives between the ground and the feet of the legs (place of the spring "
-        "in F), and between their heads and the body (in P)",
-        {},
-    )
-
-
-class PlatformFile(_BodyOnLines):
-    """A Stewart-Gough platform: six line springs between a base and a platform."""
-
-    kind: Literal["stewart-gough"]
-    layout: LayoutModel | None = keyed("in place of base, platform and pose", None)
-    base: list[Vector] = keyed("points in F", [], min_length=6, max_length=6)
-    platform: list[Vector] = keyed("points in P", [], min_length=6, max_length=6)
-
-    @model_validator(mode="after")
-    def _has_points(self) -> PlatformFile:
-        for key in ("base", "platform"):
-            if not getattr(self, key):
-                raise ValueError(f"key '{key}' is missing: give base and platform, or layout")
-        return self
-
-
-class SpringsFile(_BodyOnLines):
-    """A body held by any number of line springs or cables from the ground."""
-
-    kind: Literal["springs"]
-    base: Vectors = keyed("anchor points in F")
-    platform: Vectors = keyed("points of the body in P")
-    unilateral: Flag = keyed("cables: they cannot push", False)
-
-    @model_validator(mode="after")
-    def _pull(self) -> SpringsFile:
-        if self.unilateral and self.legs.strut is not None:
-            raise ValueError("struts can push: unilateral is for cables")
-        return self
-
-
-class LegModel(_Joints):
-    """One chain of a parallel mechanism, from the ground to the body."""
-
-    kind: Literal["serial"] = "serial"
-    base: PoseModel = keyed("the chain's root in F", PoseModel.model_construct())
-    grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel.model_construct())
-    contact: Literal["rigid", "soft-finger", "point"] = keyed(
-        "joint between chain and body: none, spin about z, or a ball", "rigid"
-    )
-    _drawing: Any = PrivateAttr(default=None)
-
-    @property
-    def drawing(self) -> Any:
-        """What a leg by name has been drawn as; None for a leg that is described."""
-        return self._drawing
-
-    def drawn(self, drawing: Any) -> LegModel:
-        """The same leg with its drawing, which stands for a description."""
-        leg = self.model_copy()
-        leg._drawing = drawing
-        return leg
-
-
-def _is_meant(leg: Any) -> str:
-    """Which kind of leg is meant: errors are told for that one alone. No tag is a key."""
-    is_named = isinstance(leg, NamedLegs) or (isinstance(leg, dict) and "chain" in leg)
-    return "<by name>" if is_named else "<described>"
-
-
-def _are_meant(legs: Any) -> str:
-    return "<by name>" if isinstance(legs, (dict, NamedLegs)) else "<list>"
-
-
-_Leg = Annotated[
-    Annotated[LegModel, Tag("<described>")] | Annotated[NamedLegs, Tag("<by name>")],
-    Discriminator(_is_meant),
-]
-_Legs = Annotated[
-    Annotated[NamedLegs, Tag("<by name>")]
-    | Annotated[list[_Leg], Field(min_length=1, max_length=100), Tag("<list>")],
-    Discriminator(_are_meant),
-]
-
-
-class ParallelFile(_File):
-    """One body carried by several chains."""
-
-    kind: Literal["parallel"]
-    legs: _Legs = keyed("legs by name, or chains one by one, or a list of both")
-    pose: PoseModel | None = keyed(
-        "the body's own frame in F, where the legs are put together; legs by name need it", None
-    )
-    offset: PoseModel = keyed("M in the body's own frame", PoseModel.model_construct())
-    actuated: list[Text] = keyed("joints as leg1/joint_name", [])
     lines: list[LineModel] = []
 
 
@@ -1028,7 +576,7 @@ class ClosureModel(FileModel):
     )
 
 
-class ClosedChainFile(_Joints, _File):
+class ClosedChainFile(Joints, FileWords):
     """A tree from URDF or MJCF whose frames are tied by closures."""
 
     kind: Literal["closed-chain"]
@@ -1037,26 +585,3 @@ class ClosedChainFile(_Joints, _File):
     floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
     actuated: list[Text] = []
     lines: list[LineModel] = []
-
-
-MechanismFile = Annotated[
-    SerialFile | PlatformFile | SpringsFile | ParallelFile | ClosedChainFile,
-    Field(discriminator="kind"),
-]
-
-MODELS: dict[str, type[FileModel]] = {
-    "serial": SerialFile,
-    "stewart-gough": PlatformFile,
-    "springs": SpringsFile,
-    "parallel": ParallelFile,
-    "closed-chain": ClosedChainFile,
-}
-
-KINDS = ", ".join(MODELS)
-
-ADAPTER: TypeAdapter[Any] = TypeAdapter(MechanismFile, config=ConfigDict(defer_build=True))
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON schema of the mechanism file."""
-    return ADAPTER.json_schema()

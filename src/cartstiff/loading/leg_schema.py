@@ -1,0 +1,213 @@
+"""Files of bodies on chains: legs by name or by description."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
+
+from cartstiff.loading.schema import (
+    RIGID,
+    FileModel,
+    FileWords,
+    FlexibleModel,
+    Joints,
+    JointSpringModel,
+    LineModel,
+    Number,
+    Pair,
+    PoseModel,
+    Positive,
+    Text,
+    Vector,
+    keyed,
+    only_one,
+)
+
+Stiffness = Annotated[Positive, RIGID]
+_Word = Literal["radial", "tangential", "vertical"]
+Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_length=100)]
+_PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
+_Mode = Literal["plus", "minus"]
+
+#: What can be drawn: struts, then rails and cranks; a rod between two balls spins in vain.
+_KNOWN = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
+KNOWN = (
+    "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such "
+    "as RUS, RUU, RSS, RRR"
+)
+
+
+class LegEndsModel(FileModel):
+    """Joints on a circle about z, or points one by one."""
+
+    radius: Positive | None = None
+    half_angle: Number | None = keyed(
+        "rad, between a joint and the middle of its pair; three pairs, and the two "
+        "legs of a pair of the base are mirror images of each other",
+        None,
+    )
+    angles: list[Number] | None = keyed(
+        "where the joints are on the circle; default [0]", None, min_length=1, max_length=100
+    )
+    height: Number = keyed("of the circle, along z", 0.0)
+    points: list[Vector] | None = keyed("instead of the circle", None, min_length=1, max_length=100)
+
+    @model_validator(mode="after")
+    def _one(self) -> LegEndsModel:
+        only_one(self, "radius", "points")
+        on_circle = self.half_angle is not None or self.angles is not None or self.height != 0.0
+        if self.points is not None and on_circle:
+            raise ValueError("half_angle, angles and height go with radius, not with points")
+        only_one(self, "half_angle", "angles", needed=False)
+        return self
+
+
+class NamedLegs(FileModel):
+    """Equal legs by the letters of their joints, from the ground to the body.
+
+    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower, upper.
+    """
+
+    chain: Text = keyed(
+        "joints from the ground to the body: R revolute, P prismatic, U universal, "
+        "S spherical, C cylindrical; such as UPS, PUS, RUS, RPS, PRS, UPU, RUU, RRR"
+    )
+    base: LegEndsModel = keyed("first joints, in F")
+    platform: LegEndsModel = keyed("last joints, in the body's frame P")
+    symmetry: int | None = keyed(
+        "how often what base and platform give is repeated about z; default 3, and "
+        "1 where points or angles are given",
+        None,
+        strict=True,
+        ge=1,
+        le=100,
+    )
+    turn: Number | None = keyed(
+        "rad, of the platform's pairs against the base's; default pi/3", None
+    )
+    axis: Direction | None = keyed(
+        "of cranks, hinges and first axes of universal joints: radial, tangential, "
+        "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
+        "leg; default vertical for chains of R and P only, else tangential",
+        None,
+    )
+    rail: Direction | None = keyed(
+        "direction of the rails of chains that begin with P, as axis; default vertical", None
+    )
+    crank: _PerLeg | None = keyed("length, for chains that begin with R", None)
+    rod: _PerLeg | None = keyed("length, for chains that begin with P or R", None)
+    mode: _Mode | list[_Mode] | None = keyed(
+        "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
+        "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
+        "and the crank that points outwards the more",
+        None,
+    )
+    actuated: list[Text] | None = keyed(
+        "names of the driven joints; default slide, or crank; [] for none", None
+    )
+    stiffness: Stiffness | list[Stiffness] | None = keyed(
+        "of the driven joints, N/m or N m/rad; or rigid", None
+    )
+    limits: Pair | list[Pair] | None = keyed("[least, most] of the slide or crank", None)
+    diameter: _PerLeg | None = keyed(
+        "of the rods, or struts, which must not touch each other", None
+    )
+    turns: dict[Text, Pair] = keyed(
+        "[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
+        "a ball is limited about each of its three axes",
+        {},
+    )
+    springs: dict[str, JointSpringModel] = {}
+    flexible: dict[str, FlexibleModel] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_strut(cls, value: object) -> object:
+        if isinstance(value, dict) and "strut" in value:
+            raise ValueError(
+                "strut is of kind stewart-gough, whose legs have no joints with names; here joints "
+                "have springs: {u1: {stiffness: 33}, ...}, and links may be flexible"
+            )
+        return value
+
+    @model_validator(mode="after")
+    def _fits(self) -> NamedLegs:
+        if not _KNOWN.fullmatch(self.chain):
+            raise ValueError(f"unknown chain {self.chain!r} (expected {KNOWN})")
+        strut = self.chain[1] in "PC"
+        if self.turn is not None and self.platform.half_angle is None:
+            raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
+        for key, wanted in (
+            ("rail", self.chain[0] == "P"),
+            ("rod", not strut),
+            ("crank", self.chain[0] == "R" and not strut),
+            ("mode", not strut),
+        ):
+            if not wanted and getattr(self, key) is not None:
+                raise ValueError(f"a leg {self.chain} has no {key}")
+        for key in ("rod", "crank"):
+            wanted = not strut and (key == "rod" or self.chain[0] == "R")
+            if wanted and getattr(self, key) is None:
+                raise ValueError(f"a leg {self.chain} needs {key}: its length")
+        if self.actuated == [] and self.stiffness is not None:
+            raise ValueError("stiffness is of driven joints, and actuated is empty")
+        return self
+
+
+class LegModel(Joints):
+    """One chain of a parallel mechanism, from the ground to the body."""
+
+    kind: Literal["serial"] = "serial"
+    base: PoseModel = keyed("the chain's root in F", PoseModel.model_construct())
+    grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel.model_construct())
+    contact: Literal["rigid", "soft-finger", "point"] = keyed(
+        "joint between chain and body: none, spin about z, or a ball", "rigid"
+    )
+    _drawing: Any = PrivateAttr(default=None)
+
+    @property
+    def drawing(self) -> Any:
+        """What a leg by name has been drawn as; None for a leg that is described."""
+        return self._drawing
+
+    def drawn(self, drawing: Any) -> LegModel:
+        """The same leg with its drawing, which stands for a description."""
+        leg = self.model_copy()
+        leg._drawing = drawing
+        return leg
+
+
+def _is_meant(leg: Any) -> str:
+    """Which kind of leg is meant: errors are told for that one alone. No tag is a key."""
+    is_named = isinstance(leg, NamedLegs) or (isinstance(leg, dict) and "chain" in leg)
+    return "<by name>" if is_named else "<described>"
+
+
+def _are_meant(legs: Any) -> str:
+    return "<by name>" if isinstance(legs, (dict, NamedLegs)) else "<list>"
+
+
+_Leg = Annotated[
+    Annotated[LegModel, Tag("<described>")] | Annotated[NamedLegs, Tag("<by name>")],
+    Discriminator(_is_meant),
+]
+_Legs = Annotated[
+    Annotated[NamedLegs, Tag("<by name>")]
+    | Annotated[list[_Leg], Field(min_length=1, max_length=100), Tag("<list>")],
+    Discriminator(_are_meant),
+]
+
+
+class ParallelFile(FileWords):
+    """One body carried by several chains."""
+
+    kind: Literal["parallel"]
+    legs: _Legs = keyed("legs by name, or chains one by one, or a list of both")
+    pose: PoseModel | None = keyed(
+        "the body's own frame in F, where the legs are put together; legs by name need it", None
+    )
+    offset: PoseModel = keyed("M in the body's own frame", PoseModel.model_construct())
+    actuated: list[Text] = keyed("joints as leg1/joint_name", [])
+    lines: list[LineModel] = []

@@ -1,0 +1,313 @@
+"""Files of bodies on line springs: Stewart-Gough platforms, springs and cables."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from cartstiff.arrays import Array
+from cartstiff.loading.schema import (
+    RIGID,
+    FileModel,
+    FileWords,
+    Flag,
+    FlexibleModel,
+    NotNegative,
+    Number,
+    Pair,
+    PerLeg,
+    PoseModel,
+    Positive,
+    UnitsModel,
+    Vector,
+    Vectors,
+    keyed,
+    only_one,
+)
+
+_THIRD = 2.0 * math.pi / 3.0
+
+
+class RingModel(FileModel):
+    """The joints of base or platform, on a circle around z."""
+
+    radius: Positive | None = keyed("of the circle; not for a cube", None)
+    half_angle: NotNegative | None = keyed(
+        "rad, between a joint and the middle of its pair; default 0, one point", None
+    )
+    angles: list[Number] | None = keyed(
+        "rad, of each leg's joint, in place of that", None, min_length=1, max_length=6
+    )
+    height: Number | None = keyed(
+        "of the circle, along z of F for the base, of P for the platform; default "
+        "0, for a cube that of its vertices",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> RingModel:
+        only_one(self, "half_angle", "angles", needed=False)
+        return self
+
+
+class CubicModel(FileModel):
+    """A cube with its diagonal along z; the legs lie along six of its edges."""
+
+    edge: Positive | None = None
+    size: Positive | None = keyed(
+        "height between its two triangles of vertices: edge / sqrt(3)", None
+    )
+    centre: Vector | Number = keyed("in F; one number: on z", 0.0)
+
+    @model_validator(mode="after")
+    def _one(self) -> CubicModel:
+        only_one(self, "edge", "size")
+        return self
+
+
+_OF_RINGS = ("radius", "half_angle", "angles")
+
+
+class LayoutModel(FileModel):
+    """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
+
+    base: RingModel = keyed("joints on the ground", RingModel.model_construct())
+    platform: RingModel = keyed("joints on the platform", RingModel.model_construct())
+    height: Number | None = keyed("of P over F; 0 for a cube if absent, else needed", None)
+    turn: Number | None = keyed(
+        "rad, of the platform's pairs against the base's; default pi/3", None
+    )
+    symmetry: Literal[1, 2, 3, 6] | None = keyed(
+        "angles are given for one part of so many; the others follow by turning", None
+    )
+    cubic: CubicModel | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> LayoutModel:
+        rings = {"base": self.base, "platform": self.platform}
+        if self.cubic is not None:
+            owners = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _OF_RINGS}
+            owners |= {"turn": self.turn, "symmetry": self.symmetry}
+            for key, value in owners.items():
+                if value is not None:
+                    raise ValueError(f"{key} is not for a cubic layout")
+            return self
+        if self.height is None:
+            raise ValueError("key 'height' is missing: of P over F")
+        each = 6 // (self.symmetry or 1)
+        for name, ring in rings.items():
+            if ring.radius is None:
+                raise ValueError(f"key 'radius' of {name} is missing")
+            if ring.angles is not None and len(ring.angles) != each:
+                of = f" with symmetry {self.symmetry}" if self.symmetry else ""
+                raise ValueError(f"{name}.angles must be {each}{of}: there are {len(ring.angles)}")
+        if self.symmetry is not None and all(r.angles is None for r in rings.values()):
+            raise ValueError("symmetry is for angles; pairs stand 120 degrees apart")
+        if self.turn is not None and self.platform.angles is not None:
+            raise ValueError("turn is for pairs: angles of the platform say where its joints are")
+        return self
+
+    def points(self) -> tuple[Array, Array, Array]:
+        """Joints of the base in F (6, 3), of the platform in P (6, 3), and the origin of P in F."""
+        if self.cubic is not None:
+            return self._cube(self.cubic)
+        alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
+        turn = math.pi / 3.0 if self.turn is None else self.turn
+        lower = [i * _THIRD + side for i in range(3) for side in (-alpha, alpha)]
+        upper = [i * _THIRD + turn + side for i in range(3) for side in (beta - _THIRD, -beta)]
+        origin = np.array([0.0, 0.0, self.height or 0.0])
+        return self._ring(self.base, lower), self._ring(self.platform, upper), origin
+
+    def _ring(self, ring: RingModel, angles: list[float]) -> Array:
+        if ring.angles is not None:
+            parts = self.symmetry or 1
+            turns = [2.0 * math.pi * i / parts for i in range(parts)]
+            angles = [turn + angle for turn in turns for angle in ring.angles]
+        radius = ring.radius or 0.0  # a layout without is refused
+        height = ring.height or 0.0
+        return np.array([[radius * math.cos(a), radius * math.sin(a), height] for a in angles])
+
+    def _cube(self, cubic: CubicModel) -> tuple[Array, Array, Array]:
+        size = cubic.size if cubic.size is not None else (cubic.edge or 0.0) / math.sqrt(3.0)
+        centre = np.array(cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre])
+        radius = math.sqrt(2.0) * size
+        lower = RingModel(radius=radius, height=-size / 2.0)
+        upper = RingModel(radius=radius, height=size / 2.0)
+        base, top, _ = LayoutModel(base=lower, platform=upper, height=0.0).points()
+        base, top, origin = base + centre, top + centre, np.array([0.0, 0.0, self.height or 0.0])
+        along = (top - base) / size  # rises by one
+
+        def cut(height: float) -> Array:
+            points: Array = base + along * (height - base[:, 2:])
+            points[:, 2] = height
+            return points
+
+        if self.platform.height is not None:
+            top = cut(origin[2] + self.platform.height)
+        if self.base.height is not None:
+            base = cut(self.base.height)
+        return base, top - origin, origin
+
+
+def laid_out(layout: LayoutModel) -> dict[str, Any]:
+    """Keys of the mechanism file that say the same as a layout."""
+    base, platform, origin = layout.points()
+    return {
+        "base": base.tolist(),
+        "platform": platform.tolist(),
+        "pose": {"xyz": origin.tolist()},
+    }
+
+
+class BodyModel(FileModel):
+    """The platform's own mass, for vibrations and gravity."""
+
+    mass: NotNegative = keyed("kg, whatever the units")
+    com: Vector = keyed("mass centre in P", [0.0, 0.0, 0.0])
+    inertia: list[Vector] | None = keyed(
+        "3x3 about the mass centre, axes of P; kg and the file's length squared",
+        None,
+        min_length=3,
+        max_length=3,
+    )
+
+
+class LegMassModel(FileModel):
+    """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
+
+    fixed: PerLeg = keyed("kg, of the bar on the base's joint", 0.0)
+    moving: PerLeg = keyed("kg, of the bar on the platform's joint", 0.0)
+    fixed_com: PerLeg = keyed("distance of its centre from the base's joint", 0.0)
+    moving_com: PerLeg = keyed("distance of its centre from the platform's joint", 0.0)
+    radius: PerLeg = keyed("of both bars; 0 for slender ones", 0.0)
+
+
+class LegJointsModel(FileModel):
+    """Universal or spherical joints at one end of the legs, and how far they turn."""
+
+    axis: Vector | Vectors = keyed(
+        "middle direction of the leg seen from the joint, or one per leg; in F "
+        "at the base, in P at the platform"
+    )
+    angle: PerLeg = keyed("largest angle of the leg from it, rad")
+
+
+_Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+
+
+class FlexureModel(FileModel):
+    """A flexure joint of a strut: a spring, or none, for each of its six motions."""
+
+    axial: Annotated[Positive, RIGID] = keyed(
+        "along the strut, force per length; default rigid", math.inf
+    )
+    shear: Annotated[Positive, RIGID] = keyed(
+        "across the strut, force per length; default rigid", math.inf
+    )
+    bending: Annotated[NotNegative, RIGID] = keyed(
+        "about axes across it, N m/rad whatever the units"
+    )
+    torsion: Annotated[NotNegative, RIGID] = keyed(
+        "about its axis, N m/rad whatever the units; or rigid"
+    )
+    offset: NotNegative = keyed("from the leg's point to the flexure, along the strut", 0.0)
+
+
+class StrutModel(FileModel):
+    """Legs as struts between flexure joints, straight with the platform at the file's pose."""
+
+    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = keyed(
+        "stiffness along the strut without its flexures; one number or one per leg"
+    )
+    lower: FlexureModel = keyed("at the base")
+    upper: FlexureModel = keyed("at the platform")
+    mass: LegMassModel | None = keyed("in place of mass in legs", None)
+
+    @model_validator(mode="after")
+    def _stands(self) -> StrutModel:
+        if self.lower.torsion == self.upper.torsion == 0.0:
+            raise ValueError("the strut would spin: one of its flexures needs torsion above 0")
+        if self.lower.bending == math.inf and self.upper.bending == math.inf:
+            raise ValueError("one of the flexures must bend: both are rigid")
+        return self
+
+
+class LinesLegs(FileModel):
+    """Springs in the legs; one number for all or one per leg."""
+
+    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = keyed(
+        "of legs between ideal joints, force per length", None
+    )
+    strut: StrutModel | None = keyed("in place of stiffness: legs with flexure joints", None)
+    rest_length: PerLeg | None = keyed("length without tension", None)
+    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = keyed(
+        "tension at the file's pose, instead of rest_length", None
+    )
+    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = keyed(
+        "[shortest, longest], or one pair per leg", None
+    )
+    base_joints: LegJointsModel | None = None
+    platform_joints: LegJointsModel | None = None
+    diameter: PerLeg | None = keyed("of the legs, which must not touch each other", None)
+    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = keyed(
+        "[least, largest] tension, or one pair per leg; compression below zero", None
+    )
+    mass: LegMassModel | None = None
+    damping: PerLeg = keyed("dampers along the legs, force per velocity (seconds)", 0.0)
+
+    @model_validator(mode="after")
+    def _one(self) -> LinesLegs:
+        if self.stiffness is None and self.strut is None:
+            raise ValueError("key 'stiffness' is missing: give stiffness, or strut")
+        only_one(self, "stiffness", "strut")
+        only_one(self, "rest_length", "preload", needed=False)
+        if self.strut is not None and None not in (self.strut.mass, self.mass):
+            raise ValueError("give mass in legs or in strut, not both")
+        return self
+
+
+class _BodyOnLines(FileWords):
+    units: UnitsModel = UnitsModel.model_construct()
+    pose: PoseModel = keyed("P in F", PoseModel.model_construct())
+    frame: PoseModel = keyed("M in P", PoseModel.model_construct())
+    body: BodyModel | None = None
+    legs: LinesLegs
+    flexible: dict[Literal["base", "platform"], FlexibleModel] = keyed(
+        "what gives between the ground and the feet of the legs (place of the spring "
+        "in F), and between their heads and the body (in P)",
+        {},
+    )
+
+
+class PlatformFile(_BodyOnLines):
+    """A Stewart-Gough platform: six line springs between a base and a platform."""
+
+    kind: Literal["stewart-gough"]
+    layout: LayoutModel | None = keyed("in place of base, platform and pose", None)
+    base: list[Vector] = keyed("points in F", [], min_length=6, max_length=6)
+    platform: list[Vector] = keyed("points in P", [], min_length=6, max_length=6)
+
+    @model_validator(mode="after")
+    def _has_points(self) -> PlatformFile:
+        for key in ("base", "platform"):
+            if not getattr(self, key):
+                raise ValueError(f"key '{key}' is missing: give base and platform, or layout")
+        return self
+
+
+class SpringsFile(_BodyOnLines):
+    """A body held by any number of line springs or cables from the ground."""
+
+    kind: Literal["springs"]
+    base: Vectors = keyed("anchor points in F")
+    platform: Vectors = keyed("points of the body in P")
+    unilateral: Flag = keyed("cables: they cannot push", False)
+
+    @model_validator(mode="after")
+    def _pull(self) -> SpringsFile:
+        if self.unilateral and self.legs.strut is not None:
+            raise ValueError("struts can push: unilateral is for cables")
+        return self
