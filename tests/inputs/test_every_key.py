@@ -1,6 +1,6 @@
 """Every key of the mechanism file acts: another value gives another result, or is refused.
 
-The keys are those of the models in `cartstiff.loading` (`*schema.py`); one without a case here fails.
+The keys are those of the models in `cartstiff.loading`; one without a case here fails.
 """
 
 from __future__ import annotations
