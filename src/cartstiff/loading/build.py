@@ -44,6 +44,7 @@ from cartstiff.loading.robot_facts import (
     Obstacle,
     RobotFacts,
     to_root,
+    turned_axes,
 )
 from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
 from cartstiff.loading.schema import (
@@ -571,7 +572,7 @@ def described(
             )
         else:
             path = example_robot(model)
-    return read_robot_description(path, floating, ros)
+    return read_robot_description(path, floating, ros, joint_types=getattr(file, "joint_types", {}))
 
 
 def _from(beside: Path | None, name: str) -> Path:
@@ -666,7 +667,12 @@ def _finished(
         q, chosen = regular_posture(chain, q)
         notes += chosen
     springs, assumed = springs_of(
-        entries, passive, tree, facts, virtual=[*virtual, *contacts], actuated=driven
+        entries,
+        passive,
+        tree,
+        facts,
+        virtual=[*virtual, *(name for name in contacts if name not in entries)],
+        actuated=driven,
     )
     soft = [
         spring for part in parts for spring in link_springs(part.entry.flexible, tree, part.prefix)
@@ -1161,20 +1167,25 @@ def chain_of(
     )
     if tree.n == 0 and not closed:
         raise InputError(f"no joint moves frame {frame!r}", expected="a frame on a moving link")
-    closures: list[Closure] = []
     actuated: Sequence[str] = ()
     driven = None
     base = np.eye(4)
     if isinstance(file, ClosedChainFile):
         own = [n for n in facts.actuated if n in _names(tree)]
         actuated, driven = (own, None) if alone else (file.actuated, file.actuated or own)
-        closures = [_mjcf_closure(tie, i, tree) for i, tie in enumerate(ties)]
     else:
         base = pose_of(file.base)
         tree = merged([("", tree, base)])
-    q = default_posture(tree, file.q, posture, facts)
+    beside = {name: x for name, x in file.q.items() if closed and _OF_CLOSURE.fullmatch(name)}
+    named = {name: x for name, x in file.q.items() if name not in beside}
+    closing = _Closing(tree, default_posture(tree, named, posture, facts), beside)
     if isinstance(file, ClosedChainFile):
-        closures += [_closure(entry, i, tree, q) for i, entry in enumerate(file.closures)]
+        for i, tie in enumerate(ties):
+            closing.add_tie(tie, i)
+        for i, entry in enumerate(file.closures):
+            closing.add_entry(entry, i)
+    tree = closing.tree
+    _check_joints(beside, _names(tree), "key q")
     # Springs with rest positions are at home where these are.
     homed = facts.springs or any(entry.rest is not None for entry in file.springs.values())
     notes += description_notes(description, tree, file.model_fields_set, closed)
@@ -1182,7 +1193,7 @@ def chain_of(
     def at_base(chain: Chain) -> None:
         chain.base_pose = fixed(base)
 
-    return _finished(
+    elastic = _finished(
         file,
         name,
         notes,
@@ -1190,14 +1201,34 @@ def chain_of(
         frame,
         [_Part("", file, description)],
         facts,
-        q,
+        closing.q,
         offset=pose_of(file.offset),
-        closures=closures,
+        closures=closing.closures,
         actuated=actuated,
         driven=driven,
+        contacts=closing.joints,
         rests=bool(file.q or posture or facts.keyframe is not None or homed),
         edit=at_base,
     )
+    return elastic.with_notes(*_repeated(elastic, len(closing.joints)))
+
+
+def _repeated(elastic: ElasticMechanism, own: int) -> list[Note]:
+    """That closures with `own` coordinates hold more than they need, as hinges in a plane do."""
+    at = elastic.mechanism.at(elastic.q)
+    if not own or at.closure is None or at.residual is None:
+        return []
+    rows = at.closure.jacobian * at.coordinate_lengths / np.vstack(at.closure.sizes)
+    m = len(at.residual)
+    more = m - numerics.rank(numerics.singular_values(rows[:m]))
+    if not more:
+        return []
+    words = (
+        f"{more} of the {m - own} conditions of the closures repeat others here, as in planar "
+        "loops of hinges: the motions do not change, but the forces and moments in the loop that "
+        "answer to them are not determined between rigid links"
+    )
+    return [Note("repeated-closures", words, {"conditions": m - own, "repeated": more})]
 
 
 def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechanism:
@@ -1565,32 +1596,72 @@ def _placed(
     return tuple(placed)
 
 
-def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array) -> Closure:
-    """Closure of a file's entry; without points a frame is tied to "world" where it is at q."""
-    place = f"closure {i + 1}"
-    for frame in entry.frames:
-        check_name("frame", frame, tree.frames, place)
-    a, b = entry.frames
-    if a == b:
-        raise InputError("a closure ties a frame to itself", where=place, got=repr(a))
-    if entry.points is not None:
-        names = []
-        for frame, point in zip((a, b), entry.points, strict=True):
-            tied = f"{frame} (closure {i + 1})"
-            _add_frame(tree, tied, frame, se3.pose(translation=point))
-            names.append(tied)
-        a, b = names
-    elif "world" in (a, b):
-        other = b if a == "world" else a
-        T_F_other = tree.at(q).pose(tree.placement(other))
-        tied = f"world (closure {i + 1})"
-        tree.frames[tied] = FixedFrame(0, T_F_other)
-        a, b = (tied, other) if a == "world" else (other, tied)
-    return Closure(a, b, entry.type)
+_OF_CLOSURE = re.compile(r"(closure|equality)\d+\.[xy]")
+#: Joints about axes of frame a that a closure leaves free; other words for closures without any.
+_FREE = {"hinge": ("RX",), "universal": ("RX", "RY")}
+_SAME = {"ball": "point", "rigid": "weld"}
 
 
-def _mjcf_closure(tie: FileClosure, i: int, tree: KinematicTree) -> Closure:
-    a, b = f"{tie.body_a} (equality {i + 1})", f"{tie.body_b} (equality {i + 1})"
-    _add_frame(tree, a, tie.body_a, tie.T_a)
-    _add_frame(tree, b, tie.body_b, tie.T_b)
-    return Closure(a, b, tie.type)
+class _Closing:
+    """Closures that are added to a tree, with the joints that they have of their own.
+
+    A hinge is a weld at the end of one more joint about x of frame a, a universal joint of two
+    more, about x of frame a and y of frame b: five and four rows on what moved before.
+
+    Attributes
+    ----------
+    tree, q : KinematicTree, ndarray (n,)
+        With the joints added so far; these stand where they nearly close at q.
+    closures : list of Closure
+    joints : list of str
+        Names of the added joints.
+    """
+
+    def __init__(self, tree: KinematicTree, q: Array, positions: Mapping[str, float]) -> None:
+        self.tree, self.q, self._positions = tree, q, positions
+        self.closures: list[Closure] = []
+        self.joints: list[str] = []
+
+    def add(self, name: str, a: str, b: str, kind: str) -> None:
+        """Tie frame b to frame a by a joint; its own coordinates are named after the closure."""
+        if kind in _FREE:
+            tree, joints = self.tree, [(f"{name}.{turn[1].lower()}", turn) for turn in _FREE[kind]]
+            R = tree.at(self.q).relative(tree.placement(a), tree.placement(b))[0]
+            turns = math.atan2(R[2, 1], R[1, 1]), math.atan2(R[0, 2], R[0, 0])
+            self.tree = extended(tree, a, joints, name)
+            for (joint, _), turn in zip(joints, turns, strict=False):
+                self.q = np.append(self.q, self._positions.get(joint, turn))
+                self.joints.append(joint)
+            a, kind = name, "weld"
+        self.closures.append(Closure(a, b, _SAME.get(kind, kind)))  # type: ignore[arg-type]
+
+    def add_entry(self, entry: ClosureModel, i: int) -> None:
+        """A file's entry; without points a frame is tied to "world" where it is at q."""
+        place, tree = f"closure {i + 1}", self.tree
+        for frame in entry.frames:
+            check_name("frame", frame, tree.frames, place)
+        a, b = entry.frames
+        if a == b:
+            raise InputError("a closure ties a frame to itself", where=place, got=repr(a))
+        if entry.points is None and "world" in (a, b):
+            other = b if a == "world" else a
+            tied = f"world (closure {i + 1})"
+            tree.frames[tied] = FixedFrame(0, tree.at(self.q).pose(tree.placement(other)))
+            a, b = (tied, other) if a == "world" else (other, tied)
+        if entry.points is not None or entry.type in _FREE:
+            names = []
+            points = entry.points or [[0.0] * 3] * 2
+            turns = turned_axes(entry.type, entry.axes, place)
+            for frame, point, R in zip((a, b), points, turns, strict=True):
+                tied = f"{frame} (closure {i + 1})"
+                _add_frame(tree, tied, frame, se3.pose(R, point))
+                names.append(tied)
+            a, b = names
+        self.add(f"closure{i + 1}", a, b, entry.type)
+
+    def add_tie(self, tie: FileClosure, i: int) -> None:
+        """What the robot's own file ties."""
+        a, b = f"{tie.body_a} (equality {i + 1})", f"{tie.body_b} (equality {i + 1})"
+        _add_frame(self.tree, a, tie.body_a, tie.T_a)
+        _add_frame(self.tree, b, tie.body_b, tie.T_b)
+        self.add(f"equality{i + 1}", a, b, tie.type)

@@ -232,6 +232,8 @@ def checked_file(
     InputError
         The first thing that is wrong, with file, line and key.
     """
+    if "closed_loop" in data and "kind" not in data:
+        data = _of_closure_list(data, path)
     data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), values)
     try:
         if data.get("kind") == "stewart-gough":
@@ -242,6 +244,52 @@ def checked_file(
     except RecursionError:
         raise InputError("file is nested too deeply", where=one_line(str(path))) from None
     return file, parameters
+
+
+_CLOSURE_LISTS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
+
+
+def _of_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
+    """A closed chain by the list that stands beside a URDF in example-parallel-robots.
+
+    Its keys: frames that are tied in pairs, "6d" or "3d" for each, names of the actuated joints,
+    and joints that are taken as others than in the URDF.
+    """
+    where, lists = one_line(str(path)), [data.get(key) or [] for key in _CLOSURE_LISTS]
+    for key, value in data.items():
+        if key not in _CLOSURE_LISTS:
+            check_name("key", key, _CLOSURE_LISTS, where)
+        if value is not None and not isinstance(value, list):
+            raise InputError("cannot be used", where=f"{where}, key {key}", expected="a list")
+    loops, kinds, actuated, names, types = lists
+    for (a, b), one, other in (
+        (("closed_loop", "type"), loops, kinds),
+        (("joint_name", "joint_type"), names, types),
+    ):
+        if len(one) != len(other):
+            raise InputError(
+                f"{a} and {b} do not fit",
+                where=where,
+                expected=f"{len(one)} of {b}",
+                got=len(other),
+            )
+    beside = [path.with_suffix(".urdf"), *sorted(path.parent.glob("*.urdf"))]
+    urdf = next((file for file in beside if file.is_file()), None)
+    if urdf is None:
+        raise InputError(
+            "no URDF beside the list of closures", where=where, expected=beside[0].name
+        )
+    tied = {"6d": "weld", "3d": "point"}
+    return {
+        "kind": "closed-chain",
+        "model": urdf.name,
+        "closures": [
+            {"frames": frames, "type": tied.get(str(kind).lower(), kind)}
+            for frames, kind in zip(loops, kinds, strict=True)
+        ],
+        "actuated": actuated,
+        "joint_types": {n: str(t).lower() for n, t in zip(names, types, strict=True)},
+    }
 
 
 def _of_its_kind(data: dict[str, Any], folder: Path) -> Any:

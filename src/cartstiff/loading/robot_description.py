@@ -8,9 +8,11 @@ and xacro is expanded first (`ros`).
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import pinocchio as pin
@@ -18,7 +20,7 @@ import pinocchio as pin
 from cartstiff.errors import InputError, one_line
 from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
-from cartstiff.loading.urdf import prepare_urdf
+from cartstiff.loading.urdf import prepare_urdf, retype_joints
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.chain import Description
 from cartstiff.mechanisms.identity import was_read
@@ -68,7 +70,11 @@ class RobotDescription:
 
 
 def read_robot_description(
-    path: Path, floating: bool = False, ros: Ros | None = None, where: str | None = None
+    path: Path,
+    floating: bool = False,
+    ros: Ros | None = None,
+    where: str | None = None,
+    joint_types: Mapping[str, str] = MappingProxyType({}),
 ) -> RobotDescription:
     """Read a URDF, xacro or MJCF file; with `floating` the root of a URDF is free in F.
 
@@ -82,6 +88,8 @@ def read_robot_description(
         Arguments of xacro, and where packages are looked for.
     where : str, optional
         What messages call the file; default its path.
+    joint_types : mapping of str to str
+        What joints of a URDF are taken as, see `urdf.retype_joints`.
 
     Raises
     ------
@@ -107,6 +115,7 @@ def read_robot_description(
             expected="URDF or MJCF, as the robot's maker offers it or a converter writes it",
         )
     if root.tag == "robot":
+        retype_joints(root, joint_types, where)
         facts = prepare_urdf(root, where)
         facts = replace(facts, notes=(*facts.notes, *notes))
         try:
@@ -115,6 +124,10 @@ def read_robot_description(
         except Exception as error:
             raise InputError("not a usable URDF", where=where, got=str(error)) from None
         return RobotDescription(path, model, facts, text=expanded, packages=ros.packages)
+    if joint_types:
+        raise InputError(
+            "joint_types are of a URDF", where=where, got=f"<{one_line(root.tag, 40)}>"
+        )
     if root.tag == "mujoco" and expanded is None:
         from cartstiff.loading.mjcf.reading import read_mjcf
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
+from cartstiff.mechanisms.leg_shapes import frame_along
 from cartstiff.notes import Note
 
 
@@ -32,8 +36,8 @@ class FileClosure:
 
     Attributes
     ----------
-    type : {"point", "weld"}
-        What is tied.
+    type : {"point", "weld", "hinge", "universal"}
+        What is tied; a hinge is about x of both frames, a universal joint about x of a and y of b.
     body_a, body_b : str
         The bodies.
     T_a, T_b : ndarray, shape (4, 4)
@@ -42,12 +46,30 @@ class FileClosure:
         Coordinates on the way from one to the other.
     """
 
-    type: Literal["point", "weld"]
+    type: Literal["point", "weld", "hinge", "universal"]
     body_a: str
     body_b: str
     T_a: Array
     T_b: Array
     joints: frozenset[str]
+
+
+def turned_axes(kind: str, axes: Sequence[Sequence[float]] | None, where: str) -> list[Array]:
+    """Turns of a closure's two frames that make its axes their x, in a universal joint y of b.
+
+    Raises
+    ------
+    InputError
+        For an axis without direction.
+    """
+    if kind not in ("hinge", "universal"):
+        return [np.eye(3)] * 2
+    hinge = kind == "hinge"
+    rows = np.array(axes or ([[0, 0, 1]] * 2 if hinge else [[1, 0, 0], [0, 1, 0]]), float)
+    if not rows.any(axis=1).all():
+        raise InputError("an axis has no direction", where=where, got=rows.tolist())
+    a, b = frame_along(rows, np.eye(3)[np.abs(rows).argmin(axis=1)])
+    return [a, b if hinge else np.roll(b, 1, axis=1)]
 
 
 @dataclass(frozen=True)

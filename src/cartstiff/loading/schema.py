@@ -567,13 +567,33 @@ class SerialFile(Joints, FileWords):
 
 
 class ClosureModel(FileModel):
-    """Two frames of the tree that coincide (weld) or share a point (point)."""
+    """Two frames of the tree that are joined: a loop is cut there.
+
+    A hinge and a universal joint have coordinates of their own, closure1.x and closure1.y for the
+    first closure, which may have springs.
+    """
 
     frames: list[Text] = Field(min_length=2, max_length=2)
-    type: Literal["point", "weld"]
+    type: Literal["point", "ball", "weld", "rigid", "hinge", "universal"] = keyed(
+        "point or ball: a common point; weld or rigid: the same pose; hinge: a common axis and "
+        "point; universal: a common point, and two axes that stay square"
+    )
     points: list[Vector] | None = keyed(
         "points in the frames; default origins", None, min_length=2, max_length=2
     )
+    axes: list[Vector] | None = keyed(
+        "of a hinge in either frame, default z; of a universal joint the first in the first frame, "
+        "default x, the second in the second, default y",
+        None,
+        min_length=2,
+        max_length=2,
+    )
+
+    @model_validator(mode="after")
+    def _has_axes(self) -> ClosureModel:
+        if self.axes is not None and self.type not in ("hinge", "universal"):
+            raise ValueError("axes are of a hinge or a universal joint")
+        return self
 
 
 class ClosedChainFile(Joints, FileWords):
@@ -582,6 +602,23 @@ class ClosedChainFile(Joints, FileWords):
     kind: Literal["closed-chain"]
     offset: PoseModel = PoseModel.model_construct()
     closures: list[ClosureModel] = []
+    joint_types: dict[
+        str,
+        Literal[
+            "fixed",
+            "spherical",
+            "ujoint_xy",
+            "ujoint_xz",
+            "ujoint_yx",
+            "ujoint_yz",
+            "ujoint_zx",
+            "ujoint_zy",
+        ],
+    ] = keyed(
+        "what joints of a URDF are taken as: spherical (turns ankle.x, ankle.y, ankle.z of joint "
+        "ankle), ujoint_xy (about x, then y), or fixed",
+        {},
+    )
     floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
     actuated: list[Text] = []
     lines: list[LineModel] = []

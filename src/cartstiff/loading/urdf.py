@@ -15,12 +15,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from graphlib import CycleError, TopologicalSorter
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from cartstiff import numerics
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.loading.plausible import large_lengths, turned
 from cartstiff.loading.robot_facts import (
@@ -30,6 +31,7 @@ from cartstiff.loading.robot_facts import (
     Obstacle,
     RobotFacts,
     on_leaders,
+    turned_axes,
 )
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.notes import Note
@@ -102,6 +104,15 @@ _MECHANICAL = {
 }
 
 
+#: Joints of SDF that are closures: their kind, and where their axes are written.
+_JOINED: dict[str, tuple[Literal["weld", "hinge", "universal"], tuple[str, ...]]] = {
+    "fixed": ("weld", ()),
+    "revolute": ("hinge", ("axis",)),
+    "continuous": ("hinge", ("axis",)),
+    "universal": ("universal", ("axis", "axis2")),
+}
+
+
 class _Robot:
     """The links and joints of a URDF while it is checked.
 
@@ -166,6 +177,39 @@ def _floats(element: ET.Element | None, key: str, otherwise: str) -> list[float]
 def _placed(origin: ET.Element | None) -> se3.Array:
     """Pose of an `origin` that has been checked."""
     return se3.from_roll_pitch_yaw(*(_floats(origin, key, "0 0 0") for key in ("xyz", "rpy")))
+
+
+def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> None:
+    """Joints of a URDF as others: "fixed", "spherical", or "ujoint_xy" for two turns in a row.
+
+    Turns are named joint.x, joint.y, joint.z, and so are the links between them.
+
+    Raises
+    ------
+    UnknownNameError
+        For a joint that does not exist.
+    """
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    for name, kind in kinds.items():
+        check_name("joint", name, joints, where)
+        joint, child = joints[name], joints[name].find("child")
+        if kind == "fixed" or child is None:
+            joint.set("type", "fixed")
+            continue
+        for part in [p for tag in ("axis", "limit", "mimic") for p in joint.findall(tag)]:
+            joint.remove(part)
+        letters = "xyz" if kind == "spherical" else kind[-2:]
+        carried = [f"{name}.{letter}" for letter in letters]
+        links = [*carried[:-1], child.get("link", "")]
+        for i, (turn, link) in enumerate(zip(carried, links, strict=True)):
+            if i:
+                joint, child = ET.SubElement(root, "joint"), ET.Element("child")
+                ET.SubElement(joint, "parent", link=links[i - 1])
+                joint.append(child)
+                ET.SubElement(root, "link", name=links[i - 1])
+            joint.attrib |= {"name": turn, "type": "continuous"}
+            child.set("link", link)
+            ET.SubElement(joint, "axis", xyz=" ".join(str(int(a == letters[i])) for a in "xyz"))
 
 
 def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
@@ -470,7 +514,7 @@ def _point_closure(
 
 
 def _closed_by(robot: _Robot, joint: ET.Element) -> FileClosure | None:
-    """A joint of SDF between two links: a ball is a closure, others are to be written as one.
+    """A joint of SDF between two links as a closure; a slide is to be written as one.
 
     What fixes the root to the room says nothing new.
     """
@@ -487,6 +531,16 @@ def _closed_by(robot: _Robot, joint: ET.Element) -> FileClosure | None:
     points = [(T_a_b @ [*numbers[:3], 1.0])[:3].round(9).tolist(), numbers[:3]]
     if kind == "ball":
         return _point_closure(robot, links, points)
+    joined, names = _JOINED.get(kind or "", ("weld", ("none",)))
+    texts = [joint.findtext(f"{name}/xyz") for name in names]
+    if None not in texts:
+        axes = [_numbers(text or "", 3, "gazebo joint: axis", robot.refuse) for text in texts]
+        turns = turned_axes(
+            joined, axes and [axes[0], axes[-1]], f"gazebo joint {joint.get('name')!r}"
+        )
+        T = se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
+        T_a, T_b = (T @ se3.pose(R) for R in turns)
+        return FileClosure(joined, *links, T_a_b @ T_a, T_b, robot.between(links))
     _leave_out_closure(robot, f"<joint type={kind!r}> in <gazebo>", kind or "", links, points)
     return None
 
