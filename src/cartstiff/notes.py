@@ -39,7 +39,8 @@ def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) ->
         "stiffness-assumed",
         f"no {'joint ' if every else ''}stiffness was given"
         f"{'' if every else ' for some joints'}: {value:g} N m/rad (N/m for prismatic joints) is "
-        f"taken for {who} and says nothing about the real robot",
+        f"taken for {who} and says nothing about the real robot; give --springs (see `cartstiff "
+        "models`) or --stiffness, or measure it (`cartstiff identify`)",
         {"stiffness": value, "joints": list(joints), "all_joints": list(of)},
     )
 
@@ -49,6 +50,8 @@ def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...
     kept = []
     for note in notes:
         if note.code == "springs-missing":
+            continue
+        if note.code == "published-springs" and not isinstance(stiffness, Mapping):
             continue
         if note.code != "stiffness-assumed":
             kept.append(note)

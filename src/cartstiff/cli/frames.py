@@ -42,7 +42,7 @@ def frames_command(
 
 @declared("models")
 def models_command(out: Printed) -> None:
-    """List what can be named as MECHANISM: bundled files and example robots.
+    """List what can be named: mechanisms, example robots, and published joint springs.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def models_command(out: Printed) -> None:
     cartstiff models --json
     """
     from cartstiff.loading.catalogue import bundled_files, example_robots
+    from cartstiff.loading.published import GRADES, published_springs
     from cartstiff.loading.yaml_file import read_yaml
 
     bundled = {name: read_yaml(path)[0] for name, path in bundled_files().items()}
@@ -66,6 +67,7 @@ def models_command(out: Printed) -> None:
             for name, file in bundled.items()
         },
         "example_robots": names,
+        "springs": published_springs(),
     }
     lines = [
         f"  {name:<16} {file.get('kind', ''):<14} {file.get('description', '')}"
@@ -81,13 +83,22 @@ def models_command(out: Printed) -> None:
         *lines,
         f"\nRobots of example-robot-data:{listed}\n",
         "Or a path: a mechanism file (.yaml), .urdf, .xacro, MJCF .xml.",
+        "\nPublished joint springs, for --springs:",
+        *(
+            f"  {name:<32} {s['grade']}  {s['robot']}, joints {', '.join(s['stiffness'])}"
+            + (": not to be used" if "refused" in s else "")
+            for name, s in published_springs().items()
+        ),
+        *(f"  {grade}: {words}" for grade, words in GRADES.items()),
     ]
     out.show(data, "models", lambda: "\n".join(text))
 
 
 @declared("poses")
 def poses_command(
-    robot: Annotated[Robot, Overrides("q pose lengths gravity payload stiffness rest actuate")],
+    robot: Annotated[
+        Robot, Overrides("q pose lengths gravity payload springs stiffness rest actuate")
+    ],
     table: Path,
     *,
     controller: Annotated[Literal["kuka", "fanuc", "abb", "ur"], "--for"],

@@ -380,7 +380,7 @@ class Plan:
     needs={"csv": "plan simulate"},
 )
 def command(
-    robot: Annotated[Robot, Overrides("q pose lengths units stiffness rest actuate")],
+    robot: Annotated[Robot, Overrides("q pose lengths units springs stiffness rest actuate")],
     table: Table,
     fit: Fit,
     plan: Plan,

@@ -305,7 +305,7 @@ class JointValues(OptionType):
 
     def parsed(self, text: str, where: str) -> Values:
         """Values as given, not yet compared with the mechanism."""
-        words = {"word": stiffness_of} if self.stiffness else {}
+        words: dict[str, Any] = {"word": stiffness_of} if self.stiffness else {}
         if "=" not in text:
             return Values(where, parse_numbers(text, where, **words))
         wrong = "mixes numbers and name=value pairs"
@@ -529,6 +529,9 @@ class Posture:
         Posture of a platform, or of a body on legs. Position and roll, pitch, yaw about fixed axes.
     lengths
         Posture of a platform by its six leg lengths, near the file's pose.
+    springs
+        Published joint springs by name (see `cartstiff models`), or a table (.csv) with columns
+        joint and stiffness [N m/arcmin]. --stiffness goes before it.
     stiffness
         Stiffness of joints or legs. One number for all, one each, or name=value pairs, each with
         its unit if that is another: "392 N m/arcmin", 20N/um; joints may be rigid.
@@ -544,6 +547,7 @@ class Posture:
     q: Annotated[Values | None, JointValues()] = None
     pose: Pose = None
     lengths: Annotated[_Numbers, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = None
+    springs: str | None = None
     stiffness: Annotated[
         Values | None, JointValues(stiffness=True, springs=True, broadcast=True)
     ] = None
@@ -697,6 +701,7 @@ class Robot(Shown, File, Tool, Posture):
             xacro_args=self.xacro_args,
             package_path=self.package_path,
             parameters=self.parameters,
+            springs=self.springs,
             **tool,
         )
 
@@ -775,7 +780,17 @@ class Printed:
         from cartstiff.report.output import write_files
 
         write_files(*((getattr(self, name), make) for name, make in files.items()))
-        say(json_text(data, mechanism) if self.json else text())
+        notes = data.get("notes", ())
+        doubted = [n for n in notes if n["code"] == "stiffness-assumed"]
+        if self.json:
+            first = (
+                {"notes": [*doubted, *(n for n in notes if n not in doubted)]} if doubted else {}
+            )
+            say(json_text({**data, **first}, mechanism))
+            return
+        for note in doubted:
+            say(f"{note['message'][0].upper()}{note['message'][1:]}.\n")
+        say(text())
 
 
 @dataclass(frozen=True)
@@ -809,6 +824,7 @@ class UnitsCommand(Command):
         from cartstiff.mechanisms.contract import Units, convert_length
 
         read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
+        read += ("springs",)
         robot = Robot(**{k: v for k, v in ctx.params.items() if k in read})
         elastic, by = robot.bare(robot.frame), Factors(angle=math.pi / 180.0)
         if units.get("angle") != "deg":

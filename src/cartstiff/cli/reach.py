@@ -191,10 +191,10 @@ def workspace_command(
     cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 --plot workspace.png --csv boundary.csv
     cartstiff workspace cable-robot --radius 2 --load 0,0,0,0,0,-50 --world --json
     """
-    if robot.stiffness is not None:
+    if (robot.stiffness, robot.springs) != (None, None):
         raise InputError(
             "stiffness does not bear on where a body can be",
-            where="--stiffness",
+            where="--stiffness" if robot.springs is None else "--springs",
             expected="no stiffness",
         )
     elastic, q = robot.load()

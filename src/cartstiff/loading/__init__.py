@@ -32,7 +32,8 @@ def load(
     *,
     frame: str | None = None,
     locked: Mapping[str, float] | None = None,
-    stiffness: float | Mapping[str, float] | ArrayLike | None = None,
+    springs: str | None = None,
+    stiffness: float | str | Mapping[str, float | str] | ArrayLike | None = None,
     rest: float | Mapping[str, float] | ArrayLike | None = None,
     tcp: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
@@ -55,8 +56,12 @@ def load(
         The frame of interest, instead of the file's.
     locked : mapping of str to float, optional
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
+    springs : str, optional
+        Published joint springs by name ("kuka-kr270/klimchik-2013", see `cartstiff models`), or a
+        table of one's own (.csv: joint, stiffness [N m/arcmin]).
     stiffness, rest : float, mapping of str to float, or array_like, optional
-        Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`.
+        Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`;
+        they go before `springs`.
     tcp : array_like (3,), (6,) or (4, 4), optional
         M in the frame of interest: x, y, z[, roll, pitch, yaw] about fixed axes, or the pose.
     gravity : array_like (3,), optional
@@ -127,6 +132,10 @@ def load(
         from cartstiff.arrays import checked_reach
 
         checked_reach(body.T_j_f[:3, 3], f"frame {loaded.mechanism.frame!r}")
+    if springs is not None:
+        from cartstiff.loading.published import with_named_springs
+
+        loaded = with_named_springs(loaded, springs)
     return loaded.with_springs(stiffness, rest)
 
 

@@ -677,7 +677,8 @@ def _finished(
     soft = [
         spring for part in parts for spring in link_springs(part.entry.flexible, tree, part.prefix)
     ]
-    notes += [*assumed, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
+    notes[:0] = assumed[:1]
+    notes += [*assumed[1:], *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _idle_links(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where="key gravity")

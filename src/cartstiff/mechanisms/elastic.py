@@ -445,7 +445,7 @@ class ElasticMechanism(ShownInLines):
 
     def with_springs(
         self,
-        stiffness: float | Mapping[str, float] | ArrayLike | None = None,
+        stiffness: float | str | Mapping[str, float | str] | ArrayLike | None = None,
         rest: float | Mapping[str, float] | ArrayLike | None = None,
     ) -> ElasticMechanism:
         """The same mechanism with other joint springs.

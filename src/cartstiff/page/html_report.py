@@ -285,7 +285,7 @@ def _doubt(elastic: ElasticMechanism) -> str:
     """A line in amber where the springs are assumed, or illustrative by what their file says."""
     assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
     if assumed:
-        words = f"The springs are assumed: {assumed[0]}. Give them by --springs, or identify them."
+        words = f"The springs are assumed: {assumed[0]}."
     elif "illustrative" in (elastic.source or "").lower():
         words = "The springs are illustrative, not measured (see What is assumed)."
     else:

@@ -83,6 +83,7 @@ class Placement:
             "unusable": self.counts(),
             "place": self.place,
             "path": self.path.as_dict(),
+            "notes": self.path.notes,
         }
         return plain_dict(data)
 

@@ -1,0 +1,96 @@
+"""Joint springs by a name or from a table: bundled ones that were published, and a user's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cartstiff.errors import InputError, check_name
+from cartstiff.loading.tables import head_of, read_cells
+from cartstiff.loading.yaml_file import read_yaml
+from cartstiff.mechanisms.contract import GivenStiffness
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
+from cartstiff.parsing import parse_numbers
+
+#: What the grade of a set means.
+GRADES = {
+    "A": "seen in the authors' own data",
+    "B": "second hand, quoted elsewhere",
+    "C": "not a measurement of these joints",
+}
+
+
+def published_springs() -> Mapping[str, Any]:
+    """The bundled sets by name: robot, grade, method, source, stiffness (N m/rad) by joint."""
+    return read_yaml(Path(__file__).with_name("published_springs.yaml"))[0]
+
+
+def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism:
+    """The mechanism with the joint springs of a bundled set, or of a table (.csv).
+
+    Joints that have no value there keep what they have, and a note names them.
+
+    Raises
+    ------
+    InputError
+        For a set that is not to be used, or of an arm with other joints; UnknownNameError.
+    """
+    virtual = getattr(elastic.mechanism, "virtual", frozenset())
+    joints = [c for j, c in enumerate(elastic.mechanism.coordinates) if j not in virtual]
+    if elastic.spring_names != elastic.names:
+        raise InputError("is for mechanisms with joints", where="--springs", expected="--stiffness")
+    is_table = Path(name).suffix.lower() == ".csv"
+    if is_table:
+        about: dict[str, Any] = {"robot": elastic.name, "method": "a table", "source": name}
+        given = _table(Path(name).expanduser())
+    else:
+        check_name("springs", name, published_springs(), "--springs")
+        about = dict(published_springs()[name])
+        if "refused" in about:
+            raise InputError(f"{name!r} is not to be used: {about['refused']}", where="--springs")
+        if len(joints) != about["joints"] or any(c.is_length for c in joints):
+            raise InputError(
+                f"{name!r} is of an arm with {about['joints']} turning joints",
+                where="--springs",
+                got=", ".join(c.name for c in joints),
+            )
+        given = {k: GivenStiffness.read(f"{x} N m/rad") for k, x in about["stiffness"].items()}
+    numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
+    stiffness = {numbered.get(joint, joint): k for joint, k in given.items()}
+    elastic = elastic.with_springs(stiffness)
+    missing = [c.name for c in joints if c.name not in stiffness]
+    grade = "" if is_table else f"grade {about['grade']} ({GRADES[about['grade']]}), "
+    words = f"springs {name} ({about['robot']}): {grade}method: {about['method']}; "
+    words += "; ".join(about[key] for key in ("source", "warning") if key in about)
+    if missing:
+        words += f". It has no value for {', '.join(missing)}: what was there is kept"
+    values = {"name": name, **about, "stiffness": stiffness, "without_value": missing}
+    return elastic.with_notes(Note("published-springs", words, values))
+
+
+def _table(path: Path) -> dict[str, float]:
+    """Stiffness by joint, from columns `joint` and `stiffness [unit]`."""
+    cells = read_cells(path, "springs")
+    heads = [head_of(head, cells.place)[0] for head in cells.names]
+    if sorted(heads) != ["joint", "stiffness"]:
+        expected = "joint, stiffness [N m/arcmin]"
+        raise InputError(
+            "columns do not fit", where=cells.place, expected=expected, got=", ".join(heads)
+        )
+    at = heads.index("stiffness")
+    unit = cells.names[at].partition("[")[2].rstrip("] ")
+    given: dict[str, float] = {}
+    for row, place in zip(cells.rows, cells.places, strict=True):
+        joint, text = row[1 - at], row[at]
+        if joint in given:
+            raise InputError("joint named twice", where=place, got=repr(joint))
+        if text == "rigid":
+            given[joint] = math.inf
+        elif unit:
+            given[joint] = GivenStiffness.read(f"{text} {unit}", place)
+        else:
+            given[joint] = parse_numbers(text, place, 1)[0]
+    return given

@@ -1,0 +1,141 @@
+"""Published joint springs by name: their numbers, what is said of them, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.support.commands import answer, run
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.published import published_springs
+
+KLIMCHIK = "kuka-kr270/klimchik-2013"
+#: Compliances as printed, in urad/(N m), joints 2 to 6 (arXiv:1311.6810, table IV).
+PRINTED = (0.302, 0.406, 3.002, 3.303, 2.365)
+
+
+def notes_of(data: dict) -> dict:
+    return {note["code"]: note for note in data["notes"]}
+
+
+def test_values_are_those_printed():
+    """Printed compliances; a spring at the motor times the ratio squared; N m/deg of a thesis."""
+    sets = published_springs()
+    stiffness = sets[KLIMCHIK]["stiffness"]
+    assert list(stiffness) == ["2", "3", "4", "5", "6"]
+    np.testing.assert_allclose([1e6 / k for k in stiffness.values()], PRINTED, rtol=2e-6)
+    at_motor = {"1": 43 * 105**2, "2": 8 * 210**2, "3": 58 * 60**2}
+    assert sets["manutec-r3/tuerk-1990"]["stiffness"] == at_motor
+    per_degree = sets["kuka-kr10/karlsruhe-a"]["stiffness"]["1"] * np.pi / 180
+    assert per_degree == pytest.approx(1213.5, rel=1e-5)
+
+
+def test_every_set_says_what_it_is():
+    for name, entry in published_springs().items():
+        assert name.count("/") == 1
+        assert entry["grade"] in "ABC"
+        assert entry["robot"]
+        assert entry["method"]
+        assert entry["source"]
+        assert all(1e3 < k < 1e7 for k in entry["stiffness"].values())
+
+
+def test_the_set_of_the_bundled_arm_is_its_own():
+    """fanuc-r2000ic has the same springs in its file, to a N m/rad."""
+    own = cartstiff.load("fanuc-r2000ic")
+    named = cartstiff.load("fanuc-r2000ic", springs="fanuc-r2000ic/longton-first")
+    np.testing.assert_allclose(named.springs.stiffness, own.springs.stiffness, atol=0.6)
+    assert named.identified is None
+
+
+def test_a_joint_without_a_value_is_named_and_not_filled_in():
+    """In JSON and text; where nothing was there the assumption is the first sentence."""
+    own = cartstiff.load("fanuc-r2000ic").springs.stiffness
+    for command in (
+        "analyse fanuc-r2000ic --analysis none",
+        "modes fanuc-r2000ic --payload 100",
+        "equilibrium fanuc-r2000ic --load 0,0,0,0,0,-100",
+    ):
+        note = notes_of(answer(command, "--springs", KLIMCHIK))["published-springs"]
+        assert note["values"]["without_value"] == ["j1"]
+        assert note["values"]["grade"] == "B"
+        assert note["values"]["method"] in note["message"]
+        assert "grade B (second hand" in run(command, "--springs", KLIMCHIK)
+    mixed = cartstiff.load("fanuc-r2000ic", springs=KLIMCHIK, stiffness={"j6": 7.0})
+    np.testing.assert_allclose(mixed.springs.stiffness[1:5], 1e6 / np.array(PRINTED[:4]), rtol=1e-5)
+    assert mixed.springs.stiffness[[0, 5]].tolist() == [own[0], 7.0]
+    urdf = example_robot("ur5")
+    text = run("analyse", urdf, "--springs", KLIMCHIK)
+    first = text.split("\n")[0]
+    assert first.startswith("No stiffness was given for some joints: 10000 N m/rad")
+    assert "shoulder_pan_joint and" in first
+    assert "elbow" not in first
+
+
+def test_assumed_springs_are_the_first_sentence(tmp_path):
+    """Of text and of JSON, with the value and what to do."""
+    urdf = example_robot("ur5")
+    load = "--load 0,0,0,0,0,-50"
+    path, postures = tmp_path / "path.csv", tmp_path / "q.csv"
+    path.write_text("x,y,z,roll,pitch,yaw\n0.4,0.1,0.4,3,0,0.3\n0.4,0.15,0.4,3,0,0.3\n")
+    postures.write_text("0,-1,1,0,1,0\n0,-1.1,1,0,1,0\n")
+    grid = "--grid elbow_joint=0.5:1:2 --quantity translation_free_min -o"
+    for command, more in (
+        ("analyse", []),
+        ("equilibrium", [load]),
+        ("equilibrium", [load, "--path", postures]),
+        ("modes", []),
+        ("path", [path, load]),
+        ("path", [path, load, "--place x=0:0.1:2"]),
+        ("map", [grid, tmp_path / "map.zarr"]),
+        ("frames", []),
+    ):
+        first = run(command, urdf, *more).split("\n")[0]
+        assert first.startswith("No joint stiffness was given: 10000 N m/rad"), command
+        assert "--springs" in first
+        assert "identify" in first
+        note = answer(command, urdf, *more)["notes"][0]
+        assert note["code"] == "stiffness-assumed"
+        assert note["values"]["stiffness"] == 1e4
+        assert note["message"][1:] + "." == first[1:]
+
+
+def test_a_table_of_ones_own(tmp_path):
+    """Heads carry the unit; joints by number or name."""
+    table = tmp_path / "mine.csv"
+    table.write_text("joint,stiffness [N m/arcmin]\n1,392\nelbow_joint,100\n6,rigid\n")
+    k = cartstiff.load("ur5", springs=str(table)).springs
+    assert k.stiffness[[0, 2]] == pytest.approx(np.array([392, 100]) * 10800 / np.pi, rel=1e-12)
+    assert k.rigid == {5}
+    K = answer("analyse ur5 --analysis none --springs", table, ["--stiffness=wrist_3_joint=4000"])
+    named = ["--stiffness=shoulder_pan_joint=392 N m/arcmin,elbow_joint=100 N m/arcmin"]
+    other = answer("analyse ur5 --analysis none", named)
+    np.testing.assert_allclose(K["stiffness"]["B"], other["stiffness"]["B"], rtol=1e-9, atol=1e-3)
+    table.write_text("joint,stiffness [N/um]\n1,392\n")
+    with pytest.raises(InputError, match="slides"):
+        cartstiff.load("ur5", springs=str(table))
+
+
+@pytest.mark.parametrize(
+    ("robot", "name", "words"),
+    [
+        ("ur5", "kuka-kr500/gbt-adl-2023", "not to be used"),
+        ("panda", KLIMCHIK, "6 turning joints"),
+        ("ur5", "kuka-kr270/klimchic", "closest: kuka-kr270/klimchik-2013"),
+        ("stewart-gough", KLIMCHIK, "mechanisms with joints"),
+        ("ur5", "nothing.csv", "nothing.csv"),
+    ],
+)
+def test_refusals(robot, name, words):
+    assert words in run("analyse", robot, "--springs", name, code=2)
+
+
+def test_models_lists_them():
+    text, data = run("models"), answer("models")
+    assert f"{KLIMCHIK}         B  KUKA KR 270, joints 2, 3, 4, 5, 6" in text
+    assert set(data["springs"]) == set(published_springs())
+    assert "grade" in json.dumps(data["springs"][KLIMCHIK])
+    assert (Path(cartstiff.loading.__file__).parent / "gear_stiffness.csv").is_file()
