@@ -506,3 +506,32 @@ def test_what_a_look_cannot_be(look, words):
 def test_added_wrenches_are_checked(added):
     with pytest.raises(InputError, match="added wrench"):
         platform().draw(deflection=True, added=added)
+
+
+def test_a_stiff_axis_near_a_singularity_is_cut_and_the_soft_one_is_seen():
+    """Lengths by hand: square roots over a round scale, at most sqrt(2.5) times 0.17 sizes."""
+    drawing = Drawing("ur5", [0.3, -1.1, 2e-3, -0.7, 0.9, 0.2])
+    legend = drawing.draw(connection="B", others="held")
+    facts, size = legend["ellipsoids"]["translation"], legend["length"]["size"]
+    K = drawing.result.matrices["B"][3:, 3:]
+    values = np.linalg.eigvalsh(0.5 * (K + K.T))
+    assert values[2] > 1e4 * values[1]
+    per = facts["scale"]["value_per_length"]
+    assert facts["radii"][:2] == pytest.approx(np.sqrt(values[:2] / per))
+    assert facts["radii"][2] == pytest.approx(0.17 * size * np.sqrt(2.5))
+    assert facts["radii"][1] > 0.02 * size
+    assert facts["cut"]
+    place = drawing.body("translation").replace("body", "axis {}")
+    shown = [drawing.viewer.visible(place.format(i) + "/cut") for i in (1, 2, 3)]
+    assert shown == [False, False, True]
+    assert drawing.viewer.text(place.replace("axis", "value").format(3)).endswith(" (cut)")
+    for i, radius in enumerate(facts["radii"], start=1):
+        half = 0.5 * np.linalg.norm(drawing.viewer.world(place.format(i))[:3, 0])
+        assert half == pytest.approx(max(radius, 0.015 * size), rel=1e-9)
+    # Away from it nothing is cut.
+    drawing.result = cartstiff.analyse(drawing.elastic)
+    facts = drawing.draw(connection="B", others="held")["ellipsoids"]["translation"]
+    assert not facts["cut"]
+    assert facts["radii"] == pytest.approx(
+        np.sqrt(np.array(facts["eigenvalues"]) / facts["scale"]["value_per_length"])
+    )

@@ -42,6 +42,7 @@ class Measure(_Strict):
 
     kind: Literal["root", "linear", "log"]
     value_per_length: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    cut_at: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
     zero_at: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
     length_per_decade: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
 

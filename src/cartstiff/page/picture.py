@@ -16,6 +16,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.messages import ViewState
 from cartstiff.page.source import Cloud
 from cartstiff.scene.appearance import Appearance
+from cartstiff.scene.labels import number
 from cartstiff.scene.scene import Scene
 from cartstiff.scene.viewer import RecordingWindow, ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness
@@ -130,7 +131,7 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
         if facts is None:
             continue
         words = (
-            _radius(facts["scale"], facts["unit"], length, legend["length"]["bar"])
+            _radius(facts, length, legend["length"]["bar"])
             if facts["shown"]
             else f"not drawn: {facts['reason']}"
         )
@@ -145,11 +146,16 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
             if not wrench[kind]:
                 continue
             scale, unit = wrench["scale"][kind], wrench["units"][kind]
-            text = (
-                f"{kind}: {_few(scale['length_per_decade'])} {length} longer per decade "
-                f"above {_few(scale['zero_at'])} {unit} (logarithmic scale)"
+            size = float(
+                np.linalg.norm(wrench["wrench"][3:] if kind == "force" else wrench["wrench"][:3])
             )
-            lines.append({"mark": kind, "text": text})
+            longer = _length(scale["length_per_decade"], length)
+            text = (
+                f"{kind}: {number(size, unit)} is {_length(wrench[kind], length)} long, "
+                f"ten times as much {longer} longer"
+            )
+            law = f"length = {longer} log10(1 + {kind} / {number(scale['zero_at'], unit)})"
+            lines.append({"mark": kind, "text": text, "title": law})
     moved = legend["deflection"]
     if moved is not None:
         if moved["shown"]:
@@ -181,19 +187,26 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
     return lines
 
 
-def _radius(scale: Mapping[str, Any], unit: str, length: str, bar: float) -> str:
+def _radius(facts: Mapping[str, Any], length: str, bar: float) -> str:
     """What a radius means, by the example of a round one of the picture's size."""
+    scale, unit = facts["scale"], facts["unit"]
     if scale["kind"] == "log":
         return (
-            f"radius 0 at {_few(scale['zero_at'])} {unit}, and "
-            f"{_few(scale['length_per_decade'])} {length} for each factor of 10 (rings)"
+            f"radius 0 at {number(scale['zero_at'], unit)}, and "
+            f"{_length(scale['length_per_decade'], length)} for each factor of 10 (rings)"
         )
     is_root = scale["kind"] == "root"
     value = scale["value_per_length"] * bar ** (2 if is_root else 1)
-    is_short = length == "m" and bar < 1.0
-    shown = f"{_few(100 * bar)} cm" if is_short else f"{_few(bar)} {length}"
-    fine = f"{_few(value / 1000)} N/mm" if unit == "N/m" else f"{_few(value)} {unit}"
-    return f"{shown} = {fine}{' (square-root scale)' if is_root else ''}"
+    words = f"{_length(bar, length)} = {number(value, unit)}"
+    words += " (square-root scale)" if is_root else ""
+    if facts["cut"]:
+        words += f"; cut at {_length(scale['cut_at'], length)}: the stiffest axis is longer"
+    return words
+
+
+def _length(x: float, unit: str) -> str:
+    """A length of the picture: "10 cm"."""
+    return f"{_few(100.0 * x)} cm" if unit == "m" and abs(x) < 1.0 else f"{_few(x)} {unit}"
 
 
 def _few(x: float | None) -> str:

@@ -3,7 +3,8 @@
 Radii and axes are those of `cartstiff.analysis.ellipsoids`; what is drawn are lengths by a stated
 scale. Where principal values are zero what is drawn is a disc or a rod, of a thickness of its own.
 A matrix with negative ones has no ellipsoid: its axes are drawn alone, negative ones red and
-dashed. The legend says why.
+dashed. An axis that is far too long, near a singularity, is cut and ends in two discs; the softest
+one is never too short to be seen. The legend says why.
 """
 
 from __future__ import annotations
@@ -30,10 +31,14 @@ MOST_RINGS = 6
 _THICKNESS = 0.006
 # That of an ellipsoid whose short axis would be less.
 FLAT = 1e-4
+#: Half the length at least of an axis whose value is not zero.
+SHORTEST = 0.015
 _FLAT = {
     1: "singular: a principal value is zero; what is drawn is a disc",
     2: "singular: two principal values are zero; what is drawn is a rod",
 }
+# Behind the value of an axis that is longer than it is drawn.
+CUT = " (cut)"
 _BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 
 
@@ -50,8 +55,9 @@ class EllipsoidPicture:
         Size of the mechanism: how thick its axes are.
     look : Theme
         Colours of the labels.
-    side : 1 or -1
-        End of the axes that has the labels: two ellipsoids at one place use both.
+    freedom : {"translation", "rotation"}
+        Two ellipsoids at one place have their labels at different ends of the axes, and one is
+        seen through the other.
     """
 
     def __init__(
@@ -60,14 +66,16 @@ class EllipsoidPicture:
         colour: int,
         size: float,
         look: theme.Theme,
-        side: float = 1.0,
+        freedom: Freedom = "translation",
     ) -> None:
         self.node = node
-        self._colour, self._size, self._side = colour, size, side
+        self._colour, self._size = colour, size
+        self._side = 1.0 if freedom == "translation" else -1.0
+        self._opacity = theme.ELLIPSOID_OPACITY[freedom]
         self._body = node["body"]
         self._axes = [node[f"axis {i + 1}"] for i in range(3)]
         self._labels = [Label(node[f"value {i + 1}"], look, colour) for i in range(3)]
-        self._signs = [(axis["plus"], axis["minus"]) for axis in self._axes]
+        self._signs = [(axis["plus"], axis["minus"], axis["cut"]) for axis in self._axes]
         self._rings = [node[f"ring {i + 1}"] for i in range(MOST_RINGS)]
         self._has_rings = False
         self._made = False
@@ -104,13 +112,13 @@ class EllipsoidPicture:
             )
             self._body.set_columns(x, y, z, centre)
         for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
-            self._axis(i, columns, radius, value < 0.0, centre, axes)
+            self._axis(i, columns, radius, value < 0.0, radius >= scale.most, centre, axes)
         step = scale.per_decade if isinstance(scale, Logarithmic) else 0.0
         self._draw_rings(columns, centre, step, max(radii) if solid else 0.0)
         for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
             if labels and axes and radius > 0.0:
-                end = _along(columns[i], self._side * 1.08 * radius, centre)
-                self._labels[i].show(number(value, unit), end)
+                end = _along(columns[i], self._side * 1.08 * self._half(radius), centre)
+                self._labels[i].show(number(value, unit) + CUT * (radius >= scale.most), end)
             else:
                 self._labels[i].hide()
         return {
@@ -122,6 +130,7 @@ class EllipsoidPicture:
             "unit": unit,
             "radii": radii,
             "scale": scale.legend(),
+            "cut": max(radii) >= scale.most,
             "asymmetry": shape.asymmetry,
         }
 
@@ -131,6 +140,7 @@ class EllipsoidPicture:
         columns: list[list[float]],
         length: float,
         negative: bool,
+        is_cut: bool,
         centre: list[float],
         wanted: bool,
     ) -> None:
@@ -139,15 +149,18 @@ class EllipsoidPicture:
         node.show(shown)
         if not shown:
             return
-        plus, minus = self._signs[i]
-        plus.show(not negative)
-        minus.show(negative)
+        length = self._half(length)
+        for part, is_shown in zip(self._signs[i], (not negative, negative, is_cut), strict=True):
+            part.show(is_shown)
         node.set_columns(
             _along(columns[i], 2.0 * length),
             columns[i - 2],
             columns[i - 1],
             _along(columns[i], -length, centre),
         )
+
+    def _half(self, length: float) -> float:
+        return max(length, SHORTEST * self._size)
 
     def make(self) -> None:
         """Send every part that any matrix needs, once."""
@@ -156,16 +169,22 @@ class EllipsoidPicture:
         self._made = True
         # Drawn from both sides, so that it is seen from within a link as well.
         ball = objects.sphere(fine=True)
+        glow = theme.hex_of(80 * np.array(theme.fractions(self._colour)))
         self._body.set_object(
-            objects.solid(ball, self._colour, theme.ELLIPSOID_OPACITY, shininess=60)
+            objects.solid(ball, self._colour, self._opacity, shininess=60, emissive=glow)
         )
-        radius = 0.0035 * self._size
-        for plus, minus in self._signs:  # from one end of the axis to the other
-            plus.set_object(objects.rod(radius, _darker(self._colour)))
-            minus.set_object(objects.dashed_rod(1.3 * radius, theme.COLOURS["negative"]))
-            minus.show(False)
         turn = np.linspace(0.0, 2.0 * np.pi, 97)
         circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+        pairs = np.repeat(circle, 2, axis=0)[1:-1]
+        hoops = np.concatenate([np.roll(pairs, k, axis=1) for k in range(3)])
+        self._body["hoops"].set_object(objects.lines(hoops, _darker(self._colour), 0.9))
+        radius = 0.0035 * self._size
+        for plus, minus, cut in self._signs:  # from one end of the axis to the other
+            plus.set_object(objects.rod(radius, _darker(self._colour)))
+            minus.set_object(objects.dashed_rod(1.3 * radius, theme.COLOURS["negative"]))
+            cut.set_object(objects.ends(5.0 * radius, _darker(self._colour)))
+            minus.show(False)
+            cut.show(False)
         for ring in self._rings:
             ring.set_object(objects.lines(circle, _darker(self._colour), 0.7, joined=True))
             ring.show(False)

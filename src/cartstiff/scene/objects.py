@@ -307,6 +307,16 @@ def dashed_rod(radius: float, colour: int, dashes: int = 9, opacity: float = 1.0
     return solid(geometry, colour, opacity)
 
 
+def ends(radius: float, colour: int) -> Object:
+    """Two discs across x, at x = 0 and at x = 1."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    rim = radius * np.stack([0.0 * turn, np.cos(turn), np.sin(turn)], axis=1)
+    disc = np.concatenate([np.zeros((1, 3)), rim])
+    fan = np.array([[0, 1 + k, 1 + (k + 1) % 16] for k in range(16)])
+    positions = np.concatenate([disc, disc + np.array([1.0, 0.0, 0.0])])
+    return solid(mesh(positions, np.concatenate([fan, fan + 17])), colour, flatShading=True)
+
+
 def arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> None:
     """An arrow from the origin to x = 1, for uniform scaling, in two parts below `node`."""
     head = 0.18

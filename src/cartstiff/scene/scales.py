@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil, floor, isfinite, log, log1p, log10
+from math import ceil, floor, inf, isfinite, log, log1p, log10
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -32,50 +32,62 @@ def round_number(x: float) -> float:
     return float(f"{step}e{power}")
 
 
+# Beyond so many times the value next to it the largest one decides no scale: near a singularity.
+_APART = 30.0
+
+
 @dataclass(frozen=True)
 class Linear:
-    """Length = value / `per_length`, a round number of value units per unit of length."""
+    """Length = value / `per_length`, a round number of value units per unit of length.
+
+    Longer than `most` nothing is drawn: the stiff axis near a singularity is cut there.
+    """
 
     per_length: float = 0.0
+    most: float = inf
     kind: ClassVar[Literal["linear", "root"]] = "linear"
     _power: ClassVar[int] = 1
     _least: ClassVar[float] = 0.05
 
     @classmethod
-    def from_values(cls, values: ArrayLike, target: float, usual: ArrayLike = ()) -> Self:
+    def from_values(
+        cls, values: ArrayLike, target: float, usual: ArrayLike = (), *, cut: bool = False
+    ) -> Self:
         """A scale for values (any shape) that are drawn together, the largest about `target` long.
 
         The scale of `usual` values is kept as long as a length is of use; else it is whole powers
-        of ten away.
+        of ten away. With `cut` a largest value that lies far apart is cut, and the others are seen.
         """
-        largest, target = max(_sizes(values), default=0.0), target**cls._power
-        if not largest:
+        largest = _telling if cut else max
+        sizes, area = _sizes(values), target**cls._power
+        if not sizes:
             return cls()
         # Rounded down, so that a value is drawn up to 2.5 times the target length at most.
-        per = round_number(1.6 * max(_sizes(usual), default=largest) / target)
-        if not cls._least < (size := largest / per / target) <= 2.5:
+        per = round_number(1.6 * largest(_sizes(usual) or sizes) / area)
+        if not cls._least < (size := largest(sizes) / per / area) <= 2.5:
             per *= 10.0 ** ceil(log10(size / 2.5))
-        return cls(per)
+        return cls(per, target * 2.5 ** (1.0 / cls._power) if cut else inf)
 
     @classmethod
     def from_legend(cls, facts: Mapping[str, Any]) -> Self:
         """The scale that a legend says."""
-        return cls(facts["value_per_length"] or 0.0)
+        return cls(facts["value_per_length"] or 0.0, facts["cut_at"] or inf)
 
     def length(self, values: Array) -> Array:
         """Lengths of the absolute values."""
         if not self.per_length:
             return np.zeros_like(values)
-        return (np.abs(values) / self.per_length) ** (1.0 / self._power)
+        return np.minimum((np.abs(values) / self.per_length) ** (1.0 / self._power), self.most)
 
     def legend(self) -> dict[str, Any]:
         """What a length means."""
-        return {"kind": self.kind, "value_per_length": self.per_length or None}
+        cut_at = self.most if self.most < inf else None
+        return {"kind": self.kind, "value_per_length": self.per_length or None, "cut_at": cut_at}
 
 
 @dataclass(frozen=True)
 class Root(Linear):
-    """Length = sqrt(value / `per_length`): soft and stiff are both seen, and nothing is cut off.
+    """Length = sqrt(value / `per_length`): soft and stiff are both seen.
 
     `per_length` is a round number, the value that one unit of length stands for.
     """
@@ -91,13 +103,21 @@ class Logarithmic:
 
     zero: float = 0.0
     per_decade: float = 0.0
+    most: ClassVar[float] = inf
     kind: ClassVar[Literal["log"]] = "log"
 
     @classmethod
-    def from_values(cls, values: ArrayLike, target: float, usual: ArrayLike = ()) -> Self:
+    def from_values(
+        cls,
+        values: ArrayLike,
+        target: float,
+        usual: ArrayLike = (),
+        *,
+        cut: bool = False,  # noqa: ARG003
+    ) -> Self:
         """A scale for values (any shape) that are drawn together, the largest about `target` long.
 
-        The scale of `usual` values is kept as long as a length is of use.
+        The scale of `usual` values is kept as long as a length is of use. Nothing has to be `cut`.
         """
         if not (sizes := _sizes(values)):
             return cls()
@@ -140,6 +160,12 @@ def _sizes(values: ArrayLike) -> list[float]:
     """Absolute values that are finite, if there is one above zero."""
     sizes = [abs(v) for v in np.ravel(values).tolist() if isfinite(v)]
     return sizes if any(sizes) else []
+
+
+def _telling(sizes: list[float]) -> float:
+    """The largest, if it does not lie apart from the next."""
+    *_, following, largest = (0.0, *sorted(sizes))
+    return min(largest, _APART * following) if following else largest
 
 
 def _smallest(sizes: list[float]) -> float:

@@ -27,7 +27,7 @@ from cartstiff.scene.arrows import (
     DeflectionPicture,
     WrenchPicture,
 )
-from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
+from cartstiff.scene.ellipsoids import CUT, FLAT, MOST_RINGS, SHORTEST, EllipsoidPicture
 from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
@@ -204,6 +204,8 @@ class Scene:
             ),
             "smallest_motion": SMALLEST_MOTION,
             "thin": FLAT * size,
+            "shortest": SHORTEST * size,
+            "cut": CUT,
             "rings": MOST_RINGS,
             "usual": {f"{q}/{f}": self._usual_values(q, f).tolist() for q, f in kinds},
             "units": {f"{q}/{f}": self._unit(f, q) for q, f in kinds},
@@ -282,7 +284,7 @@ class Scene:
             measure = scale.from_legend(kept)
         else:
             usual = self._usual_values(look.quantity, freedom)
-            measure = scale.from_values(shape.eigenvalues, target, usual)
+            measure = scale.from_values(shape.eigenvalues, target, usual, cut=True)
         return picture.draw(
             shape, here.pose, measure, self._unit(freedom, look.quantity), look.axes, look.labels
         )
@@ -294,7 +296,7 @@ class Scene:
                 theme.COLOURS[freedom],
                 self._environment.size,
                 theme.THEMES[self._theme],
-                side=1.0 if freedom == "translation" else -1.0,
+                freedom,
             )
         return self._ellipsoids[freedom, quantity]
 

@@ -53,8 +53,8 @@ KINDS = (
 )
 SLACK, NO_VALUE = 0x9A9A9A, 0x8C8C8C
 
-#: Opacity of an ellipsoid, and of a ghost.
-ELLIPSOID_OPACITY, GHOST_OPACITY = 0.38, 0.22
+#: Opacity of ellipsoids (one is seen through the other), and of a ghost.
+ELLIPSOID_OPACITY, GHOST_OPACITY = {"translation": 0.38, "rotation": 0.2}, 0.22
 
 
 @dataclass(frozen=True)

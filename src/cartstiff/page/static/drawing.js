@@ -13,53 +13,61 @@ function round(x) {
   return Number(`${[5, 2].find((step) => lead >= step * (1 - ROUNDING)) ?? 1}e${power}`);
 }
 
-/** Scales from what a legend says of them: a function from a value to a length, with its legend. */
-const MADE = {
-  linear: (facts) => ({ facts, per: facts.value_per_length, length: (x) => Math.abs(x) / facts.value_per_length,
-    words: (unit, length, bar) => example(facts.value_per_length * bar, unit, bar, length) }),
-  root: (facts) => ({ facts, length: (x) => Math.sqrt(Math.abs(x) / facts.value_per_length),
-    words: (unit, length, bar) => `${example(facts.value_per_length * bar * bar, unit, bar, length)} (square-root scale)` }),
-  log: (facts) => ({ facts, step: facts.length_per_decade, length: (x) => Math.log10(Math.max(Math.abs(x), facts.zero_at) / facts.zero_at) * facts.length_per_decade,
-    words: (unit, length) => `radius 0 at ${few(facts.zero_at)} ${unit}, and ${few(facts.length_per_decade)} ${length} for each factor of 10 (rings)` }),
-};
+// Of scales that go with a power of the length: see `cartstiff.scene.scales`.
+const POWERS = { linear: { power: 1, least: 0.05 }, root: { power: 2, least: 0.02 } };
+const APART = 30;
 
-/** What a round length of the picture's size means. */
-function example(value, unit, bar, length) {
-  const shown = length === "m" && bar < 1 ? `${few(100 * bar)} cm` : `${few(bar)} ${length}`;
-  return `${shown} = ${unit === "N/m" ? `${few(value / 1000)} N/mm` : `${few(value)} ${unit}`}`;
+/** A scale from what a legend says of it: a function from a value to a length, with its legend. */
+function scaleOf(facts) {
+  if (facts.kind === "log") {
+    const { zero_at: zero, length_per_decade: step } = facts;
+    return { facts, step, most: Infinity, length: (x) => Math.log10(Math.max(Math.abs(x), zero) / zero) * step,
+      words: (unit, length) => `radius 0 at ${number(zero, unit)}, and ${inLength(step, length)} for each factor of 10 (rings)` };
+  }
+  const { power } = POWERS[facts.kind];
+  const most = facts.cut_at ?? Infinity;
+  return { facts, most, length: (x) => Math.min(most, (Math.abs(x) / facts.value_per_length) ** (1 / power)),
+    words: (unit, length, bar) => `${inLength(bar, length)} = ${number(facts.value_per_length * bar ** power, unit)}${power === 2 ? " (square-root scale)" : ""}` };
 }
 
-/** See `cartstiff.scene.scales`. */
-const SCALES = {
-  linear(values, usual, target) {
-    const at = (list) => round((1.6 * largestOf(list)) / target);
-    let per = largestOf(usual) ? at(usual) : at(values);
-    const size = largestOf(values) / per / target;
-    if (largestOf(usual) && !(size > 0.05 && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
-    return MADE.linear({ kind: "linear", value_per_length: per });
-  },
-  root(values, usual, target) {
-    let per = round((1.6 * largestOf(largestOf(usual) ? usual : values)) / target ** 2);
-    const size = largestOf(values) / per / target ** 2;
-    if (!(size > 0.02 && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
-    return MADE.root({ kind: "root", value_per_length: per });
-  },
-  log(values, usual, target) {
-    const least = (list) => Math.min(...list.map(Math.abs).filter((x) => x > ZERO * largestOf(list)));
-    const of = (list) => {
-      const zero = Math.floor(Math.log10(least(list)) - 0.7);
-      return [zero, target / Math.ceil(Math.log10(largestOf(list)) - zero)];
-    };
-    let [zero, step] = of(values);
-    if (largestOf(usual)) {
-      const [first, per] = of(usual);
-      const reach = ((Math.log10(largestOf(values)) - first) * per) / target;
-      const low = Math.log10(least(values)) - first;
-      if (low >= 0.3 && low <= 3.5 && reach >= 0.6 && reach <= 1.3) [zero, step] = [first, per];
-    }
-    return MADE.log({ kind: "log", zero_at: Number(`1e${zero}`), length_per_decade: step });
-  },
-};
+/** A length of the picture. */
+const inLength = (x, unit) => (unit === "m" && Math.abs(x) < 1 ? `${few(100 * x)} cm` : `${few(x)} ${unit}`);
+
+/** The largest of some sizes, if it does not lie apart. */
+function telling(list) {
+  const [next, last] = list.map(Math.abs).sort((a, b) => a - b).slice(-2);
+  return next ? Math.min(last, APART * next) : last;
+}
+
+/** The scale of a kind for values that are drawn together. */
+function fitting(kind, values, usual, target) {
+  return kind === "log" ? logarithmic(values, usual, target) : powered(kind, values, usual, target);
+}
+
+function powered(kind, values, usual, target) {
+  const { power, least } = POWERS[kind];
+  const area = target ** power;
+  let per = round((1.6 * telling(largestOf(usual) ? usual : values)) / area);
+  const size = telling(values) / per / area;
+  if (!(size > least && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
+  return scaleOf({ kind, value_per_length: per, cut_at: target * 2.5 ** (1 / power) });
+}
+
+function logarithmic(values, usual, target) {
+  const least = (list) => Math.min(...list.map(Math.abs).filter((x) => x > ZERO * largestOf(list)));
+  const of = (list) => {
+    const zero = Math.floor(Math.log10(least(list)) - 0.7);
+    return [zero, target / Math.ceil(Math.log10(largestOf(list)) - zero)];
+  };
+  let [zero, step] = of(values);
+  if (largestOf(usual)) {
+    const [first, per] = of(usual);
+    const reach = ((Math.log10(largestOf(values)) - first) * per) / target;
+    const low = Math.log10(least(values)) - first;
+    if (low >= 0.3 && low <= 3.5 && reach >= 0.6 && reach <= 1.3) [zero, step] = [first, per];
+  }
+  return scaleOf({ kind: "log", zero_at: Number(`1e${zero}`), length_per_decade: step });
+}
 
 /** A length for each factor of ten above `zero`: see `cartstiff.scene.scales.Growing`. */
 export const growing = (value, perDecade, zero) => perDecade * Math.log1p(Math.abs(value) / zero) / Math.LN10;
@@ -214,7 +222,7 @@ export class Drawing {
     const solid = kind === "positive";
     const unit = assets.units[`${quantity}/${freedom}`];
     const kept = state.measures?.[freedom];
-    const scale = kept?.kind === state.scale ? MADE[kept.kind](kept) : SCALES[state.scale](values, assets.usual[`${quantity}/${freedom}`], assets.radius);
+    const scale = kept?.kind === state.scale ? scaleOf(kept) : fitting(state.scale, values, assets.usual[`${quantity}/${freedom}`], assets.radius);
     this.measures[freedom] = scale.facts;
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
@@ -227,8 +235,11 @@ export class Drawing {
       if (shown) {
         this.show(`${path}/plus`, values[i] >= 0);
         this.show(`${path}/minus`, values[i] < 0);
-        this.put(path, [along(v, 2 * lengths[i]), axes[(i + 1) % 3], axes[(i + 2) % 3], along(v, -lengths[i], centre)]);
-        this.write(`${at}/value ${i + 1}`, number(values[i], unit), along(v, (freedom === "translation" ? 1.08 : -1.08) * lengths[i], centre), freedom);
+        const half = Math.max(lengths[i], assets.shortest);
+        const isCut = lengths[i] >= scale.most;
+        this.show(`${path}/cut`, isCut);
+        this.put(path, [along(v, 2 * half), axes[(i + 1) % 3], axes[(i + 2) % 3], along(v, -half, centre)]);
+        this.write(`${at}/value ${i + 1}`, number(values[i], unit) + (isCut ? assets.cut : ""), along(v, (freedom === "translation" ? 1.08 : -1.08) * half, centre), freedom);
       } else this.show(`${at}/value ${i + 1}`, false);
     });
     for (let k = 1; k <= assets.rings; k++) {
@@ -237,7 +248,9 @@ export class Drawing {
       this.show(`${at}/ring ${k}`, shown);
       if (shown) this.put(`${at}/ring ${k}`, [...[1, 2, 0].map((i) => along(axes[i], radius)), centre]);
     }
-    const words = solid ? scale.words(unit, this.scene.units.length, assets.bar)
+    const { length } = this.scene.units;
+    const cut = Math.max(...lengths) >= scale.most ? `; cut at ${inLength(scale.most, length)}: the stiffest axis is longer` : "";
+    const words = solid ? scale.words(unit, length, assets.bar) + cut
       : `not drawn: ${kind}: the smallest principal value is ${number(values[0], "")}, and no ellipsoid belongs to it`;
     return { mark: freedom, text: `${called}: ${words}` };
   }
@@ -258,7 +271,9 @@ export class Drawing {
       this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
       if (state.labels) this.write(`${path}/label`, number(size, unit), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
       else this.show(`${path}/label`, false);
-      lines.push({ mark: kind, text: `${kind}: ${few(per)} ${this.scene.units.length} longer per decade above ${few(zero)} ${unit} (logarithmic scale)` });
+      const longer = inLength(per, this.scene.units.length);
+      lines.push({ mark: kind, text: `${kind}: ${number(size, unit)} is ${inLength(length, this.scene.units.length)} long, ten times as much ${longer} longer`,
+        title: `length = ${longer} log10(1 + ${kind} / ${number(zero, unit)})` });
     });
     return lines;
   }

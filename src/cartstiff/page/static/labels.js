@@ -54,13 +54,13 @@ function shine(mesh) {
   mesh.add(twin);
 }
 
-/** Labels that are written: all but the values of an ellipsoid that are neither softest nor pointed at. */
+/** Labels that are written: all but the values of an ellipsoid that are neither softest, nor cut, nor pointed at. */
 function written(sprites, lit) {
   const values = new Map(); // by ellipsoid
   const found = [];
   for (const sprite of sprites) {
     const [part, look, name] = pathOf(sprite);
-    if (!part?.endsWith(" ellipsoid") || lit(part.split(" ")[0])) {
+    if (!part?.endsWith(" ellipsoid") || lit(part.split(" ")[0]) || sprite.userData.label?.text.endsWith("(cut)")) {
       found.push(sprite);
       continue;
     }
