@@ -296,7 +296,10 @@ def test_ball_and_free_joints_reach_what_mujoco_reaches(kind: str) -> None:
         compiler="", default="", orientation="", joints=f'<joint name="j" type="{kind}"/>'
     )
     mujoco, model, data = in_mujoco(text)
-    elastic = load(place(text), frame="e")
+    file = Path(place(text))
+    keys = f"kind: closed-chain\nmodel: {file}\nframe: e\nfloating: true\n"
+    file.with_suffix(".yaml").write_text(keys, encoding="utf-8")
+    elastic = load(file.with_suffix(".yaml"))
     names = [f"j.{axis}" for axis in ("x", "y", "z")]
     if kind == "free":
         names += ["j.rx", "j.ry", "j.rz"]
@@ -360,3 +363,39 @@ def test_a_loose_thing_is_no_tool(tmp_path):
     found = load(path)
     assert found.mechanism.frame == "b2"
     assert len(found.names) == 3
+
+
+def test_the_base_of_a_floating_robot_is_held_until_it_is_let_go() -> None:
+    """The arm of a floating torso is that of a torso welded to the room, with one note more."""
+    free = TWO.format(compiler="", default="", orientation="", joints='<joint name="j"/>')
+    text = f"<mujoco><worldbody><body pos='0 0 1'>{{root}}{free.split('<worldbody>')[1]}"
+    text = text.replace("</worldbody>", "</body></worldbody>")
+    floating = load(place(text.replace("{root}", "<freejoint name='root'/>")), frame="e")
+    fixed = load(place(text.replace("{root}", "")), frame="e")
+    assert floating.names == fixed.names == ("j", "last")
+    (note,) = [note for note in floating.notes if note.code == "root-held"]
+    assert note.message.startswith("the free-flying joint 'root' is held; floating: true")
+    q = np.array([0.3, -0.4])
+    np.testing.assert_allclose(
+        floating.mechanism.at(q).pose, fixed.mechanism.at(q).pose, rtol=0, atol=1e-14
+    )
+
+
+def test_the_base_of_a_floating_urdf_is_held_too(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(
+        '<robot name="r"><link name="room"/><link name="torso"/><link name="hand"/>'
+        '<joint name="root" type="floating"><parent link="room"/><child link="torso"/>'
+        '<origin xyz="0 0 1"/></joint><joint name="j" type="continuous">'
+        '<parent link="torso"/><child link="hand"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    elastic = load(path)
+    assert elastic.names == ("j",)
+    assert "root-held" in [note.code for note in elastic.notes]
+    np.testing.assert_allclose(elastic.mechanism.at([0.0]).pose[:3, 3], [0, 0, 1])
+    file = path.with_suffix(".yaml")
+    file.write_text("kind: closed-chain\nmodel: r.urdf\nfloating: true\n", encoding="utf-8")
+    assert list(load(file).names) == [
+        *(f"root.{a}" for a in ("x", "y", "z", "rx", "ry", "rz")),
+        "j",
+    ]

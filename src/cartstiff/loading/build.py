@@ -782,6 +782,24 @@ def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
     return moving
 
 
+def with_base_held(
+    description: RobotDescription, frame: str, notes: list[Note], springs: Collection[str]
+) -> RobotDescription:
+    """The robot with the free-flying joint held that carries its frame, unless that has springs."""
+    moving = joints_that_move(description, frame)
+    free = description.facts.loose & moving
+    named = {part for n in springs for part in (n, n.rpartition(".")[0])}
+    if not free or free == moving or free & named:
+        return description
+    name = min(min(free).rsplit(".", 1)[0], min(free))
+    words = (
+        f"the free-flying joint {name!r} is held; floating: true in a mechanism file of kind "
+        "closed-chain lets it move"
+    )
+    notes.append(Note("root-held", words))
+    return replace(description, held=description.held | free)
+
+
 def description_notes(
     description: RobotDescription,
     tree: KinematicTree,
@@ -1149,6 +1167,8 @@ def chain_of(
     """
     notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, notes)
+    if not (file.lines or getattr(file, "floating", False)):
+        description = with_base_held(description, frame, notes, file.springs)
     moving = joints_that_move(description, frame) if alone else set(description.model.names)
     ties = [tie for tie in facts.closures if tie.joints & moving]
     if alone and ties:
@@ -1509,6 +1529,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         drawing = leg.drawing
         description = described(leg, beside) if drawing is None else drawing.description
         end = chosen_frame(description, leg.frame, notes, place)
+        description = with_base_held(description, end, notes, leg.springs)
         tree = tree_to(description, [end], leg.locked, f"{place}, ", notes, leg.flexible)
         notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":

@@ -119,7 +119,7 @@ def read_robot_description(
         facts = prepare_urdf(root, where)
         facts = replace(facts, notes=(*facts.notes, *notes))
         try:
-            root_joint = (pin.JointModelFreeFlyer(), "root") if floating else ()
+            root_joint = (pin.JointModelFreeFlyer(), "root") if floating and not facts.loose else ()
             model = pin.buildModelFromXML(_moving_parts(root), *root_joint)
         except Exception as error:
             raise InputError("not a usable URDF", where=where, got=str(error)) from None

@@ -120,7 +120,7 @@ class RobotFacts:
         Coordinates that have no spring and need none: of free bodies, and joints within closed
         loops that other joints hold.
     loose : frozenset of str
-        Coordinates of free bodies that no closure holds.
+        Free-flying joints that no closure holds, as joints of the model.
     actuated : tuple of str
         Coordinates that an actuator drives.
     followers : dict of str to (str, float, float)

@@ -295,6 +295,7 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
         locked=held,
         closures=tuple(closures),
         planar_axes=planar_axes,
+        loose=frozenset(n for n, j in joints.items() if j.get("type") == "floating") - looped,
         notes=tuple(notes),
         obstacles=(*robot.obstacles, *curved),
     )
