@@ -55,6 +55,7 @@ class PageScene:
         return {
             "lines": _legend_lines(legend),
             "notes": legend["notes"],
+            "bar": _bar(legend["length"]),
             "measures": measures,
             "per_length": legend["length"]["scene_units_per_unit"],
             "screws": legend["screws"],
@@ -202,6 +203,15 @@ def _radius(facts: Mapping[str, Any], length: str, bar: float) -> str:
     if facts["cut"]:
         words += f"; cut at {_length(scale['cut_at'], length)}: the stiffest axis is longer"
     return words
+
+
+def _bar(length: Mapping[str, Any]) -> dict[str, Any]:
+    """A round length of the machine's size: its words, and how long it is in the viewer."""
+    bar = length["bar"]
+    return {
+        "text": _length(bar, length["unit"]),
+        "length": bar * length["scene_units_per_unit"],
+    }
 
 
 def _length(x: float, unit: str) -> str:

@@ -136,7 +136,8 @@ export class Drawing {
     here.principal = principalValues(here, state);
     const found = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state)).filter(Boolean);
     const arrows = this.arrows(m, here, state);
-    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.assets.scale };
+    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.assets.scale,
+      bar: { text: inLength(this.assets.bar, this.scene.units.length), length: this.assets.bar * this.assets.scale } };
     return { commands: this.commands, legend };
   }
 

@@ -1,17 +1,10 @@
 // The grid of a plot: values by decades, places along it.
 
 import { short } from "./dom.js";
+import { svg } from "./plotfiles.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 // A plot less wide than this (dots) has fewer words below.
 const NARROW = 420;
-
-export function svg(tag, attributes = {}, ...children) {
-  const node = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-  node.append(...children);
-  return node;
-}
 
 export function lettered(x, y, text, anchor, kind = "") {
   return svg("text", { x, y, "text-anchor": anchor, class: kind }, text);

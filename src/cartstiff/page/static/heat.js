@@ -2,8 +2,8 @@
 
 import { SUPERSEDED, clamp, download, el, hues, short } from "./dom.js";
 import { between } from "./drawing.js";
-import { lettered, sized, svg } from "./grid.js";
-import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
+import { lettered, sized } from "./grid.js";
+import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 
 // Values of the second coordinate, and steps of each sweep.
 const COLUMNS = 31;

@@ -1,7 +1,8 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
 import { SUPERSEDED, byId, el, short } from "./dom.js";
-import { lettered, sized, svg, through } from "./grid.js";
+import { lettered, sized, through } from "./grid.js";
+import { svg } from "./plotfiles.js";
 import { CLOSE } from "./numerics.js";
 import { MARGIN } from "./strip.js";
 

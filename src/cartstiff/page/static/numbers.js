@@ -176,30 +176,3 @@ export async function showReport(store) {
     text.textContent = error.message;
   }
 }
-
-const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
-
-/** What the picture's sizes mean. */
-export function legendBox(store) {
-  const box = byId("legend");
-  const bar = byId("colour-bar");
-  store.on("numbers", () => {
-    const { legend } = store;
-    if (!legend) return;
-    const lines = legend.lines ?? [];
-    box.replaceChildren(...lines.map(({ mark, text }) => el("div", { title: text },
-      el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${text}`)));
-    box.hidden = lines.length === 0;
-    if (legend.cloud) {
-      const { label, unit, count, lower, upper, log, kinds, stops = [] } = legend.cloud;
-      bar.hidden = false;
-      const words = [label, unit, log && "logarithmic"].filter(Boolean).join(", ");
-      const head = el("span", { class: "small" }, words);
-      if (kinds) bar.replaceChildren(head, ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
-        el("span", { class: "mark", style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`)));
-      else bar.replaceChildren(head,
-        el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
-        el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper))));
-    }
-  });
-}

@@ -111,11 +111,7 @@ export class Pane {
     this.viewer.camera.setViewOffset(width, height, 0, this.covered / 2, width, height);
     this.boxes = this.over.map((id) => box(byId(id), width, height));
     // A view that nobody has turned is framed anew for another shape of the pane.
-    if (this.framed && String(this.view) === this.framed.view) {
-      const first = this.first === this.framed.view;
-      this.frame(this.framed.preset, this.framed.bounds);
-      if (first) this.first = String(this.view);
-    }
+    this.frameAnew(this.framed?.bounds);
     this.viewer.set_dirty();
   }
 
@@ -260,11 +256,37 @@ export class Pane {
     this.viewer.set_dirty();
   }
 
-  /** The picture as a PNG file. */
-  image() {
+  /** The picture on a canvas, so many times as fine. */
+  image(times = 1) {
+    const { renderer } = this.viewer;
+    const before = renderer.getPixelRatio();
+    const canvas = document.createElement("canvas");
     this.waiting = 0;
+    renderer.setPixelRatio(times);
     this.viewer.render();
-    return new Promise((resolve) => this.viewer.renderer.domElement.toBlob(resolve, "image/png"));
+    [canvas.width, canvas.height] = [renderer.domElement.width, renderer.domElement.height];
+    canvas.getContext("2d").drawImage(renderer.domElement, 0, 0);
+    renderer.setPixelRatio(before);
+    this.viewer.set_dirty();
+    return canvas;
+  }
+
+  /** Dots on the screen that a unit of the viewer takes where M is. */
+  get dotsPerUnit() {
+    const { camera, scene_tree: tree } = this.viewer;
+    const { object } = tree.find(["meshcat", "cartstiff", "M"]);
+    object.updateWorldMatrix(true, false);
+    camera.updateMatrixWorld();
+    const depth = -camera.position.clone().setFromMatrixPosition(object.matrixWorld).applyMatrix4(camera.matrixWorldInverse).z;
+    return depth > 0 ? this.size[1] / (2 * Math.tan((camera.fov * Math.PI) / 360) * depth) : 0;
+  }
+
+  /** Frame other bounds from the present preset, unless somebody has turned the view. */
+  frameAnew(bounds) {
+    if (!this.framed || String(this.view) !== this.framed.view) return;
+    const first = this.first === this.framed.view;
+    this.frame(this.framed.preset, bounds);
+    if (first) this.first = String(this.view);
   }
 }
 

@@ -6,6 +6,8 @@ const SVG_SPACE = "http://www.w3.org/2000/svg";
 // What a style sheet says of a line or a word, which a file must say itself.
 const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-family", "font-weight", "paint-order"];
 const ROW = 14;
+// Width of a letter below a drawing, about.
+const LETTER = 6;
 
 /** What a plot is of: mechanism, state and program, in lines. */
 export function provenance({ hello }, state, title) {
@@ -21,6 +23,26 @@ export function provenance({ hello }, state, title) {
   ];
 }
 
+export function svg(tag, attributes = {}, ...children) {
+  const node = document.createElementNS(SVG_SPACE, tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  node.append(...children);
+  return node;
+}
+
+/** A text in lines of at most so many letters. */
+const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s|$)|\\S{${most}}`, "g")).map((line) => line.trim());
+
+/** A drawing of its own: an SVG with words below, each a text or {text, colour}. */
+export function sheet(copy, { width, height, ink, paper }, words) {
+  const rows = words.flatMap((word) => wrapped(word.text ?? word, Math.floor((width - 12) / LETTER)).map((text) => [text, word.colour ?? ink]));
+  const total = height + ROW * (rows.length + 0.6);
+  copy.prepend(svg("rect", { width, height: total, fill: paper }));
+  rows.forEach(([text, fill], i) => copy.append(svg("text", { x: 6, y: height + ROW * (i + 1), "font-size": 11, "font-family": "sans-serif", fill }, text)));
+  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total, viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
+  return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
+}
+
 /** A plot on the page as a drawing of its own, what it shows below. */
 export function drawing(plot, lines, legend) {
   const { clientWidth: width, clientHeight: height } = plot;
@@ -30,23 +52,9 @@ export function drawing(plot, lines, legend) {
     const style = getComputedStyle(node);
     to[i].setAttribute("style", OWN.map((name) => `${name}:${style.getPropertyValue(name)}`).join(";"));
   });
-  const ink = getComputedStyle(plot).color;
-  const paper = getComputedStyle(plot.parentElement).backgroundColor;
-  const words = [lines[0], ...legend, ...lines.slice(1)];
-  const fit = Math.min(11, ...words.map((text) => (1.75 * (width - 12)) / Math.max(1, text.length)));
-  const total = height + ROW * (words.length + 0.6);
-  const ground = document.createElementNS(SVG_SPACE, "rect");
-  for (const [name, value] of Object.entries({ width, height: total, fill: paper })) ground.setAttribute(name, value);
-  copy.prepend(ground);
-  words.forEach((text, i) => {
-    const line = document.createElementNS(SVG_SPACE, "text");
-    for (const [name, value] of Object.entries({ x: 6, y: height + ROW * (i + 1), "font-size": fit, "font-family": "sans-serif", fill: ink })) line.setAttribute(name, value);
-    line.textContent = text;
-    copy.append(line);
-  });
-  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total, viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
   copy.removeAttribute("class");
-  return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
+  const [ink, paper] = [getComputedStyle(plot).color, getComputedStyle(plot.parentElement).backgroundColor];
+  return sheet(copy, { width, height, ink, paper }, [lines[0], ...legend, ...lines.slice(1)]);
 }
 
 /** Words that no spreadsheet runs: an apostrophe before = + - @ where a cell may begin, unless a plain number follows. */

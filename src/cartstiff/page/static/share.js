@@ -1,6 +1,7 @@
 // The state in the address, and the page as files.
 
 import { byId, copy, download, el, toast } from "./dom.js";
+import { pictureFile } from "./legend.js";
 
 // Of the state, what an address holds; the kind of each is that of the first state.
 const KEYS = ["q", "connection", "quantity", "others", "axes", "point", "stiffness", "load", "load_axes",
@@ -81,7 +82,7 @@ export function sharing(store) {
   html.id = "export";
   actions.append(
     button("Link", "Copy the address of this state", () => copy(location.href.split("#")[0] + "#" + toHash(store), "Address")),
-    button("PNG", "The picture as PNG file", async () => download(`${file(store)}.png`, await store.pane.image())),
+    pictureFile(store, () => file(store)),
     button("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () => {
       try {
         const { result } = await store.ask({ do: "result" });

@@ -4,9 +4,9 @@ import { CURVES, plotted } from "./curves.js";
 import { LOST, SUPERSEDED, byId, clamp, download, el, short, toast } from "./dom.js";
 import { CLOSER, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
-import { grid, lettered, sized, svg, through } from "./grid.js";
+import { grid, lettered, sized, through } from "./grid.js";
 import { player } from "./player.js";
-import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
+import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
 // What of a state curves depend on, besides the posture.

@@ -1,0 +1,68 @@
+// What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
+// file that carries all of it.
+
+import { byId, el, short } from "./dom.js";
+import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
+
+const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
+// Times its size that a picture can be saved with.
+const SIZES = [1, 2, 3, 4];
+
+/** The bar of a map's colours. */
+function colourBar({ label, unit, count, lower, upper, log, kinds, stops = [] }) {
+  const head = el("span", { class: "small" }, [label, unit, log && "logarithmic"].filter(Boolean).join(", "));
+  if (kinds) return [head, ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
+    el("span", { class: "mark", style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`))];
+  return [head, el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
+    el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper)))];
+}
+
+export function legendBox(store) {
+  const [box, bar] = [byId("legend"), byId("colour-bar")];
+  const scale = el("i", { class: "scale" });
+  let length = 0; // of the bar, in units of the viewer
+  let framed = false;
+  store.pane.before.push(() => { scale.style.width = `${length * store.pane.dotsPerUnit}px`; });
+  store.on("hello", () => { framed = false; });
+  store.on("numbers", () => {
+    const { legend } = store;
+    if (!legend) return;
+    length = legend.bar.length;
+    box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale, ` ${legend.bar.text}`),
+      ...(legend.lines ?? []).map(({ mark, text, title = text }) => el("div", { title },
+        el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${text}`)));
+    bar.hidden = !legend.cloud;
+    if (legend.cloud) bar.replaceChildren(...colourBar(legend.cloud));
+    // An address may ask for another posture than the one that the first picture was framed for.
+    if (framed) return;
+    framed = true;
+    if (String(store.state.q) !== String(store.hello.state.q)) store.ask({ do: "bounds" }).then(({ bounds }) => store.pane.frameAnew(bounds), () => {});
+  });
+}
+
+/** A choice of sizes that saves the picture, with its legend, scale, name, load and version below. */
+export function pictureFile(store, name) {
+  const select = el("select", { "aria-label": "Save the picture", class: "save", title: "The picture as a file, with its legend, scale, load and version",
+    onchange: () => {
+      const kind = select.value;
+      select.value = "";
+      saveDrawing(kind, name(), picture(store, Number(kind.slice(3))));
+    } }, el("option", { value: "" }, "PNG"), ...SIZES.map((times) => el("option", { value: `png${times}` }, `PNG × ${times}`)));
+  return select;
+}
+
+/** The picture as a drawing of its own. */
+function picture(store, times) {
+  const [width, height] = store.pane.size;
+  const { state, legend } = store;
+  const href = store.pane.image(times).toDataURL("image/png");
+  const bar = legend.bar.length * store.pane.dotsPerUnit;
+  const ink = getComputedStyle(document.body).color;
+  const copy = svg("svg", {}, svg("image", { href, width, height }),
+    svg("path", { d: `M10,${height - 16}v6h${bar}v-6`, fill: "none", stroke: ink, "stroke-width": 1.5 }),
+    svg("text", { x: 14 + bar, y: height - 8, "font-size": 12, "font-family": "sans-serif", fill: ink }, legend.bar.text));
+  const words = [...byId("legend").querySelectorAll(".mark")].map((mark) => ({ text: mark.parentElement.textContent, colour: getComputedStyle(mark).color }));
+  const [title, ...lines] = provenance(store, state, `${store.hello.mechanism.name}: ellipsoids of ${state.quantity}`);
+  const cloud = legend.cloud?.lower === undefined ? [] : [`${legend.cloud.label} [${legend.cloud.unit}]: from ${short(legend.cloud.lower)} to ${short(legend.cloud.upper)}`];
+  return sheet(copy, { width, height, ink, paper: getComputedStyle(document.body).backgroundColor }, [title, ...words, ...cloud, ...lines]);
+}
