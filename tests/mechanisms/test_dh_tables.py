@@ -219,7 +219,7 @@ def test_tables_that_cannot_be_used(tmp_path, text, words):
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({}, "key 'model' is missing: give model, or dh"),
+        ({}, "key model: key 'model' is missing"),
         ({"model": "ur5", "dh": {"convention": "standard", "joints": [{}]}}, "model, dh"),
         ({"dh": {"joints": [{}]}}, "key 'convention' is missing"),
         ({"dh": {"convention": "craig", "joints": [{}]}}, "'standard' or 'modified'"),

@@ -789,6 +789,7 @@ def with_base_held(
     moving = joints_that_move(description, frame)
     free = description.facts.loose & moving
     named = {part for n in springs for part in (n, n.rpartition(".")[0])}
+    named = named.union(*(o.joints for o in description.facts.obstacles))
     if not free or free == moving or free & named:
         return description
     name = min(min(free).rsplit(".", 1)[0], min(free))

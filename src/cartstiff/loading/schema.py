@@ -22,6 +22,7 @@ from pydantic import (
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
+    field_validator,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -512,16 +513,23 @@ class DHModel(FileModel):
 
 
 class _Robot(FileModel):
-    model: FileName | None = keyed("name of a robot, or path of URDF, xacro or MJCF", None)
     dh: DHModel | None = keyed("in place of model: a Denavit-Hartenberg table", None)
+    model: FileName | None = keyed(
+        "name of a robot, or path of URDF, xacro or MJCF", None, validate_default=True
+    )
     xacro: dict[str, Argument] = keyed("arguments of a xacro file by name", {})
     package_path: list[FileName] = keyed("folders in which ROS packages are looked for first", [])
     _named: tuple[str, ...] = PrivateAttr(default=())
 
+    @field_validator("model")
+    @classmethod
+    def _is_given(cls, model: str | None, info: ValidationInfo) -> str | None:
+        if model is None and info.data.get("dh", True) is None:
+            raise PydanticCustomError("missing", "key 'model' is missing, or 'dh'")
+        return model
+
     @model_validator(mode="after")
     def _is_described(self) -> Self:
-        if self.model is None and self.dh is None:
-            raise ValueError("key 'model' is missing: give model, or dh")
         only_one(self, "model", "dh")
         if self.dh is not None and (self.xacro or self.package_path):
             raise ValueError("xacro and package_path belong to model, not to dh")
