@@ -48,6 +48,22 @@ for (const { prototype } of [WebGLRenderingContext, WebGL2RenderingContext]) {
 """
 
 
+def setup(page: Any, tab: str) -> None:
+    """Show load, drives, springs or point."""
+    page.click(f".setup-card > .choice [data-value={tab}]")
+
+
+def unfold(page: Any, part: str = ".matrix-card") -> None:
+    """Open a card that is closed at first, and all in it."""
+    page.evaluate(
+        """(part) => {
+            const card = document.querySelector(part);
+            for (const one of [card, ...card.querySelectorAll("details")]) one.open = true;
+        }""",
+        part,
+    )
+
+
 def heard(page: Any, words: str) -> None:
     """Wait until a short message has held these words."""
     page.wait_for_function("(words) => window.heard.some((x) => x.includes(words))", arg=words)
@@ -204,9 +220,11 @@ RESET = """() => {
     const store = window.cartstiff;
     for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
     for (const details of document.querySelectorAll("details[open]")) details.open = false;
-    document.querySelector('[data-value="whole"]').click();
+    for (const tab of ["whole", "joints", "load"]) {
+        document.querySelector(`:is(.matrix-card, .posture-card .head, .setup-card > .choice) [data-value=${tab}]`).click();
+    }
     document.activeElement.blur();
-    if (store.pinned) store.unpin();
+    store.setKept([], false);
     const { source } = store;
     delete source.between;
     if (source.through) source.onanswer = source.through; // answers that a test has held back

@@ -14,6 +14,7 @@ import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Playback, Source
+from tests.browser.conftest import unfold
 
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 
@@ -57,6 +58,7 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     page.keyboard.press("t")
     settled(page)
     assert page.get_attribute("html", "data-theme") == "dark"
+    unfold(page)
     page.click("[data-value=symmetric]")
     assert page.inner_text("#matrix-title").startswith("sym C")
     with page.expect_download() as waiting:
@@ -94,7 +96,7 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     page.keyboard.press("r")
     settled(page)
     found = result(page)
-    pinned = page.evaluate("() => window.cartstiff.pinned.q")
+    pinned = page.evaluate("() => window.cartstiff.kept[0].state.q")
     assert pinned[1] == pytest.approx(arm.q[1] + 0.1745, abs=1e-3)
     expected = cartstiff.analyse(
         arm.with_springs(wishes["stiffness"]),
@@ -120,7 +122,7 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     # By numbers, as by hand: the joints follow.
     page.keyboard.press("h")
     settled(page)
-    page.click("summary:has-text('Tool')")
+    page.click(".posture-card [data-value=tool]")
     page.fill("input[aria-label='tool x m']", "0.5")
     page.keyboard.press("Enter")
     settled(page)

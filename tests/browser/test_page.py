@@ -15,16 +15,25 @@ from tools.screenshot import ready, settled
 import cartstiff
 from cartstiff.page.server import Background
 from cartstiff.page.source import Source
-from tests.browser.conftest import VIEWPORT, heard, short
+from tests.browser.conftest import VIEWPORT, heard, setup, short, unfold
+from tests.read_units import si
 
 #: Cells show three digits at least.
 SHOWN = 5.1e-3
 
 
 def matrix(page: Any) -> np.ndarray:
-    """The cells of the heat map as numbers."""
-    texts = page.locator(".matrix .cell").all_inner_texts()
-    return np.array([float(t.replace("\u2212", "-")) for t in texts]).reshape(6, 6)
+    """The cells of the heat map in the units of the mechanism, each block in its own unit."""
+    texts = page.locator(".matrix .cell").all_text_contents()
+    cells = np.array([float(t.replace("\u2212", "-")) for t in texts]).reshape(6, 6)
+    units = page.locator(".matrix .block-unit").all_text_contents()
+    own = page.evaluate("() => window.cartstiff.hello.mechanism.units.length")
+    sizes = np.reshape([si(unit) for unit in units], (2, 2))
+    quantity = page.evaluate("() => window.cartstiff.shown.quantity")
+    files = [[f"N {own}/rad", "N"], ["N/rad", f"N/{own}"]]
+    if quantity == "compliance":
+        files = [[f"rad/(N {own})", "rad/N"], [f"{own}/(N {own})", f"{own}/N"]]
+    return cells * np.kron(sizes / [[si(unit) for unit in row] for row in files], np.ones((3, 3)))
 
 
 def close(shown: np.ndarray, expected: np.ndarray) -> bool:
@@ -123,6 +132,7 @@ def test_a_picture_that_is_replaced_at_once_is_not_drawn(ur5):
 def test_nothing_sticks_out(serve, pages, width, height):
     page = pages.shared(serve("cubic").url)
     page.set_viewport_size({"width": width, "height": height})
+    unfold(page)
     settled(page)
     whole = page.evaluate(
         "() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
@@ -241,13 +251,14 @@ def test_each_connection_shows_the_api_s_matrix(serve, pages):
         assert np.abs(np.array(exact) - expected).max() <= 1e-13 * np.abs(expected).max(), name
         assert page.get_attribute(f'[data-value="{name}"]', "aria-checked") == "true"
         assert close(matrix(page), result.tensor(name).matrix), name
-        badge = page.inner_text(".connection-card .badge")
+        badge = page.inner_text(".matrix-card .badge")
         assert ("asymmetric" in badge) == (name in "A+"), name
     page.keyboard.press("1")
     page.keyboard.press("s")
     settled(page)
     assert close(matrix(page), result.compliances["A"])
     page.keyboard.press("s")
+    unfold(page)
     page.click('[data-value="antisymmetric"]')
     settled(page)
     K = result.matrices["A"]
@@ -258,12 +269,34 @@ def test_each_connection_shows_the_api_s_matrix(serve, pages):
     assert close_absolute(matrix(page), K - result.matrices["K"])
 
 
+def test_another_connection_marks_the_cells_that_it_changes(ur5):
+    unfold(ur5)
+    ur5.keyboard.press("2")
+    settled(ur5)
+    assert ur5.inner_text(".differs").endswith("there is no load")
+    load = [0, 0, 0, 0, 0, -100]
+    ur5.evaluate("(load) => window.cartstiff.change({ load })", load)
+    settled(ur5)
+    place = ur5.locator(".matrix").bounding_box()
+    ur5.keyboard.press("1")
+    settled(ur5)
+    result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load)
+    changed = np.abs(result.matrices["A"] - result.matrices["B"]) > 1e-6
+    marked = ur5.evaluate("""() => [...document.querySelectorAll(".matrix .cell")]
+        .map((cell) => cell.classList.contains("differs-here"))""")
+    assert np.array_equal(np.reshape(marked, (6, 6)), changed)
+    # A small force turned by a small rotation: four cells, each half of it.
+    assert f"{changed.sum()} of 36 entries differ from K\u1d2e" in ur5.inner_text(".differs")
+    assert ur5.locator(".matrix").bounding_box() == place
+
+
 def close_absolute(shown: np.ndarray, expected: np.ndarray) -> bool:
     """As `close`, for parts whose diagonal vanishes."""
     return bool(np.all(np.abs(shown - expected) <= SHOWN * np.abs(expected).max()))
 
 
 def test_a_cell_says_nine_digits(ur5):
+    unfold(ur5)
     ur5.hover('.cell[data-row="3"][data-column="1"]')
     K = cartstiff.analyse(cartstiff.load("ur5")).matrices["K"]
     words = ur5.inner_text(".readout").replace("\u2212", "-")
@@ -274,9 +307,8 @@ def test_a_cell_says_nine_digits(ur5):
     assert "moment about y per rotation about x" in ur5.inner_text(".readout")
     # Translations in micrometres; all else stays.
     ur5.select_option("select[aria-label='Unit of translations']", "\u00b5m")
-    read = K.copy()
-    read[3:, 3:] *= 1e-6
-    assert close(matrix(ur5), read)
+    assert ur5.locator(".block-unit").all_text_contents()[3] == "N/\u00b5m"
+    assert close(matrix(ur5), K)
     row = ur5.locator('[data-row-of="translation"]')
     assert "N/\u00b5m" in row.inner_text()
     shown = [float(text) for text in row.locator("td").all_inner_texts()]
@@ -293,7 +325,7 @@ def test_a_singular_posture_is_said(ur5):
     verdict = ur5.locator("#verdict")
     assert verdict.get_attribute("data-level") == "bad"
     assert "Singular posture" in verdict.inner_text()
-    assert "does not exist here" in ur5.inner_text(".absent-words")
+    assert "does not exist here" in ur5.text_content(".absent-words")
     assert "singular" in ur5.inner_text(".singular")
     assert "serial-singularity" in ur5.inner_text(".notes")
     assert "not drawn" in ur5.inner_text("#legend")
@@ -303,7 +335,7 @@ def test_a_singular_posture_is_said(ur5):
 
 
 def test_load_springs_and_reference_point(ur5):
-    ur5.click("summary:has-text('Load')")
+    setup(ur5, "load")
     ur5.check("text=Apply this load")
     ur5.fill("input[aria-label='fz N']", "-250")
     ur5.keyboard.press("Tab")
@@ -311,14 +343,14 @@ def test_load_springs_and_reference_point(ur5):
     arm = cartstiff.load("ur5")
     load = [0, 0, 0, 0, 0, -250]
     assert close(matrix(ur5), cartstiff.analyse(arm, wrench=load).tangent)
-    ur5.click("summary:has-text('Stiffness of the springs')")
+    setup(ur5, "springs")
     ur5.fill("input[aria-label^='elbow_joint N']", "50000")
     ur5.keyboard.press("Tab")
     settled(ur5)
     arm = arm.with_springs({"elbow_joint": 5e4})
     result = cartstiff.analyse(arm, wrench=load)
     assert close(matrix(ur5), result.tangent)
-    ur5.click("summary:has-text('Reference point')")
+    setup(ur5, "point")
     ur5.fill("input[aria-label='z m']", "0.1")
     ur5.keyboard.press("Tab")
     settled(ur5)
@@ -328,7 +360,7 @@ def test_load_springs_and_reference_point(ur5):
 
 
 def test_another_frame_of_interest(ur5):
-    ur5.click("summary:has-text('Reference point')")
+    setup(ur5, "point")
     ur5.select_option("select[aria-label='Frame M']", "wrist_3_link")
     ur5.wait_for_selector("#kind:has-text('wrist_3_link')")
     settled(ur5)
@@ -339,7 +371,7 @@ def test_another_frame_of_interest(ur5):
     ur5.wait_for_selector("#kind:has-text('tool0')")
 
 
-def test_posture_a_against_posture_b(ur5):
+def test_a_kept_state_against_the_present_one(ur5):
     ur5.keyboard.press("a")
     settled(ur5)
     ur5.focus("#slider-1")
@@ -348,6 +380,7 @@ def test_posture_a_against_posture_b(ur5):
     assert transforms(ur5, "ghost")
     rows = ur5.locator(".principal .compare:visible")
     assert rows.count() == 2
+    assert rows.nth(0).locator("th").inner_text() == "over state 1"
     arm = cartstiff.load("ur5")
     now = cartstiff.analyse(arm, ur5.evaluate("() => window.cartstiff.numbers.result.q"))
     both = (now, cartstiff.analyse(arm))
@@ -357,6 +390,24 @@ def test_posture_a_against_posture_b(ur5):
     ur5.keyboard.press("b")
     settled(ur5)
     assert ur5.evaluate("() => window.cartstiff.numbers.result.q") == arm.q.tolist()
+    # Everything is undone and redone: the way back, the step, the keeping, units and plot.
+    for _ in range(3):
+        ur5.keyboard.press("u")
+        settled(ur5)
+    assert ur5.evaluate("() => window.cartstiff.kept") == []
+    assert not ur5.locator(".compared").is_visible()
+    ur5.keyboard.press("U")
+    settled(ur5)
+    assert ur5.locator(".compared tbody b").all_inner_texts() == ["now", "1"]
+    ur5.keyboard.press("d")
+    ur5.select_option("[aria-label='Values of']", "rotation")
+    assert ur5.evaluate("() => window.cartstiff.angle") == "rad"
+    ur5.keyboard.press("u")
+    settled(ur5)
+    assert ur5.input_value("[aria-label='Values of']") == "translation"
+    ur5.keyboard.press("u")
+    settled(ur5)
+    assert ur5.evaluate("() => window.cartstiff.angle") == "deg"
 
 
 def test_a_sweep_is_plotted_and_followed(serve, pages):

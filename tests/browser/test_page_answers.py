@@ -88,8 +88,8 @@ def is_of_stiffness(shown):
     said = [
         shown["title"].startswith("K"),
         "Principal stiffness" in shown["heading"],
-        shown["blocks"][0] == "N m/rad",
-        all(unit.startswith(("N/m", "N m/rad")) for unit in shown["units"]),
+        shown["blocks"][0] == "kN m/rad",
+        all(unit.startswith(("N/mm", "kN m/rad")) for unit in shown["units"]),
     ]
     assert len(set(said)) == 1, shown
     return said[0]
@@ -204,7 +204,7 @@ def test_the_softest_is_that_of_the_report_and_every_held_number_says_so(opened)
     K, C = result.tangent, np.linalg.inv(result.tangent)
     assert cells(page) == pytest.approx(1 / np.linalg.eigvalsh(C[3:, 3:])[::-1], rel=1e-8)
     assert cells(page, "rotation") == pytest.approx(1 / np.linalg.eigvalsh(C[:3, :3])[::-1])
-    assert page.inner_text('[data-row-of="translation"] .unit') == "N/m, rotation free"
+    assert page.inner_text('[data-row-of="translation"] .unit') == "N/mm, rotation free"
     legend = "() => window.cartstiff.legend.lines.map(({ text }) => text)"
     assert page.evaluate(legend)[0].startswith("translation (rotation free): ")
     assert "(held)" in page.inner_text(".facts")
@@ -214,7 +214,7 @@ def test_the_softest_is_that_of_the_report_and_every_held_number_says_so(opened)
     page.click("[aria-label='The other freedoms'] [data-value='held']")
     settled(page)
     assert cells(page) == pytest.approx(np.linalg.eigvalsh(K[3:, 3:]), rel=1e-8)
-    assert page.inner_text('[data-row-of="translation"] .unit') == "N/m, rotation held"
+    assert page.inner_text('[data-row-of="translation"] .unit') == "N/mm, rotation held"
     assert page.evaluate(legend)[0].startswith("translation (rotation held): ")
 
 

@@ -67,8 +67,8 @@ def test_a_point_of_a_map_becomes_the_posture(serve, pages, tmp_path):
             tip = page.locator(".tip:not([hidden])")
             if tip.count() and "click: this posture" in tip.inner_text():
                 break
-        said = tip.inner_text().split(": ")[1].split(" ")[0]
-        assert any(float(said) == pytest.approx(value, rel=1e-4) for value in values)
+        said = tip.inner_text().split(": ")[1].split(";")[0]
+        assert any(float(said) == pytest.approx(value, rel=6e-4) for value in values)
         page.mouse.click(x, y)
         settled(page)
         q = page.evaluate("() => window.cartstiff.numbers.result.q")

@@ -14,6 +14,7 @@ from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
 from cartstiff.page.messages import ViewState
 from cartstiff.report.analysis import summary_text
+from tests.browser.conftest import setup
 from tests.browser.test_page import close, matrix
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
@@ -61,7 +62,7 @@ def changed(page, **wishes):
     settled(page)
 
 
-def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
+def test_another_frame_keeps_posture_load_springs_and_kept_states(serve, pages):
     page = pages.open(serve("ur5").url, viewport={"width": 1280, "height": 720})
     assert_seen(page, 1280)
     q = [0.3, -1.0, 1.2, -0.4, 0.9, 0.1]
@@ -76,14 +77,14 @@ def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
     )
     page.keyboard.press("a")
     settled(page)
-    page.click("summary:has-text('Reference point')")
+    setup(page, "point")
     page.select_option("select[aria-label='Frame M']", "wrist_3_link")
     page.wait_for_selector("#kind:has-text('wrist_3_link')")
     settled(page)
     state = page.evaluate("() => window.cartstiff.state")
     assert state["q"] == q
     assert state["stiffness"] == springs
-    assert page.evaluate("() => window.cartstiff.pinned.q") == q
+    assert page.evaluate("() => window.cartstiff.kept[0].state.q") == q
     # The load is the same one: what it does to the joints has not changed.
     before = cartstiff.analyse(
         cartstiff.load("ur5").with_springs(springs),
@@ -102,6 +103,15 @@ def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
     assert np.allclose(state["load_at"], point, atol=1e-12)
     assert np.allclose(after.at(apart).matrices["B"], before.matrices["B"], rtol=1e-9, atol=1e-6)
     assert close(matrix(page), after.tangent)
+    # The state that was kept is the same one, read at the new point; undo goes back to the frame.
+    page.wait_for_function("() => window.cartstiff.rows[0].numbers && !window.cartstiff.rows[0].late")
+    kept = page.evaluate("() => window.cartstiff.rows[0].numbers.result.load.stiffness")
+    assert np.allclose(kept, after.tangent, rtol=1e-9, atol=1e-6)
+    page.keyboard.press("u")
+    page.wait_for_selector("#kind:has-text('tool0')")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.state.load") == [1, 2, 3, 40, -50, 60]
+    assert page.evaluate("() => window.cartstiff.state.point") == [0, 0.02, 0.1]
 
 
 def test_fit_frames_the_posture_that_is_shown(ur5):
@@ -240,15 +250,15 @@ def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
     page.wait_for_selector("#report:has-text('the browser cannot do that')")
 
 
-def test_springs_that_nobody_measured_are_said_beside_the_verdict(serve, pages):
+def test_springs_that_nobody_measured_are_said_with_the_answer(serve, pages):
     page = pages.shared(serve("ur5").url)
-    chip = page.locator("header .chip")
-    assert chip.inner_text() == "stiffness illustrative"
+    chip = page.locator(".moved-card .doubt")
+    assert chip.inner_text() == "Springs illustrative, not measured"
     changed(page, stiffness=[1e4] * 6)
     assert not chip.is_visible()
 
 
-def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path):
+def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_path):
     from cartstiff.page.export import export_page
     from cartstiff.page.source import Source
 
@@ -265,8 +275,9 @@ def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path)
     T = se3.pose(result.pose[:3, :3].T, [0, 0, 0.2])
     assert close(matrix(page), result.at(T).matrices["load"])
     assert not page.evaluate("() => window.cartstiff.state.labels")
-    assert page.evaluate("() => window.cartstiff.pinned.q") == other
-    assert page.evaluate("() => window.cartstiff.pinned.numbers.result.q") == other
+    assert page.evaluate("() => window.cartstiff.kept[0].state.q") == other
+    page.wait_for_function("() => window.cartstiff.rows[0].numbers")
+    assert page.evaluate("() => window.cartstiff.rows[0].numbers.result.q") == other
     page.keyboard.press("i")
     page.wait_for_selector("#report h2:has-text('in the posture of the file, q = ')")
     heading = page.inner_text("#report h2")
@@ -286,13 +297,24 @@ def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     moved = np.linalg.solve(result.tangent, result.wrench)
     d = moved[3:] + np.cross(moved[:3], point)
     words = card.inner_text().replace("\u2212", "-")
-    assert f"{1000 * np.linalg.norm(d):.3g} mm" in words
-    assert f"{1000 * np.linalg.norm(moved[:3]):.3g} mrad" in words
+    assert f"{1000 * np.linalg.norm(d):.4g} mm" in words
+    assert f"{1000 * np.linalg.norm(moved[:3]):.4g} mrad" in words
     room = result.pose[:3, :3] @ d * 1000
-    assert ", ".join(f"{x:.3g}" for x in room) in words
+    assert ", ".join(f"{x:.4g}" for x in room) in words
     shares = [float(x.split(" ")[0]) for x in card.locator(".moved-bar .num").all_inner_texts()]
-    assert len(shares) == 6
+    assert min(abs(share) for share in shares) >= 1  # no bars of 0 %
     assert abs(sum(shares) - 100) <= 3
+    # The softest direction against a force, the body free to turn, and where it points.
+    R, at = result.pose[:3, :3], np.linalg.inv(result.tangent)
+    shift = [[0, point[2], 0], [-point[2], 0, 0], [0, 0, 0]]
+    S = np.hstack([shift, np.eye(3)])  # displacement of the point from a twist of M
+    at_point = S @ at @ S.T
+    values, axes = np.linalg.eigh((at_point + at_point.T) / 2)
+    soft = ur5.evaluate("() => window.cartstiff.numbers.softest")
+    assert soft["stiffness"] == pytest.approx(1 / values[2], rel=1e-9)
+    assert abs(np.dot(soft["direction"], R @ axes[:, 2])) == pytest.approx(1, abs=1e-9)
+    assert "free to turn" in card.inner_text()
+    assert "Stable" in card.inner_text()
 
 
 def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
@@ -415,11 +437,11 @@ def test_a_hand_moves_the_tool_and_pulls_the_load(ur5):
     assert load[5] == round(load[5] / 10) * 10
 
     # Numbers beside: beyond reach it goes as near as it can, and says so.
-    page.click("summary:has-text('Tool')")
+    page.click(".posture-card [data-value=tool]")
     page.fill("input[aria-label='tool x m']", "3")
     page.keyboard.press("Enter")
     settled(page)
-    assert "not reached" in page.inner_text("summary:has-text('Tool')")
+    assert "not reached" in page.inner_text(".posture-card")
     assert 0.6 < page.evaluate("() => window.cartstiff.numbers.position[0]") < 1.0
 
 
@@ -433,7 +455,7 @@ def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_
     file.write_text(json.dumps(arm), encoding="utf-8")
     arm = cartstiff.load(file)
     page = pages.open(serve(str(file)).url)
-    page.click("summary:has-text('Stiffness of the springs')")
+    setup(page, "springs")
     elbow = page.locator("input[aria-label^='elbow_joint N m/rad']")
     assert elbow.input_value() == ""
     assert elbow.get_attribute("placeholder") == "rigid"
@@ -457,7 +479,7 @@ def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_
 def test_load_and_weight_are_typed_into_their_fields(ur5):
     """Wrench along the room's axes at a point of its own, gravity, a mass and its centre."""
     page = ur5
-    page.click("summary:has-text('Load')")
+    setup(page, "load")
 
     def typed(**numbers):
         for label, number in numbers.items():

@@ -19,6 +19,7 @@ from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.html_report import report_page
 from cartstiff.potentials.loads import DeadWrench
 from cartstiff.statics.equilibrium import equilibrium
+from tests.read_units import read, si
 
 ARM = "".join(
     f"<link name='l{i}'><inertial><mass value='2'/><inertia ixx='1' iyy='1' izz='1' ixy='0' "
@@ -64,7 +65,7 @@ def test_the_answer_is_that_of_the_commands(arm):
     said = words(text)
     at_rest = equilibrium(arm, q0=Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
     moved = 1e3 * np.linalg.norm(at_rest.displacement[3:])
-    assert f"The tip moves {moved:.3g} mm" in said
+    assert f"The tip moves {moved:.4g} mm" in said
     assert "The equilibrium is stable." in said
     result = cartstiff.analyse(arm, Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
     C = result.tangent_compliance[3:, 3:]
@@ -138,9 +139,9 @@ def test_legs_stand_beside_their_limits_and_passive_joints_are_left_out(tmp_path
     platform, T = hexapod.mechanism, result.pose
     ends = platform.points @ T[:3, :3].T + T[:3, 3]
     rows = table_after(text, "Legs")
-    lengths = [float(row[1].split()[0]) for row in rows[1:]]
+    lengths = [read(row[1]) for row in rows[1:]]
     assert lengths == pytest.approx(np.linalg.norm(ends - platform.anchors, axis=1), rel=1e-3)
-    forces = [float(row[-1].split()[0]) for row in rows[1:]]
+    forces = [read(row[-1]) for row in rows[1:]]
     along = (ends - platform.anchors) / np.linalg.norm(ends - platform.anchors, axis=1)[:, None]
     # The legs hold the body against the load.
     assert np.array(forces) @ along == pytest.approx([0, 0, -100], abs=0.05)
@@ -281,7 +282,8 @@ def test_every_number_is_that_of_the_commands(name, more, size):
     if W is not None:
         at_rest = equilibrium(elastic, DeadWrench(R @ whole), q0=q)
         moved = (at_rest.pose - before.pose)[:3, 3]
-        assert f"The tip moves {mm * np.linalg.norm(moved):.3g} mm" in said
+        shown = re.search(r"The tip moves (\S+ \S+) \(", said).group(1)
+        assert read(shown) == pytest.approx(1e-3 * mm * np.linalg.norm(moved), rel=6e-4)
         # And to first order by the compliance.
         C = result.tangent_compliance
         assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm((C @ R.T @ W)[3:]), rel=0.02)
@@ -297,19 +299,21 @@ def test_every_number_is_that_of_the_commands(name, more, size):
         if indefinite:
             assert "is stable" not in said
             assert "Softest" not in said
-    if soft := re.search(r"Softest direction: \(.*?\) in F, ([\d.e+]+) N/mm", said):
+    if soft := re.search(r"Softest direction: \(.*?\) in F, (.*?) with the", said):
         C = (result.tangent_compliance if result.is_loaded else result.compliances["B"])[3:, 3:]
-        expected = elastic.units.newtons / mm / np.linalg.eigvalsh((C + C.T) / 2)[-1]
-        assert float(soft.group(1)) == pytest.approx(expected, rel=1e-3)
+        expected = 1e3 * elastic.units.newtons / mm / np.linalg.eigvalsh((C + C.T) / 2)[-1]
+        assert read(soft.group(1)) == pytest.approx(expected, rel=1e-3)
     if share := re.search(r"(\d+) % of (this|the energy that this takes) comes", said):
         assert 0 < int(share.group(1)) <= 105
     rows = table_after(text, "Posture")
     assert rows[0][2] == "stiffness"
     stiffness = {row[0]: row[2] for row in rows[1:] if row[2]}
     k = dict(zip(elastic.spring_names, np.asarray(elastic.springs.stiffness), strict=True))
+    own = {name: stiffness[name].split()[-1].endswith("rad") for name in k if name in stiffness}
     for spring, value in k.items():
         if 0 < value < np.inf:
-            assert float(stiffness[spring].split()[0]) == pytest.approx(value, rel=1e-5)
+            size = mm / 1e3 if own[spring] else 1e3 / mm  # of N length/rad, or N/length
+            assert read(stiffness[spring]) == pytest.approx(value * size, rel=6e-4)
     for row in rows[1:]:
         assert row[2].split() == [] or row[2].split()[0] != "0"
     parts = [int(row[3].split()[0]) for row in rows[1:] if row[3]]
@@ -324,15 +328,15 @@ def test_a_platform_gets_advice_that_it_can_follow():
         W = _load_of(elastic, 20.0)
         said = words(report_page(elastic, wrench=W, load_axes="world"))
         found = re.search(
-            r"changed\): (\w+) at (-?[\d.e-]+) (deg|m|mm) instead, (\d+) % less", said
+            r"changed\): (\w+) at (-?[\d.e-]+) (deg|m|mm|µm) instead, (\d+) % less", said
         )
         if found is None:
             assert "No single coordinate" in said
             continue
         coordinate, at, its, less = found.groups()
         j = elastic.names.index(coordinate)
-        assert its == ("deg" if j > 2 else unit)
-        value = np.radians(float(at)) if j > 2 else float(at)
+        assert (its == "deg") == (j > 2)
+        value = np.radians(float(at)) if j > 2 else float(at) * si(its) / si(unit)
         length = elastic.mechanism.at(elastic.q).length
         assert abs(value - elastic.q[j]) <= 0.5001 * (1.0 if j > 2 else length)
         q = elastic.q.copy()
@@ -357,14 +361,15 @@ def test_advice_keeps_the_limits_of_legs(tmp_path):
         file.write_text(layout % limits)
         elastic = cartstiff.load(file)
         said = words(report_page(elastic, wrench=[0, 0, 0, 200.0, 0, 0], load_axes="world"))
-        advice = re.search(r"changed\): (\w+) at (-?[\d.e-]+) (deg|m) instead", said)
+        advice = re.search(r"changed\): (\w+) at (-?[\d.e-]+) (deg|m|mm) instead", said)
         if advice is None:
             assert "No single coordinate" in said
             found[name] = None
             continue
         coordinate, at, unit = advice.groups()
         q = elastic.q.copy()
-        q[elastic.names.index(coordinate)] = np.radians(float(at)) if unit == "deg" else float(at)
+        value = np.radians(float(at)) if unit == "deg" else read(f"{at} {unit}")
+        q[elastic.names.index(coordinate)] = value
         T, platform = elastic.mechanism.at(q).pose, elastic.mechanism
         ends = platform.points @ T[:3, :3].T + T[:3, 3]
         found[name] = np.linalg.norm(ends - platform.anchors, axis=1)

@@ -112,6 +112,62 @@ def own_stiffness(value: Any, units: Units, is_length: bool, where: str | None =
     return value.in_units(units, is_length, where) if isinstance(value, GivenStiffness) else value
 
 
+# Sizes of what people read: the unit of a first factor that the value reaches.
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
+_STIFF = ((1e9, "MN/mm"), (1e6, "kN/mm"), (1e3, "N/mm"), (1.0, "N/m"))
+_MILLI = re.compile(r"\bmm\b")
+# Beyond these an exponent is shorter than zeros.
+_LARGE, _SMALL = 1e5, 1e-3
+# Half of a last digit is rounded away from zero, whatever it is in binary.
+_UP = 1.0 + 1e-12
+
+
+def sized(size: float, unit: str) -> tuple[float, str]:
+    """The unit in which people read a size, and its value in the given one: (1000.0, "N/mm").
+
+    Millimetres are read as parts of the metre, centimetres where they are lengths; a unit that is
+    not known stays.
+    """
+    head, _, tail = unit.partition("/")
+    metres = 1e-3 ** (len(_MILLI.findall(head)) - len(_MILLI.findall(tail)))
+    unit = _MILLI.sub("m", unit)
+    if unit == "cm":
+        metres, unit = 1e-2, "m"
+    first = unit.split("/")[0].split(" ")
+    if unit == "N/m":
+        steps = _STIFF
+    elif first[0] in ("N", "J", "Hz", "m", "rad"):
+        small = first in (["m"], ["rad"])
+        steps = tuple((f, p + unit) for f, p in _PREFIXES if f <= 1.0 or not small)
+    else:
+        steps = ((1.0, unit),)
+    reached = abs(size) * metres * _UP
+    own = (1.0, unit) if not size else steps[-1]
+    factor, name = next((s for s in steps if reached >= s[0]), own)
+    return factor / metres, name
+
+
+def engineering(value: float | None, unit: str = "", digits: int = 4, least: float = 0.0) -> str:
+    """A value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm"; "-" where it does not exist.
+
+    What is smaller than `least` is rounding, and 0.
+    """
+    if value is None or value != value:
+        return "-"
+    if abs(value) < least:
+        value = 0.0
+    factor, name = (1.0, unit) if abs(value) == float("inf") else sized(value, unit)
+    x = value / factor * _UP
+    mantissa, _, power = f"{x:.{digits - 1}e}".partition("e")
+    if not power:
+        text = mantissa.replace("inf", "∞")
+    elif x == 0.0 or _SMALL <= abs(x) < _LARGE:
+        text = f"{float(f'{mantissa}e{power}') + 0.0:.15g}"
+    else:
+        text = f"{float(mantissa):g}e{int(power)}"
+    return f"{text} {name.removeprefix('1')}".rstrip()
+
+
 @dataclass(frozen=True)
 class Units:
     """The units all numbers of a mechanism are in; angles are radians."""

@@ -33,6 +33,7 @@ from cartstiff.mechanisms.contract import (
     MechanismPosture,
     Units,
     checked_gravity,
+    engineering,
     named_values,
     own_stiffness,
     rest_of_turns,
@@ -108,8 +109,8 @@ def with_values(
 
 
 def spring_torques(
+    elastic: ElasticMechanism,
     springs: JointSprings,
-    names: tuple[str, ...],
     posture: MechanismPosture,
     gradient: Array,
     every: bool,
@@ -143,11 +144,11 @@ def spring_torques(
     largest = int(np.argmax(np.abs(missing)))
     size = max(size, float(np.abs(gradient).max()))
     if every and abs(missing[largest]) > numerics.BALANCE * size + numerics.ROUNDING:
+        unit = elastic.units.effort(elastic.mechanism.coordinates[largest].is_length)
         raise InputError(
-            f"the springs cannot balance this wrench: joint {names[largest]!r} has no "
-            "spring and would have to carry a torque",
-            expected="a stiffness above zero there, or a wrench that it does not feel",
-            got=f"torque {missing[largest]:.6g}",
+            f"{elastic.names[largest]} has no spring, but the wrench needs "
+            f"{engineering(abs(missing[largest]), unit)} from it",
+            expected="a stiffness above zero there, or a wrench that does not load it",
         )
     return gradient
 
@@ -574,7 +575,7 @@ class ElasticMechanism(ShownInLines):
         exerted = gradient
         if not springs.rest_is_free(every).all():
             size = float(np.abs(carried).max(initial=0.0))
-            gradient = spring_torques(springs, self.names, posture, gradient, every, size)
+            gradient = spring_torques(self, springs, posture, gradient, every, size)
             exerted = np.where(springs.rest_is_free(every), gradient, np.nan)
         return springs.with_rest_balancing(posture, gradient, every=every), exerted
 

@@ -22,7 +22,7 @@ from cartstiff.errors import CartstiffError, printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.mechanisms.contract import SI, Units, convert_length, engineering, sized
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
@@ -244,7 +244,6 @@ def _answer(
     """The sentences of the answer, everything that was assumed, and how the tip moves in F."""
     lines, shift = [_under(elastic, load)], None
     notes = {str(note): None for note in result.notes}
-    mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     try:
         # The posture before the load, which is not left even where it is unstable.
         state = before = equilibrium(elastic, *load.terms(load.held), q0=start, settle=False)
@@ -259,11 +258,13 @@ def _answer(
         if load.added is not None and state.stable is not False:
             turned, moved = np.split(displacement_between(before.pose, state.pose), 2)
             shift = moved
+            far, angle = (float(np.linalg.norm(way)) for way in (moved, turned))
             least = numerics.REPORTED_ERROR * np.abs(moved).max()
-            along = ", ".join(f"{mm * x:+.3g}" if abs(x) > least else "0" for x in moved)
+            size, unit = sized(far, elastic.units.length)
+            along = ", ".join(f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved)
             lines.append(
-                f"The tip moves {mm * np.linalg.norm(moved):.3g} mm ({along} mm along the axes of "
-                f"F) and turns {np.degrees(np.linalg.norm(turned)):.3g} deg under the load."
+                f"The tip moves {engineering(far, elastic.units.length)} ({along} {unit} along the "
+                f"axes of F) and turns {engineering(angle, 'rad')} under the load."
             )
             lines += _largest_share(elastic, analysis)
         lines.append(
@@ -305,7 +306,8 @@ def _under(elastic: ElasticMechanism, load: _Load) -> str:
     ):
         if size.any():
             along = ", ".join(f"{x:.3g}" for x in size / np.linalg.norm(size) + 0.0)
-            parts.append(f"a {kind} of {np.linalg.norm(size):.4g} {unit} along ({along}) of {of}")
+            much = engineering(float(np.linalg.norm(size)), unit)
+            parts.append(f"a {kind} of {much} along ({along}) of {of}")
     acting = " and ".join(parts) or "no load"
     springs = "joints" if isinstance(elastic.mechanism, Chain) else "legs"
     holds = f"the springs of its {springs}" if load.held is None else "the wrench named below"
@@ -351,11 +353,10 @@ def _softest(result: PostureStiffness, analysis: dict[str, Any]) -> list[str]:
     direction = result.pose[:3, :3] @ np.array(free["axes"], float)[:, 2]
     direction *= np.sign(direction[np.argmax(np.abs(direction))])
     along = ", ".join(f"{x:.2f}" for x in direction + 0.0)
-    units, softest = result.elastic.units, free["eigenvalues"][2]
-    if not softest > 0.0:
+    if not (softest := free["eigenvalues"][2]) > 0.0:
         return []
-    soft = units.newtons / convert_length(units, Units("mm", SI.force))[0] / softest
-    return [f"Softest direction: ({along}) in F, {soft:.4g} N/mm with the body free to turn."]
+    soft = engineering(1.0 / softest, result.units.stiffness["translation"])
+    return [f"Softest direction: ({along}) in F, {soft} with the body free to turn."]
 
 
 def _better(
@@ -443,7 +444,7 @@ def _at_same_pose(elastic: ElasticMechanism, start: Array, load: _Load, here: fl
 
 def _place(elastic: ElasticMechanism, value: float, is_length: bool) -> str:
     if is_length:
-        return f"{round(value, 9) + 0.0:.4g} {elastic.units.length}"
+        return engineering(round(value, 9), elastic.units.length)
     return f"{round(np.degrees(value), 1) + 0.0:.1f} deg"
 
 
@@ -615,13 +616,13 @@ def _near(result: PostureStiffness) -> str:
     """How far the posture is from each kind of singularity."""
     return "".join(
         f"<p>Distance to a singularity ({entry['kind']}): {entry['ratio']:.3g}, the smallest over "
-        f"the largest singular value, lengths in {entry['length']:.4g} {result.units.length}.</p>"
+        f"the largest singular value, lengths in {_quantity(entry['length'], result.units.length)}.</p>"
         for entry in distance_to_singularity(result)
     )
 
 
 def _quantity(value: float | None, unit: str) -> str:
-    return "" if value is None else f"{value:.4g} {unit}"
+    return "" if value is None else engineering(value, unit)
 
 
 def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str:
@@ -641,17 +642,18 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
         k = springs.get(name)
         if k is None:
             return ""
-        return "rigid" if np.isinf(k) else f"{k:.6g} {units.spring(is_length)}" if k else "none"
+        return "rigid" if np.isinf(k) else engineering(k, units.spring(is_length)) if k else "none"
 
     rows, passive = [], 0
     for c, value in zip(elastic.mechanism.coordinates, q.tolist(), strict=True):
-        place = f"{value:.5g} {units.length}" if c.is_length else f"{np.degrees(value):.2f} deg"
+        place = engineering(value, units.length) if c.is_length else f"{np.degrees(value):.2f} deg"
         row = (c.name, place, spring(c.name, c.is_length), _percent(shares.get(c.name)))
         is_passive = result.posture.closure is not None and row[2:] in _PASSIVE
         passive += is_passive
         size, unit = (1.0, units.length) if c.is_length else (180 / np.pi, "deg")
         ends = [size * c.lower, size * c.upper]
-        limits = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}" if np.isfinite(ends).any() else ""
+        low, high = (engineering(end, unit) for end in ends)
+        limits = f"{low} to {high}" if np.isfinite(ends).any() else ""
         rows += [] if is_passive else [(*row, limits)]
     bars = [n for n in dict.fromkeys([*springs, *shares]) if n not in elastic.names]
     rows += [(name, "", spring(name, True), _percent(shares.get(name)), "") for name in bars]

@@ -214,10 +214,11 @@ class Program(_Asked):
 
 
 class Frame(_Asked):
-    """Another frame of the mechanism as the frame of interest."""
+    """Another frame of the mechanism as the frame of interest; `kept` states go along."""
 
     do: Literal["frame"]
     name: _Short
+    kept: Annotated[list[ViewState], Field(max_length=3)] = []
 
 
 class Bounds(_Asked):

@@ -334,7 +334,10 @@ class Session:
         before, state = self.result(message.state).pose, message.state
         self._start(reload(message.name), self._q)
         after = self.result(state.model_copy(update={"load": None})).pose
-        return self.hello(message.id, _seen_from(state, se3.inverse(after) @ before))
+        T = se3.inverse(after) @ before
+        answer = self.hello(message.id, _seen_from(state, T))
+        answer.data["kept"] = [_seen_from(one, T).model_dump() for one in message.kept]
+        return answer
 
     def _swing(self, message: Swing) -> Answer:
         """Commands of every picture of a swing; those of the rest come last."""

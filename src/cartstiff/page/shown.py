@@ -283,8 +283,8 @@ def shown_numbers(
     -------
     dict
         Keys "result", "has_compliance", "position", "angles", "frame", "stiffness", "compliance",
-        "wrench", "principal", "indices", "symmetric", "singularity", "legs", "moved", "modes",
-        "verdict". What does not exist is None.
+        "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs", "moved",
+        "modes", "verdict". What does not exist is None.
     """
     T = reference_frame(result, state)
     here = result.at(T)
@@ -302,6 +302,7 @@ def shown_numbers(
         "compliance": None,
         "wrench": _listed(here.wrench),
         "principal": principal,
+        "softest": _softest(here),
         "indices": numbers,
         "symmetric": _asymmetries(shown),
         "singularity": distance_to_singularity(result),
@@ -408,6 +409,24 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
             "definiteness": e.definiteness,
         }
     return shown
+
+
+def _softest(here: StiffnessInFrame) -> dict[str, Any] | None:
+    """Least stiffness against a force, the body free to turn, and its direction in F, if it is one.
+
+    None where a force is not resisted along every direction.
+    """
+    try:
+        free = block_ellipsoid(here, "load", "compliance", "translation", "free")
+    except UndefinedError:
+        return None
+    if free is None or not free.eigenvalues[0] >= 0.0 or not free.eigenvalues[2] > 0.0:
+        return None
+    direction = here.pose[:3, :3] @ free.axes[:, 2]
+    direction *= np.sign(direction[np.argmax(np.abs(direction))])
+    _, middle, most = free.eigenvalues.tolist()
+    is_one = most - middle > numerics.CLOSE * most
+    return {"stiffness": 1.0 / most, "direction": direction.tolist() if is_one else None}
 
 
 def _indices(pair: MatrixPair) -> dict[str, Any] | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cache, lru_cache
 from io import BytesIO
-from math import isfinite
 from typing import Any
 
 from cartstiff.errors import imported, printable
+from cartstiff.mechanisms.contract import engineering
 from cartstiff.scene import theme as themes
 from cartstiff.scene.objects import sprite
 from cartstiff.scene.viewer import ViewerNode
@@ -22,15 +22,8 @@ _PAPER_OPACITY = 184
 
 
 def number(value: float, unit: str = "") -> str:
-    """Three digits and a unit: "7.75e4 N/m"."""
-    if not isfinite(value):
-        text = "infinite" if value == value else "none"
-    elif value == 0.0 or 1e-2 <= abs(value) < 1e4:
-        text = f"{float(f'{value:.2e}'):.6g}"
-    else:
-        mantissa, exponent = f"{value:.2e}".split("e")
-        text = f"{mantissa}e{int(exponent)}"
-    return f"{text} {unit}".rstrip()
+    """Three digits and a unit: "77.5 N/mm"."""
+    return engineering(value, unit, 3)
 
 
 @cache

@@ -1,13 +1,12 @@
 // Beside what is in hand: states that were kept (posture, load, springs) and other mechanisms, a row
 // each, with ratios; their pictures under the same camera, at the same scale.
 
-import { byId, el, short, toast } from "./dom.js";
-import { FINE } from "./deflection.js";
+import { byId, el, inSize, short } from "./dom.js";
 import { Pane } from "./pane.js";
 import { freeness } from "./numbers.js";
+import { actsAt } from "./program.js";
 import { LOOKS, METRES, Store, givenLoad } from "./store.js";
 
-const LETTERS = ["A", "B", "C"];
 // A picture that nobody sees.
 const NONE = { reset() {}, apply() {}, wait() {}, holding: false };
 // What another mechanism shares with the one in hand, its posture where its coordinates are the same.
@@ -15,18 +14,25 @@ const SHARED = ["load", "load_axes", "load_kind", "load_at", "point", "axes"];
 
 // What decides which of a row's numbers stand beside those in hand.
 const COMPARED = ["quantity", "connection", "others"];
+// How the numbers of a state that was kept are read: as those in hand.
+const READ = [...COMPARED, "point", "axes"];
 
 /** One row: a kept state of the mechanism in hand, or another mechanism. */
 class Row {
-  constructor(main, letter, number, state) {
-    Object.assign(this, { main, letter, number, state, numbers: null, error: null, pending: false, cells: null });
-    this.own = number === (main.hello.number ?? 0);
+  constructor(main, number, kept = null) {
+    Object.assign(this, { main, number, kept, numbers: null, error: null, pending: false, cells: null });
+    this.own = kept !== null;
     this.name = main.hello.mechanisms?.[number] ?? main.hello.mechanism.name;
     this.onchange = () => {};
   }
 
   get title() {
-    return this.own ? this.letter : this.name;
+    return this.own ? String(this.kept.number) : this.name;
+  }
+
+  /** Whether its numbers can be set beside those that are shown. */
+  get comparable() {
+    return Boolean(this.numbers && !this.late && READ.every((key) => JSON.stringify(this.shown[key]) === JSON.stringify(this.main.shown[key])));
   }
 
   /** Whether its coordinates are those of the mechanism in hand. */
@@ -54,7 +60,7 @@ class Row {
   wished() {
     const { state, legend } = this.main;
     const looks = { ...LOOKS(state), quantity: state.quantity, mode: null, ghost: null, measures: this.sameUnits ? legend?.measures ?? null : null };
-    if (this.own) return { ...structuredClone(this.state), ...looks, moved: null };
+    if (this.own) return { ...structuredClone(this.kept.state), ...looks, load_at: actsAt(this.kept.state), point: state.point, axes: state.axes, moved: null };
     const shared = Object.fromEntries(SHARED.map((key) => [key, state[key]]));
     return { ...this.store.state, ...looks, ...shared, ...(this.alike ? { q: state.q, command: state.command } : {}), moved: null };
   }
@@ -120,42 +126,37 @@ function values(numbers, { quantity }) {
 /** In words, how a kept state differs from the one in hand. */
 function difference(store, row) {
   if (!row.own) return row.alike ? "" : "its own posture";
-  const differs = (...keys) => keys.some((key) => JSON.stringify(row.state[key]) !== JSON.stringify(store.state[key]));
-  return [[["q", "command"], "posture"], [["load", "load_axes", "load_kind", "load_at", "gravity", "payload"], "load"], [["stiffness"], "springs"], [["point", "axes"], "point"]]
-    .filter(([keys]) => differs(...keys)).map(([, word]) => word).join(", ") || "the same";
+  const here = { ...store.state, load_at: actsAt(store.state) };
+  const there = { ...row.kept.state, load_at: actsAt(row.kept.state) };
+  return [[["q", "command"], "posture"], [["load", "load_axes", "load_kind", "load_at", "gravity", "payload"], "load"], [["stiffness"], "springs"]]
+    .filter(([keys]) => keys.some((key) => JSON.stringify(here[key]) !== JSON.stringify(there[key]))).map(([, word]) => word).join(", ") || "the same";
 }
 
 export function compareCard(store) {
   const table = el("table", { class: "compared" });
-  const keep = el("button", { type: "button", title: "Keep posture, load and springs as a row to compare with", onclick: () => add() }, "Keep as A");
+  const keep = el("button", { type: "button", title: "Keep posture, load and springs as a state to compare with (a)", onclick: () => store.keep() });
   const pictures = el("input", { type: "checkbox", onchange: () => show() });
+  const aside = el("label", { class: "check" }, pictures, "pictures side by side");
   const words = el("p", { class: "dim small" });
-  const card = el("details", { class: "card compare-card" }, el("summary", {}, el("h2", {}, "Compare"), el("span", { class: "dim small" })),
-    el("div", { class: "row" }, keep, el("label", { class: "check" }, pictures, "pictures side by side")), table, words);
-  byId("right").append(card);
+  byId("right").append(el("div", { class: "card compare-card" }, el("div", { class: "row head" }, el("h2", {}, "States"), el("span", { class: "grow" }), keep), table, aside, words));
   const beside = byId("beside");
 
-  const free = () => LETTERS.find((letter) => !store.rows.some((row) => row.letter === letter));
-
-  function add(letter = free(), state = store.state) {
-    if (!letter || !store.numbers) return;
-    if (letter === "A" && !store.pinned) return store.pin(); // its row follows
-    insert(new Row(store, letter, store.hello.number ?? 0, structuredClone({ ...state, moved: null })));
-    card.open = true;
-  }
-
   function insert(row) {
-    row.onchange = update;
+    row.onchange = () => {
+      update();
+      store.tell("rows", store.rows);
+    };
     store.rows.push(row);
-    store.rows.sort((a, b) => a.own - b.own || a.letter.localeCompare(b.letter));
-    show();
-    store.tell("rows", store.rows);
+    store.rows.sort((a, b) => a.own - b.own || a.title.localeCompare(b.title));
   }
 
-  function remove(row) {
-    if (row.letter === "A" && row.own && store.pinned) return store.unpin();
-    row.close();
-    store.rows.splice(store.rows.indexOf(row), 1);
+  /** The rows of the states that are kept now, beside those of other mechanisms. */
+  function reconcile() {
+    for (const row of store.rows.filter(({ own, kept }) => own && !store.kept.includes(kept))) {
+      row.close();
+      store.rows.splice(store.rows.indexOf(row), 1);
+    }
+    for (const kept of store.kept) if (!store.rows.some((row) => row.kept === kept)) insert(new Row(store, store.hello.number ?? 0, kept));
     show();
     store.tell("rows", store.rows);
   }
@@ -194,37 +195,38 @@ export function compareCard(store) {
 
   function update() {
     const { rows, numbers } = store;
-    const letter = free();
-    keep.disabled = !letter;
-    keep.textContent = letter ? `Keep as ${letter}` : "Three are kept";
-    card.querySelector("summary .dim").textContent = rows.length ? rows.map((row) => (row.title)).join(", ") : "keep states, set them side by side";
-    words.textContent = rows.length ? "× is the ratio of a row to the current state (N). Pictures: one camera, radii as in the legend; dash-dotted curves below are rows." : "";
-    table.hidden = !rows.length;
+    const number = [1, 2, 3].find((n) => !store.kept.some((one) => one.number === n));
+    keep.disabled = !number;
+    keep.textContent = number ? `Keep as ${number}` : "Three are kept";
+    words.textContent = "×: ratio of a row to the current state. Pictures: one camera, radii as in the legend. Dash-dotted curves are rows.";
+    table.hidden = aside.hidden = words.hidden = !rows.length;
     if (!rows.length || !numbers) return;
     const stiff = store.shown.quantity === "stiffness";
-    const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
-    const units = store.blockUnits();
-    const [moving, turning] = freeness(store.shown);
-    const heads = [["moves", unit], [`${stiff ? "softest" : "most compliant"}, ${moving}`, units[1][1]], [`in rotation, ${turning}`, units[0][0]]];
-    const reads = [(x) => x * factor, (x) => store.read(x), (x) => x];
     const here = values(numbers, store.shown);
+    const [[turnUnit], [, moveUnit]] = store.blockUnits();
+    const sizes = [[store.unit("length"), 1], [moveUnit, store.read(1)], [turnUnit, 1]].map(([of, times], k) => {
+      const [factor, unit] = k === 1 && store.fine ? [1, of] : inSize((here[k] ?? 0) * times, of);
+      return [times / factor, unit];
+    });
+    const [moving, turning] = freeness(store.shown);
+    const heads = ["moves", `${stiff ? "softest" : "most compliant"}, ${moving}`, `in rotation, ${turning}`];
     const line = (name, title, found, note, ...buttons) => el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note), ...buttons),
       ...found);
-    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(reads[k](x), 4), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
+    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x * sizes[k][0]), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
     table.replaceChildren(
-      el("thead", {}, el("tr", {}, el("td"), ...heads.map(([word, of]) => el("th", { scope: "col" }, word, el("br"), el("span", { class: "unit" }, of))))),
-      el("tbody", {}, line(el("b", {}, "N"), "The current state", here.map((x, k) => cell(x, k, null)), store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : "now"),
+      el("thead", {}, el("tr", {}, el("td"), ...heads.map((word, k) => el("th", { scope: "col" }, word, el("br"), el("span", { class: "unit" }, sizes[k][1]))))),
+      el("tbody", {}, line(el("b", {}, "now"), "The current state", here.map((x, k) => cell(x, k, null)), store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : ""),
         ...rows.map((row) => {
           const name = row.title;
           const found = row.numbers && row.sameUnits ? values(row.numbers, store.shown) : [null, null, null];
           // Until it is answered, a row keeps its numbers and the ratios that belong to them.
-          if (!row.late || !row.cells) row.cells = found.map((x, k) => cell(x, k, x !== null && here[k] ? x / here[k] : null));
+          if (!row.late || !row.cells) row.cells = found.map((x, k) => [x, k, x !== null && here[k] ? x / here[k] : null]);
           const note = row.error ?? (row.numbers && !row.sameUnits ? "other units" : difference(store, row));
           const button = (text, title, onclick) => el("button", { type: "button", class: "quiet", title, "aria-label": title, onclick }, text);
-          const actions = row.own ? [button("→", `Go to ${name}`, () => store.change({ ...structuredClone(row.state), theme: store.state.theme, moved: null, ghost: store.state.ghost })),
-            button("✕", `Forget ${name}`, () => remove(row))]
+          const actions = row.own ? [button("→", `Go to state ${name}`, () => store.goToKept(row.kept.number)),
+            button("✕", `Forget state ${name}`, () => store.setKept(store.kept.filter((one) => one !== row.kept)))]
             : [el("a", { class: "quiet", href: `?mechanism=${row.number}`, title: `Open ${name}` }, "→")];
-          const shown = line(el("b", {}, name), null, row.cells, note, ...actions);
+          const shown = line(el("b", {}, name), null, row.cells.map((one) => cell(...one)), note, ...actions);
           shown.classList.toggle("late", row.late);
           return shown;
         })));
@@ -233,37 +235,18 @@ export function compareCard(store) {
   let before = "";
   store.on("hello", ({ mechanism, mechanisms = [], number = 0 }) => {
     const now = `${mechanism.name} ${mechanism.frame}`;
-    if (now === before) return;
-    if (before && store.rows.some(({ own }) => own)) toast("Kept states were of the frame before: they are forgotten");
-    before = now;
-    for (const row of store.rows.splice(0)) row.close();
-    if (mechanisms.length > 1) pictures.checked = card.open = true;
-    mechanisms.forEach((name, k) => { if (k !== number) insert(new Row(store, String(k), k, null)); });
-    update();
-  });
-  store.on("pinned", (pinned) => {
-    const row = store.rows.find(({ letter, own }) => own && letter === "A");
-    if (!pinned) {
-      if (row) {
-        row.close();
-        store.rows.splice(store.rows.indexOf(row), 1);
-        show();
-        store.tell("rows", store.rows);
-      }
-    } else if (!row || JSON.stringify(row.state.q) !== JSON.stringify(pinned.q)) {
-      if (row) store.rows.splice(store.rows.indexOf(row), 1)[0].close();
-      if (store.state) insert(new Row(store, "A", store.hello.number ?? 0, structuredClone({ ...(pinned.state ?? store.state), q: pinned.q, moved: null, ghost: null })));
+    if (now !== before) {
+      before = now;
+      for (const row of store.rows.splice(0)) row.close();
+      if (mechanisms.length > 1) pictures.checked = true;
+      mechanisms.forEach((name, k) => { if (k !== number) insert(new Row(store, k)); });
     }
+    reconcile();
   });
+  store.on("kept", reconcile);
   store.on("numbers", () => {
-    for (const letter of ["B", "C"]) {
-      const state = store.keeps[letter];
-      delete store.keeps[letter];
-      if (state) add(letter, state);
-    }
     for (const row of store.rows) row.refresh();
     update();
   });
   store.on("units", update);
-  return { add };
 }

@@ -1,12 +1,11 @@
-// Load, springs, reference point, and what the picture shows.
+// Setup (load, drives, springs, reference point), and what the picture shows.
 
-import { byId, chop, choice, el, short, toast } from "./dom.js";
+import { byId, choice, el, engineering, tabs, toast } from "./dom.js";
 import { CLOSE, ZERO } from "./numerics.js";
 import { standAtExtreme } from "./pick.js";
 
-/** Numbers in a row of fields; calls back with all of them when one has changed. */
-/** Number inputs; `blank` are those that may be left empty, which means null and is called so. */
-function fields(names, onchange, step = "any", blank = null, called = "") {
+/** Numbers in fields; calls back with all of them when one has changed. `blank` are those that may be left empty, which means null and is called so. */
+export function fields(names, onchange, step = "any", blank = null, called = "") {
   const inputs = names.map(([name, unit, of]) => el("input", { type: "number", step, "aria-label": `${of ? `${of} ` : ""}${name} ${unit}`, onchange: commit }));
   function commit() {
     const values = inputs.map((input, i) =>
@@ -23,55 +22,15 @@ function fields(names, onchange, step = "any", blank = null, called = "") {
   return { node, set, disable };
 }
 
-function section(title, ...children) {
-  const note = el("span", { class: "dim small" });
-  const node = el("details", { class: "card" }, el("summary", {}, el("h2", {}, title), note), ...children);
-  return { node, note };
-}
-
-/** The pose of M as numbers: joints follow, as they do a hand. */
-export function toolPanel(store) {
-  const { node, note } = section("Tool");
-  const words = el("p", { class: "dim small" });
-  byId("left").querySelector(".card").after(node);
-  let rows;
-  store.on("hello", ({ mechanism }) => {
-    node.hidden = mechanism.platform || !store.source.moves;
-    const { length } = mechanism.units;
-    rows = [fields(NAMES.map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
-    words.textContent = `Position of M in ${length} and its roll, pitch, yaw about the room's axes in degrees; the joints follow as near as they can. In the picture: the ball at M, its arms and rings.`;
-    node.replaceChildren(node.firstChild, rows[0].node, rows[1].node, words);
-  });
-  store.on("numbers", ({ followed }) => {
-    const { numbers } = store;
-    const digits = (x) => Number(x.toPrecision(6));
-    rows[0].set(chop(numbers.position, numbers.singularity[0]?.length).map(digits));
-    rows[1].set(numbers.angles.map((x) => digits((Math.abs(x) < CLOSE ? 0 : x) * (180 / Math.PI))));
-    const away = followed && !followed.reached;
-    note.textContent = away ? `not reached${followed.stopped.length ? `: ${followed.stopped.join(", ")}` : ""}` : "";
-  });
-
-  function go() {
-    const [position, angles] = rows.map(({ node: row }) => [...row.querySelectorAll("input")].map((input) => input.valueAsNumber));
-    if (![...position, ...angles].every(Number.isFinite)) return;
-    const [[a, b, c], [d, e, f]] = [angles.map((x) => Math.cos((x * Math.PI) / 180)), angles.map((x) => Math.sin((x * Math.PI) / 180))];
-    // Rz(yaw) Ry(pitch) Rx(roll)
-    const R = [[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]];
-    store.remember("pose");
-    store.reach({ pose: [...R.map((row, i) => [...row, position[i]]), [0, 0, 0, 1]], turning: true });
-  }
-}
-
-const NAMES = ["x", "y", "z"];
-const TURNS = ["roll", "pitch", "yaw"];
+export const NAMES = ["x", "y", "z"];
 
 export function controls(store) {
-  const left = byId("left");
-  const loadSection = section("Load");
-  const springSection = section("Stiffness of the springs");
-  const pointSection = section("Reference point");
-  left.append(loadSection.node, springSection.node, pointSection.node);
-  drivesPanel(store, springSection.node);
+  const note = el("span", { class: "dim small" });
+  const panels = ["load", "drives", "springs", "point"].map((name) => [name, name[0].toUpperCase() + name.slice(1), el("div", { class: "panel" })]);
+  const [loadPanel, drives, springPanel, pointPanel] = panels.map(([, , node]) => node);
+  const [tab, , offer] = tabs("Setup", panels);
+  byId("left").append(el("div", { class: "card setup-card" }, el("div", { class: "row head" }, el("h2", {}, "Setup"), el("span", { class: "grow" }), note), tab, ...panels.map(([, , node]) => node)));
+  const notes = { drives: drivesPanel(store, drives, offer) };
 
   let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint, weight;
   // "Elsewhere" was chosen and no place given yet.
@@ -91,8 +50,10 @@ export function controls(store) {
     given = el("input", { type: "checkbox", onchange: () =>
       store.change({ load: given.checked ? [0, 0, 0, 0, 0, 0] : null }) });
     given.disabled = !mechanism.takes_load;
-    load = fields([["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]],
-      (values) => store.change({ load: values }));
+    const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]];
+    // What the springs exert is about M, along its axes.
+    load = fields(six, (values) => store.change({ load: values.map((x) => x ?? 0),
+      ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), "any", six.map(() => true), "0");
     loadAxes = choice("Axes of the load", [
       ["body", "tool axes", "Components along the axes of the body frame M"],
       ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
@@ -114,100 +75,91 @@ export function controls(store) {
     });
     loadPoint = fields(NAMES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
-    loadSection.node.replaceChildren(loadSection.node.firstChild,
-      el("label", { class: "check" }, given, "Apply this load"),
-      el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: what the springs of the file exert at this posture, until it is moved.`),
-      load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0], el("p", { class: "dim small" }, "Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M."),
-      weight.gravity.node, weight.payload.node);
+    loadPanel.replaceChildren(
+      el("label", { class: "check", title: "Unticked: what the springs of the file exert at this posture, until it is moved" }, given, "Apply this load"),
+      el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}`), load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0]);
     // A file weighs what it weighed when it was made.
-    for (const row of [weight.gravity, weight.payload]) row.disable(!store.source.live);
+    if (store.source.live) loadPanel.append(el("p", { class: "dim small" }, "Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M"), weight.gravity.node, weight.payload.node);
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
       (values) => store.change({ stiffness: values.map((x) => (x === null ? null : Math.max(0, x))) }),
       "any", mechanism.springs.map(({ stiffness }) => stiffness === null), "rigid") : null;
     springs?.node.classList.add("long");
-    springSection.node.hidden = !springs;
-    if (springs) {
-      const distinct = [...new Set(mechanism.springs.map(({ unit }) => unit))].join(", ");
-      springSection.node.replaceChildren(springSection.node.firstChild,
-        el("p", { class: "dim small" }, `In ${distinct}.`), springs.node,
-        el("button", { type: "button", onclick: () => store.change({ stiffness: null }) }, "As in the file"));
-    }
+    offer("springs", springs);
+    if (springs) springPanel.replaceChildren(
+      el("p", { class: "dim small" }, `In ${[...new Set(mechanism.springs.map(({ unit }) => unit))].join(", ")}`), springs.node,
+      el("button", { type: "button", onclick: () => store.change({ stiffness: null }) }, "As in the file"));
 
     // -- reference point
-    frameSelect = el("select", { "aria-label": "Frame M", onchange: () =>
-      store.ask({ do: "frame", name: frameSelect.value }).then(() =>
+    frameSelect = el("select", { "aria-label": "Frame M", onchange: () => {
+      store.remember("frame");
+      store.ask({ do: "frame", name: frameSelect.value, kept: store.kept.map(({ state: each }) => each) }).then(() =>
         toast(`The numbers are for the origin of ${frameSelect.value}; posture, load and springs are as before`)).catch((error) => {
         frameSelect.value = mechanism.frame;
         store.tell("error", error.message);
-      }) }, ...mechanism.frames.map((name) => el("option", { value: name, selected: name === mechanism.frame }, name)));
-    frameSelect.disabled = mechanism.frames.length < 2 || !store.source.live;
+      });
+    } }, ...mechanism.frames.map((name) => el("option", { value: name, selected: name === mechanism.frame }, name)));
     point = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ point: values }));
     axes = choice("Axes of the numbers", [
       ["body", "tool axes", "Components along the axes of the body frame M"],
       ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
     (value) => store.change({ axes: value }));
-    pointSection.node.replaceChildren(pointSection.node.firstChild,
-      el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect),
-      el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}:`),
-      point.node, axes[0]);
+    const frames = mechanism.frames.length > 1 && store.source.live ? el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect) : "";
+    pointPanel.replaceChildren(frames, el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes[0]);
   }
 
   function update() {
     const { state, hello } = store;
     given.checked = state.load !== null;
-    load.set(state.load ?? store.numbers?.result.wrench?.map((x) => Number(x.toPrecision(6))) ?? ["", "", "", "", "", ""]);
+    load.set(state.load ?? exerted().map((x) => Number(x.toPrecision(5))));
     const own = state.load !== null && state.load_at?.some((x) => x);
     choosing &&= state.load !== null && !own;
     loadPlace[1](own || choosing ? "own" : state.load_at !== null || state.load === null ? "origin" : "point");
     if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own && !choosing;
     loadPoint.set(state.load_at ?? state.point);
     loadPoint.disable(state.load === null || !store.source.moves);
+    load.disable(!store.source.moves || !hello.mechanism.takes_load);
     weight.gravity.set(state.gravity ?? hello.mechanism.gravity ?? [0, 0, 0]);
     weight.payload.set(state.payload ?? [0, 0, 0, 0]);
     loadKind[1](state.load_kind);
-    load.disable(state.load === null || !store.source.moves);
     loadAxes[1](state.load_axes);
     springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));
     point.set(state.point);
     axes[1](state.axes);
-    springSection.note.textContent = state.stiffness ? "changed" : "";
-    const moved = state.point.some((x) => x !== 0);
-    pointSection.note.textContent = `${hello.mechanism.frame}${moved ? " + offset" : ""}${state.axes === "inertial" ? ", room axes" : ""}`;
+    notes.springs = state.stiffness ? "springs changed" : "";
+    notes.point = [state.point.some((x) => x) && "point moved", state.axes === "inertial" && "room axes"].filter(Boolean).join(", ");
+    note.textContent = note.title = [notes.load, notes.drives(), notes.springs, notes.point].filter(Boolean).join(", ");
+  }
+
+  /** The wrench that acts, with zeros for what is only rounding beside its other half, or beside the stiffness. */
+  function exerted() {
+    const wrench = store.numbers?.result.wrench ?? [];
+    const K = (store.matrix("B", store.numbers, "stiffness") ?? [[1e4]]).flat().map(Math.abs);
+    const noise = Math.max(CLOSE * Math.max(...wrench.map(Math.abs)), ZERO * Math.max(...K));
+    return wrench.map((x) => (Math.abs(x) > noise ? x : 0));
   }
 
   function loadNote() {
-    const wrench = store.numbers?.result.wrench;
-    if (!wrench) {
-      loadSection.note.textContent = "none can hold it";
-      return;
-    }
-    const size = (v) => Math.hypot(...v);
-    const [m, f] = [size(wrench.slice(0, 3)), size(wrench.slice(3))];
-    // What is only rounding beside the other, or beside the stiffness, is no load.
-    const K = (store.matrix("B", store.numbers, "stiffness") ?? [[1e4]]).flat().map(Math.abs);
-    const noise = Math.max(CLOSE * Math.max(m, f), ZERO * Math.max(...K));
-    const parts = [[f, "force"], [m, "moment"]].filter(([x]) => x > noise).map(([x, kind]) => `${short(x, 3)} ${store.unit(kind)}`);
-    loadSection.note.textContent = parts.join(", ") || "none";
+    if (!store.numbers.result.wrench) return "none can hold it";
+    const sizes = [[3, "force"], [0, "moment"]].map(([i, kind]) => [Math.hypot(...exerted().slice(i, i + 3)), store.unit(kind)]);
+    return sizes.filter(([x]) => x).map(([x, unit]) => engineering(x, unit)).join(", ") || "no load";
   }
 
   store.on("hello", build);
   store.on("state", update);
   store.on("numbers", () => {
-    loadNote();
+    notes.load = loadNote();
     update();
   });
 }
 
 /** Commands of the drives: how far each moves from the posture. */
-function drivesPanel(store, before) {
-  const { node, note } = section("Commands of the drives");
-  before.before(node);
+function drivesPanel(store, node, offer) {
   let rows = [];
   store.on("hello", ({ mechanism }) => {
     const { springs, coordinates } = mechanism;
-    node.hidden = !store.source.live || !springs.some(({ driven }) => driven);
+    offer("drives", store.source.live && springs.some(({ driven }) => driven));
     const list = el("div", { class: "sliders" });
     rows = springs.map(({ name, driven }, i) => {
       if (!driven) return null;
@@ -224,12 +176,11 @@ function drivesPanel(store, before) {
       list.append(el("div", { class: "slider" }, el("label", { title: name }, name), number, el("span", { class: "unit" }, isLength ? store.unit("length") : ""), el("span", { class: "limit" }), range, el("span", { class: "limit" })));
       return { range, number, times, isLength };
     });
-    node.replaceChildren(node.firstChild, el("p", { class: "dim small" }, "How far each drive moves from the posture: the rest positions of the springs move with it, and the pose that results under the load is shown."),
+    node.replaceChildren(el("p", { class: "dim small" }, "How far each drive is commanded to move from the posture; what results under the load is shown."),
       list, el("button", { type: "button", onclick: () => store.change({ command: null }) }, "None"));
   });
   const set = () => {
     const { command } = store.state;
-    note.textContent = command ? "told" : "";
     rows.forEach((row, i) => {
       if (!row) return;
       const x = command?.[i] ?? 0;
@@ -240,6 +191,7 @@ function drivesPanel(store, before) {
   };
   store.on("state", set);
   store.on("numbers", set);
+  return () => (store.state.command ? "drives commanded" : "");
 }
 
 // Ends of the slider of a command: a share of the mechanism's size, and an angle.

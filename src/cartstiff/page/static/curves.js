@@ -1,7 +1,6 @@
 // What plots show: each from the numbers of one posture, with its words and its unit. Words and
 // units are of the state that the numbers are of.
 
-import { FINE } from "./deflection.js";
 import { freeness } from "./numbers.js";
 
 const THREE = ["least", "middle", "largest"];
@@ -35,7 +34,8 @@ export const CURVES = [
     scale: () => 1, unit: (store) => store.unit("force") },
 ];
 
-const fine = (store) => FINE[store.unit("length")] ?? [1, store.unit("length")];
+// Where lengths are metres or their parts, people say millimetres.
+const fine = (store) => ({ m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] })[store.unit("length")] ?? [1, store.unit("length")];
 
 /** One posture of a sweep or a trajectory, as the server answers it. */
 export const rowOf = (numbers, q) => ({ q, position: numbers.position, margins: [], unstable: numbers.moved?.resisted === false,

@@ -1,11 +1,8 @@
 // The first question: how far does the load move the point, and what gives way.
 
-import { byId, chop, el, short } from "./dom.js";
+import { byId, chop, el, engineering, inSize, short } from "./dom.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
 import { sway } from "./sway.js";
-
-// Where lengths are metres, people say millimetres.
-export const FINE = { m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] };
 
 // A load to begin with, in the unit of force.
 const EXAMPLE = 100;
@@ -14,9 +11,15 @@ const EXAMPLE = 100;
 function assumptions(store, moved) {
   const { result } = store.numbers;
   const [m, f] = [0, 3].map((i) => Math.hypot(...(store.shown.load ?? result.wrench).slice(i, i + 3)));
-  const load = [[f, "force"], [m, "moment"]].filter(([x]) => x > 0).map(([x, kind]) => `${short(x, 3)} ${store.unit(kind)}`).join(", ");
-  const at = moved.acts_at.some((x) => x) ? `(${moved.acts_at.map((x) => short(x, 3)).join(", ")}) ${store.unit("length")} in M` : "M";
+  const load = [[f, "force"], [m, "moment"]].filter(([x]) => x > 0).map(([x, kind]) => engineering(x, store.unit(kind))).join(", ");
+  const at = moved.acts_at.some((x) => x) ? `${together(moved.acts_at, store.unit("length"))} in M` : "M";
   return `${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
+}
+
+/** Components in one unit. */
+function together(values, unit) {
+  const [factor, name] = inSize(Math.max(...values.map(Math.abs)), unit);
+  return `(${chop(values).map((x) => short(x / factor)).join(", ")}) ${name}`;
 }
 
 export function deflectionPanel(store) {
@@ -27,24 +30,32 @@ export function deflectionPanel(store) {
   const example = el("button", { type: "button", title: "A force of 100 downwards in the room; then drag the arrow, or type numbers on the left",
     onclick: () => store.change({ load: [0, 0, 0, 0, 0, -EXAMPLE], load_axes: "inertial" }) });
   store.on("hello", () => { example.textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
-  byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), sway(store)), head, detail, line, bars));
+  const [softest, stable, doubt] = ["softest", "stable", "doubt"].map((name) => el("p", { class: `fact ${name}` }));
+  byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), sway(store)),
+    head, bars, softest, stable, doubt, detail, line));
 
-  const length = (x) => {
-    const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
-    return `${short(x * factor, 3)} ${unit}`;
-  };
-  const vector = (v) => {
-    const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
-    const size = Math.hypot(...v);
-    return `${v.map((x) => short(Math.abs(x) < CLOSE * size ? 0 : x * factor, 3)).join(", ")} ${unit}`;
-  };
+  /** What is true with a load or without: the softest direction, stability, how sure the springs are. */
+  function facts() {
+    const { softest: soft, moved, result } = store.numbers;
+    softest.hidden = stable.hidden = !soft;
+    if (soft) {
+      softest.replaceChildren("Softest ", el("span", { class: "dim" }, "(free to turn)"), ": ", el("b", {}, engineering(soft.stiffness, `${store.unit("force")}/${store.unit("length")}`)),
+        soft.direction ? ` along (${soft.direction.map((x) => short(Number(x.toFixed(2)), 2)).join(", ")}) of the room` : " along more than one direction alike");
+      stable.textContent = moved?.resisted === false ? "" : "Stable: every small push is resisted";
+    }
+    const { source } = store.hello.mechanism;
+    const assumed = result.notes.find(({ code }) => code === "stiffness-assumed");
+    doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !/illustrative/i.test(source));
+    doubt.textContent = assumed ? `Springs assumed: ${assumed.message}` : "Springs illustrative, not measured";
+    doubt.title = assumed ? "" : source;
+  }
 
-  const wrenchText = (wrench) => [wrench.slice(0, 3), wrench.slice(3)].map((part, i) =>
-    `${chop(part).map((x) => short(x, 3)).join(", ")} ${store.unit(i ? "force" : "moment")}`).join(";  ");
+  const wrenchText = (wrench) => [wrench.slice(0, 3), wrench.slice(3)].map((part, i) => together(part, store.unit(i ? "force" : "moment"))).join(";  ");
 
   store.on("numbers", () => {
     const { moved, result } = store.numbers;
     const { wrench } = result;
+    facts();
     bars.replaceChildren();
     detail.replaceChildren();
     line.replaceChildren();
@@ -65,20 +76,20 @@ export function deflectionPanel(store) {
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
     const turned = turn * store.hello.mechanism.size > CLOSE * way ? turn : 0;
     const what = store.shown.point.some((x) => x) ? "the point" : "M";
-    head.replaceChildren(`${what} moves `, el("b", {}, length(way)),
-      ` and turns `, el("b", {}, `${short(1000 * turned, 3)} mrad`));
+    head.replaceChildren(`${what} moves `, el("b", {}, engineering(way, store.unit("length"))),
+      ` and turns `, el("b", {}, engineering(turned, "rad")));
     head.title = "To first order, from where the springs rest without this load";
     const row = (name, value, title) => el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
     detail.append(
-      row("tool axes", vector(moved.displacement), "along the axes of M"),
-      row("room axes", vector(moved.in_room), "along the axes of F"),
+      row("tool axes", together(moved.displacement, store.unit("length")), "along the axes of M"),
+      row("room axes", together(moved.in_room, store.unit("length")), "along the axes of F"),
       ...(moved.acts_at.some((x) => x) ? [row("wrench at M", wrenchText(wrench), "moment and force about the origin of M, along its axes")] : []),
-      row("energy", `${short(moved.energy, 3)} ${store.unit("moment")}`, "that the load puts into the springs"));
+      row("energy", engineering(moved.energy, store.unit("moment")), "that the load puts into the springs"));
     const says = assumptions(store, moved);
     line.textContent = says;
     line.title = says;
     const size = ({ share }) => Math.abs(share ?? 0);
-    const ordered = moved.shares.toSorted((a, b) => size(b) - size(a));
+    const ordered = moved.shares.filter((entry) => entry.share === null || Math.round(100 * size(entry))).toSorted((a, b) => size(b) - size(a));
     for (const entry of ordered) {
       const { name, share } = entry;
       const bar = el("i");

@@ -33,20 +33,37 @@ export function loaded(share) {
 
 const MINUS = "\u2212";
 
-/** A number for reading, in few characters: 4 digits, powers of ten where it is large or small. */
-export function short(x, digits = 4, large = 1e6) {
-  if (x === null || x === undefined || Number.isNaN(x)) return "–";
-  if (x === 0) return "0";
-  if (!Number.isFinite(x)) return x > 0 ? "∞" : MINUS + "∞";
-  const size = Math.abs(x);
-  let text;
-  if (size >= large || size < 1e-3) {
-    const [mantissa, exponent] = size.toExponential(Math.max(0, digits - 2)).split("e");
-    text = `${Number(mantissa)}e${Number(exponent)}`;
-  } else if (size >= 10 ** (digits - 1)) text = size.toFixed(0);
-  else text = String(Number(size.toPrecision(digits)));
-  return (x < 0 ? MINUS : "") + text;
+// As in `cartstiff.mechanisms.contract`, which a test compares.
+const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"]];
+const STIFF = [[1e9, "MN/mm"], [1e6, "kN/mm"], [1e3, "N/mm"], [1, "N/m"]];
+const MILLIMETRES = /\bmm\b/g;
+const UP = 1 + 1e-12;
+
+/** The unit in which people read a size, and its value in the given one: [1000, "N/mm"]. */
+export function inSize(size, unit) {
+  const [above, below = 0] = unit.split("/").map((part) => (part.match(MILLIMETRES) ?? []).length);
+  const metres = unit === "cm" ? 1e-2 : 1e-3 ** (above - below);
+  const name = unit === "cm" ? "m" : unit.replaceAll(MILLIMETRES, "m");
+  const head = name.split("/")[0];
+  const small = head === "m" || head === "rad";
+  const steps = name === "N/m" ? STIFF
+    : /^(N|J|Hz|m|rad)\b/.test(name) ? PREFIXES.filter(([factor]) => factor <= 1 || !small).map(([factor, prefix]) => [factor, prefix + name]) : [[1, name]];
+  const [factor, shown] = steps.find((step) => Math.abs(size) * metres * UP >= step[0]) ?? (size ? steps.at(-1) : [1, name]);
+  return [factor / metres, shown];
 }
+
+/** A value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm". */
+export function engineering(value, unit = "", digits = 4) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  const [factor, name] = Number.isFinite(value) ? inSize(value, unit) : [1, unit];
+  const x = Math.abs(value / factor) * UP;
+  const [mantissa, power] = x.toExponential(digits - 1).split("e");
+  const text = x === Infinity ? "∞" : x === 0 || (x >= 1e-3 && x < 1e5) ? String(Number(`${mantissa}e${power}`)) : `${Number(mantissa)}e${Number(power)}`;
+  return `${value < 0 ? MINUS : ""}${text} ${name.replace(/^1/, "")}`.trimEnd();
+}
+
+/** A number for reading, in few characters. */
+export const short = (x, digits = 4) => engineering(x, "", digits);
 
 /** A number with every digit that it has. */
 export const full = (x) => (x === null || x === undefined ? "–" : String(x).replace("-", MINUS));
@@ -90,7 +107,6 @@ export function choice(label, options, onchoose) {
       button.tabIndex = chosen ? 0 : -1;
     }
   };
-  const keys = options.map(([value]) => value);
   for (const [value, text, title] of options) {
     const button = el("button", {
       type: "button", role: "radio", title, "data-value": value, "aria-checked": "false",
@@ -100,6 +116,7 @@ export function choice(label, options, onchoose) {
       const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
       if (!step) return;
       event.preventDefault();
+      const keys = options.map(([key]) => key).filter((key) => !buttons.get(key).hidden);
       const next = keys[(keys.indexOf(value) + step + keys.length) % keys.length];
       buttons.get(next).focus();
       onchoose(next);
@@ -108,6 +125,33 @@ export function choice(label, options, onchoose) {
     group.append(button);
   }
   return [group, choose];
+}
+
+/** Panels [name, words, node] of which one is seen, by tabs; returns [element, show, offer]. */
+export function tabs(label, panels) {
+  const [group, choose] = choice(label, panels.map(([name, words]) => [name, words]), show);
+  function show(wanted) {
+    choose(wanted);
+    for (const [name, , node] of panels) node.hidden = name !== wanted;
+  }
+  const offer = (name, is) => {
+    const tab = group.querySelector(`[data-value="${name}"]`);
+    tab.hidden = !is;
+    if (!is && tab.ariaChecked === "true") show(panels[0][0]);
+    group.hidden = [...group.children].filter((one) => !one.hidden).length < 2;
+  };
+  for (const [name, , node] of panels) node.reveal = () => show(name);
+  show(panels[0][0]);
+  return [group, show, offer];
+}
+
+/** See a node, in whatever tab or fold it is. */
+export function reveal(node) {
+  for (let up = node; up; up = up.parentElement) {
+    up.reveal?.();
+    if (up.localName === "details") up.open = true;
+  }
+  node.scrollIntoView({ block: "nearest" });
 }
 
 /** A short message that goes away. */

@@ -1,6 +1,7 @@
 // The picture without a server: what `cartstiff.scene` would send for a posture, from its `assets`.
 
 import { general, motion, moved, place, rotation, times } from "./algebra.js";
+import { engineering } from "./dom.js";
 import { inFrame, principalValues } from "./program.js";
 import { CLOSE, ROUNDING, ZERO } from "./numerics.js";
 
@@ -75,13 +76,8 @@ export const growing = (value, perDecade, zero) => perDecade * Math.log1p(Math.a
 const largestOf = (list) => Math.max(0, ...list.map(Math.abs));
 const few = (x) => general(Number(x.toPrecision(3)), 6).replace(/e([+-])0?(\d)/, (_, sign, digit) => `e${sign === "-" ? "-" : ""}${digit}`);
 
-/** Three digits and a unit. */
-function number(value, unit) {
-  const size = Math.abs(value);
-  const [mantissa, exponent] = value.toExponential(2).split("e");
-  const text = value === 0 || (size >= 1e-2 && size < 1e4) ? general(Number(value.toExponential(2)), 6) : `${mantissa}e${Number(exponent)}`;
-  return `${text} ${unit}`.trimEnd();
-}
+/** Three digits and a unit, as `cartstiff.scene.labels.number`. */
+const number = (value, unit) => engineering(value, unit, 3).replace("\u2212", "-");
 
 export class Drawing {
   constructor(program, assets, scene) {

@@ -1,7 +1,7 @@
 // Hands in the picture: handles at the tool and at the load's arrows.
 
 /* global MeshCat */
-import { byId, chop, el, hues, short } from "./dom.js";
+import { byId, chop, el, engineering, hues, short } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 import { limitRings } from "./rings.js";
 
@@ -285,7 +285,7 @@ export function hands(store) {
     const first = hold.kind === "force" ? 3 : 0;
     const part = kind === "force" ? found : chop(found.map((x, i) => wanted[i] + x - before[i]), Math.max(...before.map(Math.abs)));
     wanted.splice(first, 3, ...part.map((x) => Number(x.toPrecision(12))));
-    hold.words = `${short(Math.hypot(...found), 3)} ${store.unit(kind)} (${found.map((x) => short(x, 3)).join(", ")}) ${own ? "tool" : "room"} axes`;
+    hold.words = `${engineering(Math.hypot(...found), store.unit(kind))} (${found.map((x) => short(x, 3)).join(", ")}) ${own ? "tool" : "room"} axes`;
     store.change({ load: wanted });
   }
 

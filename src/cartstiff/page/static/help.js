@@ -24,8 +24,8 @@ export function shortcuts(store, parts) {
     ["h", "home posture", () => toHome(store)],
     ["r", "random posture", () => store.source.moves && toRandom(store)],
     ["0", "all coordinates zero", () => store.source.moves && !store.hello.mechanism.platform && toZero(store)],
-    ["a", "pin or drop posture A", () => (store.pinned ? store.unpin() : store.pin())],
-    ["b", "back to posture A", () => store.pinned && store.goTo(store.pinned.q)],
+    ["a", "keep this state to compare with", () => store.keep()],
+    ["b", "back to state 1", () => store.goToKept()],
     ["1", "connection A", connection("A")],
     ["2", "connection B", connection("B")],
     ["3", "connection K", connection("K")],
@@ -41,7 +41,7 @@ export function shortcuts(store, parts) {
     ["i", "full analysis", () => showReport(store)],
     ["p", "play or pause", () => parts.strip.toggle()],
     ["v", "play or pause a mode", () => parts.modes.toggle()],
-    ["d", "degrees or radians", () => parts.pose.setAngle(store.angle === "deg" ? "rad" : "deg")],
+    ["d", "degrees or radians", () => parts.pose.flipAngle()],
     ["t", "light or dark", () => flip()],
   ];
 
@@ -66,6 +66,11 @@ export function shortcuts(store, parts) {
       event.preventDefault();
       if (event.shiftKey || /y/i.test(event.key)) store.redo();
       else store.undo();
+    }
+    if (event.key === "Escape") {
+      for (const open of document.querySelectorAll("#show[open], .parts-fold[open]")) open.open = false;
+      for (const tip of document.querySelectorAll(".tip")) tip.hidden = true;
+      if (typing) event.target.blur();
     }
     if (event.ctrlKey || event.metaKey || typing) return;
     const found = keys.find(([key]) => key === event.key);

@@ -1,15 +1,15 @@
 // The page: from a server, or from the data that an exported file holds.
 
-import { controls, pictureControls, toolPanel } from "./controls.js";
+import { controls, pictureControls } from "./controls.js";
 import { byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
 import { compareCard } from "./compare.js";
-import { connectionPanel, matrixPanel } from "./matrix.js";
+import { matrixPanel } from "./matrix.js";
 import { legendBox } from "./legend.js";
-import { numbersPanel, verdictLine } from "./numbers.js";
+import { notesCard, numbersPanel, verdictLine } from "./numbers.js";
 import { modesPanel } from "./modes.js";
 import { ComputingSource, PostureSource } from "./offline.js";
 import { Pane } from "./pane.js";
@@ -30,12 +30,11 @@ function build(source) {
   pictureControls(store);
   deflectionPanel(store);
   compareCard(store);
-  connectionPanel(store);
-  const matrix = matrixPanel(store);
   numbersPanel(store);
+  const matrix = matrixPanel(store);
+  notesCard(store);
   const modes = modesPanel(store);
   legendBox(store);
-  toolPanel(store);
   const held = hands(store);
   picking(store);
   sharing(store);
@@ -52,9 +51,9 @@ function build(source) {
 
 /** A file of one posture: what would ask for another is switched off. */
 function fix() {
-  const controls = "#left input, #left select, #left button:not(.quiet), .connection-card button, .principal-card .choice button, #map-choice select";
+  const controls = "#left input, #left select, #left button:not(.quiet), .matrix-card .choices button, .parts > button, .principal-card .choice button, #map-choice select";
   for (const node of document.querySelectorAll(controls)) node.disabled = true;
-  for (const node of document.querySelectorAll("#strip, .compare-card")) node.hidden = true;
+  for (const node of document.querySelectorAll("#strip, .compare-card, .setup-card, .posture-card .buttons")) node.hidden = true;
 }
 
 /** Once the page has come to rest it gets the mechanism's arithmetic, and again for another frame. */

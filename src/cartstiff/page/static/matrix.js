@@ -1,6 +1,6 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
-import { byId, choice, copy, el, sure, short } from "./dom.js";
+import { byId, choice, copy, el, inSize, sure, short } from "./dom.js";
 import { sureOfInverse } from "./algebra.js";
 import { ROUNDING, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
@@ -13,10 +13,11 @@ const VIEWS = [
   ["whole", "K", "The matrix itself"],
   ["symmetric", "sym", "Symmetric part (K + Kᵀ)/2"],
   ["antisymmetric", "anti", "Antisymmetric part (K − Kᵀ)/2: made of the load alone"],
-  ["difference", "− …", "Difference from another connection, or from posture A"],
+  ["difference", "− …", "Difference from another connection, or from a state that was kept"],
 ];
 
-export function connectionPanel(store) {
+/** Which matrix, as what: [choices, update]; `+` is put where the parts are. */
+function connectionChoice(store, parts) {
   const meaning = el("p", { class: "meaning" });
   const badge = el("span", { class: "badge" });
   const [connections, choose] = choice("Connection",
@@ -26,13 +27,11 @@ export function connectionPanel(store) {
   const [quantities, chooseQuantity] = choice("Quantity",
     [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]],
     (value) => store.change({ quantity: value }));
-  byId("right").append(el("div", { class: "card connection-card" },
-    el("div", { class: "row" }, connections, el("span", { class: "grow" }), quantities),
-    el("div", { class: "row meaning-row" }, meaning, badge)));
+  parts.prepend(connections.lastChild);
 
   store.on("hello", ({ mechanism }) => {
     for (const { name, title, meaning: words } of mechanism.connections) {
-      connections.querySelector(`[data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${title}: ${words}`;
+      document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${title}: ${words}`;
     }
   });
   store.on("state", () => {
@@ -48,19 +47,12 @@ export function connectionPanel(store) {
     for (const button of connections.children) {
       button.classList.toggle("absent", numbers.symmetric[button.dataset.value] === null);
     }
-    if (found === null) {
-      badge.textContent = "no matrix";
-      badge.dataset.level = "none";
-    } else if (found === 0) {
-      badge.textContent = "✓ symmetric";
-      badge.dataset.level = "good";
-    } else {
-      badge.textContent = `≠ asymmetric`;
-      badge.title = `largest entry of its difference from the transpose: ${short(found)}`;
-      badge.dataset.level = "warning";
-    }
-    if (!found) badge.title = "";
+    const [words, level] = found === null ? ["no matrix", "none"] : found === 0 ? ["✓ symmetric", "good"] : ["≠ asymmetric", "warning"];
+    badge.textContent = words;
+    badge.dataset.level = level;
+    badge.title = found ? `largest entry of its difference from the transpose: ${short(found)}` : "";
   });
+  return { meaning, badge, choices: el("div", { class: "row choices" }, connections, el("span", { class: "grow" }), quantities) };
 }
 
 const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
@@ -69,6 +61,7 @@ export function matrixPanel(store) {
   let view = "whole";
   let other = "B";
   let shown = null;
+  let [now, before] = [null, null]; // the connection that is shown, and the one before it
   const title = el("h2", { id: "matrix-title" });
   const place = el("span", { class: "dim small place" });
   const [views, chooseView] = choice("Part of the matrix", VIEWS, (value) => {
@@ -112,14 +105,17 @@ export function matrixPanel(store) {
   table.append(el("thead", {}, headRow), body);
   const readout = el("div", { class: "readout", role: "status" });
   const lengths = el("select", { "aria-label": "Unit of translations", class: "units", title: "Unit in which translations are read",
-    onchange: () => store.readIn(lengths.value) });
+    onchange: () => { store.remember("units"); store.readIn(lengths.value); } });
   const absent = el("p", { class: "absent-words", hidden: true });
-  byId("right").append(el("div", { class: "card" },
-    el("div", { class: "row matrix-head" }, title, place, el("span", { class: "grow" }), views, select),
-    table, absent,
+  const differs = el("p", { class: "differs small", role: "status" });
+  const parts = el("div", { class: "row parts" }, views, select);
+  const { meaning, badge, choices } = connectionChoice(store, parts);
+  const fold = el("details", { class: "parts-fold" }, el("summary", {}, "Parts and transpose"), parts);
+  byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices, table, absent,
     el("div", { class: "row" }, readout, lengths,
       el("button", { type: "button", class: "quiet", title: "Copy as NumPy array (c)", onclick: () => copyNumpy() }, "NumPy"),
-      el("button", { type: "button", class: "quiet", title: "Copy as CSV", onclick: () => copyCsv() }, "CSV"))));
+      el("button", { type: "button", class: "quiet", title: "Copy as CSV", onclick: () => copyCsv() }, "CSV")),
+    differs, meaning, fold));
   chooseView(view);
 
   let read = null;
@@ -173,7 +169,8 @@ export function matrixPanel(store) {
     if (view === "symmetric") return map((x, i, j) => (x + M[j][i]) / 2);
     if (view === "antisymmetric") return map((x, i, j) => (x - M[j][i]) / 2);
     if (view === "difference") {
-      const N = other === "posture" ? store.beside && store.matrix(connection, store.beside) : store.matrix(other);
+      const row = store.rows.find(({ own, title }) => own && title === other);
+      const N = row ? row.comparable && store.matrix(connection, row.numbers) : store.matrix(other);
       const other6 = scaled(N);
       return other6 && map((x, i, j) => x - other6[i][j]);
     }
@@ -185,13 +182,14 @@ export function matrixPanel(store) {
     const { connection, quantity, point, axes } = store.shown;
     const symbol = `${quantity === "stiffness" ? "K" : "C"}${sup(connection)}`;
     chooseView(view);
+    if (view !== "whole" || connection === "+") fold.open = true;
     views.firstChild.textContent = quantity === "stiffness" ? "K" : "C";
     select.hidden = view !== "difference";
-    const options = [...["load", "A", "B", "K", "F", "+"].filter((name) => name !== connection), ...(store.pinned ? ["posture"] : [])];
+    const options = [...["load", "A", "B", "K", "F", "+"].filter((name) => name !== connection), ...store.kept.map(({ number }) => String(number))];
     if (!options.includes(other)) other = options[0];
-    select.replaceChildren(...options.map((name) => el("option", { value: name, selected: name === other },
-      name === "posture" ? "posture A" : `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`)));
-    const minus = other === "posture" ? "posture A" : `${quantity === "stiffness" ? "K" : "C"}${sup(other)}`;
+    const called = (name) => (/\d/.test(name) ? `state ${name}` : `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`);
+    select.replaceChildren(...options.map((name) => el("option", { value: name, selected: name === other }, called(name))));
+    const minus = called(other);
     title.textContent = { whole: symbol, symmetric: `sym ${symbol}`, antisymmetric: `anti ${symbol}`, difference: `${symbol} − ${minus}` }[view];
     const frame = store.hello.mechanism.frame;
     const moved = point.some((x) => x !== 0);
@@ -199,15 +197,36 @@ export function matrixPanel(store) {
     const stiff = quantity === "stiffness";
     rowHeads.forEach((head, i) => { head.textContent = (stiff ? WRENCH : MOTION)[i]; });
     columnHeads.forEach((head, j) => { head.textContent = (stiff ? MOTION : WRENCH)[j]; });
-    const names = store.blockUnits();
-    units.forEach((pair, a) => pair.forEach((cell, b) => { cell.textContent = names[a][b]; }));
-
     shown = chosen();
+    const names = store.blockUnits();
+    // The unit of a block is of the size of its largest entry, unless another was chosen.
+    const sizes = names.map((pair, a) => pair.map((name, b) => (store.fine || !shown ? [1, name]
+      : inSize(Math.max(...shown.slice(3 * a, 3 * a + 3).flatMap((row) => row.slice(3 * b, 3 * b + 3)).map(Math.abs)), name))));
+    units.forEach((pair, a) => pair.forEach((cell, b) => { cell.textContent = sizes[a][b][1]; }));
+
     absent.hidden = shown !== null;
     table.classList.toggle("empty", shown === null);
     if (shown === null) absent.textContent = reason(store, symbol);
-    paint(cells, shown, scaled(store.matrix(connection)));
+    const unsplit = scaled(store.matrix(connection));
+    paint(cells, shown, unsplit, sizes);
+    mark(unsplit);
     showReadout();
+  }
+
+  /** Mark the cells in which this connection differs from the one that was shown before it, and say so. */
+  function mark(matrix) {
+    const { connection, quantity } = store.shown;
+    if (now !== connection) [before, now] = [now, connection];
+    const old = before && scaled(store.matrix(before));
+    let count = 0;
+    cells.forEach((row, i) => row.forEach((cell, j) => {
+      const differs = Boolean(matrix && old) && Math.abs(matrix[i][j] - old[i][j]) > UNCOUPLED * Math.sqrt(Math.abs(matrix[i][i] * matrix[j][j]));
+      cell.classList.toggle("differs-here", differs);
+      count += differs;
+    }));
+    const name = `${quantity === "stiffness" ? "K" : "C"}${sup(before ?? "")}`;
+    differs.textContent = !matrix || !old ? "" : count ? `Dotted: ${count} of 36 entries differ from ${name}, shown before`
+      : `No difference from ${name}, shown before${store.numbers.result.wrench?.some((x) => x) ? "" : ": there is no load"}`;
   }
 
   function copyNumpy() {
@@ -222,13 +241,13 @@ export function matrixPanel(store) {
   }
 
   store.on("hello", () => lengths.replaceChildren(...store.lengths.map((unit) =>
-    el("option", { value: unit, selected: unit === store.fine }, unit))));
+    el("option", { value: unit, selected: unit === store.fine }, unit === store.unit("length") ? "by size" : unit))));
   store.on("units", () => {
     lengths.value = store.fine ?? store.unit("length");
     update();
   });
   store.on("numbers", update);
-  store.on("pinned", update);
+  store.on("rows", update);
   return { copyNumpy, update };
 }
 
@@ -247,7 +266,7 @@ function reason(store, symbol) {
 }
 
 /** Numbers and colours: square roots of the entries over the largest of their unit. */
-function paint(cells, matrix, unsplit) {
+function paint(cells, matrix, unsplit, sizes) {
   const largest = [[0, 0], [0, 0]];
   const noise = [[0, 0], [0, 0]];
   if (matrix) {
@@ -271,10 +290,10 @@ function paint(cells, matrix, unsplit) {
       const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
       const x = matrix[i][j];
       const vanishes = Math.abs(x) <= noise[a][b];
-      const whole = short(x, 4, 1e5);
-      const text = vanishes ? "0" : whole.length > 8 ? short(x, 3, 1e5) : whole;
+      const whole = short(x / sizes[a][b][0]);
+      const text = vanishes ? "0" : whole.length > 8 ? short(x / sizes[a][b][0], 3) : whole;
       if (cell.textContent !== text) cell.textContent = text;
-      cell.classList.toggle("tight", text.length > 7);
+      cell.classList.toggle("tight", text.length > 6);
       const sign = vanishes ? "zero" : x > 0 ? "plus" : "minus";
       if (cell.dataset.sign !== sign) cell.dataset.sign = sign;
       const share = vanishes ? 0 : Math.sqrt(Math.abs(x) / largest[a][b]);

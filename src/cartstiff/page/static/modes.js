@@ -57,6 +57,7 @@ export function modesPanel(store) {
     if (mode !== null && !card.open) card.open = true;
     if (mode === null && card.open && store.source.live) card.open = false;
     note.textContent = "";
+    card.hidden = !store.source.live && (!modes || Boolean(modes.missing));
     if (!modes) return;
     controls.hidden = Boolean(modes.missing) || !store.source.live;
     if (modes.missing) {

@@ -1,6 +1,6 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
-import { byId, chop, choice, clamp, el, sure, short } from "./dom.js";
+import { byId, chop, choice, clamp, el, engineering, inSize, sure, short } from "./dom.js";
 import { BLANK, NEAR, RANK } from "./numerics.js";
 
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
@@ -14,20 +14,6 @@ export function verdictLine(store) {
     if (text.textContent !== words) text.textContent = words;
     node.title = title ?? words;
   };
-  const chip = el("span", { class: "badge chip", hidden: true });
-  node.after(chip);
-
-  /** Notes about the springs' numbers belong beside the results that follow from them. */
-  function doubt() {
-    const { source } = store.hello.mechanism;
-    const assumed = store.numbers.result.notes.find(({ code }) => code === "stiffness-assumed");
-    const words = assumed ? "stiffness assumed" : store.shown.stiffness ? "" : /illustrative/i.test(source) ? "stiffness illustrative" : "";
-    chip.hidden = !words;
-    chip.textContent = words;
-    chip.dataset.level = "warning";
-    chip.title = assumed ? assumed.message : source;
-  }
-
   store.on("hello", ({ mechanism }) => {
     byId("name").textContent = mechanism.name;
     byId("kind").textContent = `${mechanism.kind}, frame ${mechanism.frame}`;
@@ -37,11 +23,14 @@ export function verdictLine(store) {
     const { level, title } = store.numbers.verdict;
     const notes = store.numbers.result.notes.map(({ message }) => message);
     set(level, title, [title, ...notes].join("\n"));
-    doubt();
   });
   store.on("refused", (reason) => {
     document.body.classList.toggle("refused", reason !== null);
-    if (reason !== null) set("bad", `No answer: ${reason}`, `${reason}\nThe numbers and the picture are of the last state that has an answer.`);
+    if (reason !== null) set("bad", `Last valid posture: ${reason}`, `${reason}\nThe numbers and the picture are of the last state that has an answer.`);
+  });
+  store.on("late", (late) => {
+    document.body.classList.toggle("late", late);
+    if (late && store.refused === null) set("warning", "Last valid posture: the new one is being computed");
   });
 }
 
@@ -57,7 +46,7 @@ export function numbersPanel(store) {
       el("span", { class: "unit" }));
     const cells = [0, 1, 2].map(() => el("td", { class: "num" }));
     const ratios = [0, 1, 2].map(() => el("td", { class: "num ratio" }));
-    const compare = el("tr", { class: "compare", hidden: true }, el("th", { scope: "row", class: "dim" }, "over posture A"), ...ratios);
+    const compare = el("tr", { class: "compare", hidden: true }, el("th", { scope: "row", class: "dim" }, ""), ...ratios);
     rows[kind] = { name, cells, ratios, compare };
     body.append(el("tr", { "data-row-of": kind }, name, ...cells), compare);
   }
@@ -75,13 +64,11 @@ export function numbersPanel(store) {
   const blocks = fact("… of translation, rotation (held)");
   const pose = fact("Position");
   const meters = el("div", { class: "meters" });
-  const notes = el("ul", { class: "notes", "aria-label": "Notes" });
   const facts = el("dl", { class: "facts" }, ...condition.nodes, ...blocks.nodes, ...pose.nodes);
   byId("right").append(
     el("div", { class: "card principal-card" }, el("div", { class: "row" }, head, others, el("span", { class: "grow" }),
       el("button", { type: "button", class: "quiet", title: "Everything that the matrix says (i)", onclick: () => showReport(store) }, "Full analysis")),
-    principal, facts, meters),
-    el("div", { class: "card notes-card" }, notes));
+    principal, facts, meters));
 
   function fact(name) {
     const value = el("dd");
@@ -98,22 +85,25 @@ export function numbersPanel(store) {
     low.textContent = stiff ? "softest" : "stiffest";
     high.textContent = stiff ? "stiffest" : "softest";
     const units = store.blockUnits();
-    const before = store.beside?.principal;
+    const kept = store.rows.find(({ own }) => own);
+    const before = kept?.comparable ? kept.numbers.principal : null;
     const [free, turned] = freeness(shown);
-    for (const [kind, unit] of [["translation", `${units[1][1]}, ${free}`], ["rotation", `${units[0][0]}, ${turned}`]]) {
+    for (const [kind, unit, others] of [["translation", units[1][1], free], ["rotation", units[0][0], turned]]) {
       const { name, cells, ratios, compare } = rows[kind];
-      name.lastElementChild.textContent = unit;
       const found = numbers.principal?.[kind];
       const size = found ? Math.max(...found.values.map((x) => Math.abs(reading(kind, x)))) : 0;
+      const [factor, read] = !store.fine || kind === "rotation" ? inSize(size, unit) : [1, unit];
+      name.lastElementChild.textContent = `${read}, ${others}`;
       cells.forEach((cell, i) => {
         const x = found ? reading(kind, found.values[i]) : null;
-        cell.textContent = x !== null && Math.abs(x) < BLANK * size ? "0" : short(x, 5);
+        cell.textContent = x !== null && Math.abs(x) < BLANK * size ? "0" : short(x === null ? null : x / factor);
         cell.classList.toggle("negative", x !== null && x < -BLANK * size);
         cell.title = x === null ? "does not exist here"
           : `${sure(x, size)} ${unit}\nalong (${found.axes[i].map((c) => short(c, 3)).join(", ")})${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
       });
-      compare.hidden = !store.pinned;
-      if (store.pinned) ratios.forEach((cell, i) => {
+      compare.hidden = !kept;
+      if (kept) compare.firstChild.textContent = `over state ${kept.title}`;
+      if (kept) ratios.forEach((cell, i) => {
         const [x, y] = [found?.values[i], before?.[kind].values[i]]; // a ratio has no unit
         cell.textContent = x != null && y ? `× ${short(x / y, 3)}` : "–";
       });
@@ -121,16 +111,13 @@ export function numbersPanel(store) {
     const { indices } = numbers;
     const length = store.unit("length");
     condition.value.textContent = !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
-      : `${short(indices.condition_number)} at length ${short(indices.length, 3)} ${length}`;
+      : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`;
     condition.value.title = indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: ${indices.eigenvalues.map((x) => short(x)).join(", ")}` : "";
     blocks.value.textContent = indices ? `${short(indices.translational_condition)}, ${short(indices.rotational_condition)}` : "–";
     const [x, y, z] = chop(numbers.position, numbers.singularity[0]?.length).map((c) => short(c, 4));
     pose.value.textContent = `${x}, ${y}, ${z} ${length}`;
     pose.value.title = `roll, pitch, yaw ${numbers.angles.map((a) => short((a * 180) / Math.PI, 4)).join(", ")}°`;
     showMeters(numbers.singularity);
-    notes.replaceChildren(...numbers.result.notes.map(({ code, message }) =>
-      el("li", {}, el("code", {}, code), ` ${message}`)));
-    notes.parentElement.hidden = numbers.result.notes.length === 0;
   }
 
   function showMeters(list) {
@@ -156,7 +143,18 @@ export function numbersPanel(store) {
 
   store.on("numbers", update);
   store.on("units", update);
-  store.on("pinned", update);
+  store.on("rows", update);
+}
+
+export function notesCard(store) {
+  const notes = el("ul", { class: "notes", "aria-label": "Notes" });
+  const card = el("div", { class: "card notes-card" }, notes);
+  byId("right").append(card);
+  store.on("numbers", () => {
+    const found = store.numbers.result.notes;
+    notes.replaceChildren(...found.map(({ code, message }) => el("li", {}, el("code", {}, code), ` ${message}`)));
+    card.hidden = !found.length;
+  });
 }
 
 /** The analysis as text, in a dialog. */

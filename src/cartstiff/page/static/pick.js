@@ -1,7 +1,7 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
 /* global MeshCat */
-import { byId, el, sure, short, toast } from "./dom.js";
+import { byId, el, engineering, reveal, short, toast } from "./dom.js";
 import { pathOf } from "./labels.js";
 
 // A press that moved less than this (dots) is a click.
@@ -174,21 +174,21 @@ export function words(store, what) {
     const { label, unit, words: kinds } = store.legend.cloud;
     const [value] = carried(what, "value");
     const goes = store.source.moves && carried(what, "q") ? "; click: this posture" : "";
-    return `${label}: ${kinds ? kinds[value] : Number.isFinite(value) ? `${short(value, 5)} ${unit}`.trim() : "no value"}${goes}`;
+    return `${label}: ${kinds ? kinds[value] : Number.isFinite(value) ? engineering(value, unit) : "no value"}${goes}`;
   }
   if (what.kind === "leg") {
     const leg = numbers.legs?.[what.index];
     const name = mechanism.springs[what.index]?.name ?? `leg ${what.index + 1}`;
-    return leg ? `${name}: ${short(leg.length, 5)} ${store.unit("length")}, tension ${short(leg.tension)} ${store.unit("force")}${share(name)}` : name;
+    return leg ? `${name}: ${engineering(leg.length, store.unit("length"))}, tension ${engineering(leg.tension, store.unit("force"))}${share(name)}` : name;
   }
   if (what.kind === "screw") {
     const { name, value, unit, pitch } = store.legend.screws?.[what.index] ?? {};
     if (!name) return "eigenscrew";
     return `${name}: ${short(value, 5)} ${unit}, pitch ${short(pitch)} ${store.unit("length")}`;
   }
-  if (what.kind === "deflection") return `moved by ${sure(Math.hypot(...(numbers.moved?.displacement ?? [0])))} ${store.unit("length")} under the load`;
+  if (what.kind === "deflection") return `moved by ${engineering(Math.hypot(...(numbers.moved?.displacement ?? [0])), store.unit("length"))} under the load`;
   const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
-  return part ? `load: ${short(Math.hypot(...part))} ${store.unit(what.kind === "moment" ? "moment" : "force")} (${part.map((x) => short(x, 3)).join(", ")})` : "load";
+  return part ? `load: ${engineering(Math.hypot(...part), store.unit(what.kind === "moment" ? "moment" : "force"))} (${part.map((x) => short(x, 3)).join(", ")})` : "load";
 }
 
 /** Show where a part's numbers stand. */
@@ -204,7 +204,7 @@ function lightRow(store, what) {
     deflection: () => document.querySelector(".moved-card"),
   }[what.kind]();
   if (!row) return;
-  row.scrollIntoView({ block: "nearest" });
+  reveal(row);
   for (const other of document.querySelectorAll(".lit")) other.classList.remove("lit");
   row.classList.add("lit");
   setTimeout(() => row.classList.remove("lit"), LIT);

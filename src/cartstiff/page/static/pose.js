@@ -1,6 +1,7 @@
-// Sliders and numbers of the coordinates; a platform's legs.
+// Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
-import { byId, clamp, el, short, toast } from "./dom.js";
+import { NAMES, fields } from "./controls.js";
+import { byId, chop, clamp, el, short, tabs, toast } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 
 // From so many sliders on there is a field to find one.
@@ -9,6 +10,7 @@ const DEGREES = 180 / Math.PI;
 // Range of the length of a leg without limits, and the time (ms) for which its fellows are held.
 const LEG_SHARE = 0.25;
 const HELD = 600;
+const TURNS = ["roll", "pitch", "yaw"];
 
 export function posePanel(store) {
   const rows = [];
@@ -21,25 +23,30 @@ export function posePanel(store) {
     oninput: () => narrow() });
   const unitButton = el("button", {
     type: "button", title: "Degrees or radians (d)", class: "quiet",
-    onclick: () => setAngle(store.angle === "deg" ? "rad" : "deg"),
+    onclick: () => flipAngle(),
   });
-  const pin = el("button", { type: "button", onclick: () => (store.pinned ? store.unpin() : store.pin()) });
-  const back = el("button", { type: "button", hidden: true, title: "Go back to posture A (b)",
-    onclick: () => store.pinned && store.goTo(store.pinned.q) }, "→ A");
   const zero = button("Zero", "All coordinates zero, where the limits allow it (0)", () => toZero(store));
   const random = button("Random", "A random posture within the limits (r)", () => toRandom(store));
-  const panel = el("div", { class: "card" },
-    el("div", { class: "row head" }, el("h2", {}, "Posture"), el("span", { class: "grow" }), unitButton),
+  const [joints, tool, note] = [el("div"), el("div", { class: "panel" }), el("span", { class: "dim small" })];
+  const [tab, , offer] = tabs("Posture by", [["joints", "Joints", joints], ["tool", "Tool", tool]]);
+  const panel = el("div", { class: "card posture-card" },
+    el("div", { class: "row head" }, el("h2", {}, "Posture"), tab, el("span", { class: "grow" }), unitButton),
     el("div", { class: "row buttons" },
       button("Home", "The posture of the file (h)", () => toHome(store)),
       zero,
-      random,
-      el("span", { class: "grow" }), back, pin),
-    filter, list, legs, meaning);
+      random),
+    note, joints, tool);
+  joints.append(filter, list, legs, meaning);
   byId("left").append(panel);
+  toolPanel(store, tool, note, offer);
 
   function button(text, title, onclick) {
     return el("button", { type: "button", title, onclick }, text);
+  }
+
+  function flipAngle() {
+    store.remember("angle");
+    setAngle(store.angle === "deg" ? "rad" : "deg");
   }
 
   function setAngle(unit) {
@@ -67,7 +74,6 @@ export function posePanel(store) {
     if (passive) list.append(el("p", { class: "dim small" },
       `${passive} more coordinates follow from the closures and the flexible links.`));
     setAngle(store.angle);
-    showPinned();
   }
 
   /** Show the coordinates whose names hold what is looked for. */
@@ -124,13 +130,6 @@ export function posePanel(store) {
     store.reach({ lengths: stretching.slice() });
   }
 
-  function showPinned() {
-    pin.textContent = store.pinned ? "✕ A" : "Pin A";
-    pin.title = store.pinned ? "Forget posture A (a)" : "Keep this posture as A, to compare with (a)";
-    pin.setAttribute("aria-pressed", String(Boolean(store.pinned)));
-    back.hidden = !store.pinned;
-  }
-
   store.on("angles", setAngle);
   store.on("hello", build);
   store.on("state", update);
@@ -142,8 +141,7 @@ export function posePanel(store) {
     stretching = null; // a leg that cannot be so long goes back
     if (store.numbers) showLegs();
   });
-  store.on("pinned", showPinned);
-  return { setAngle };
+  return { flipAngle };
 }
 
 function sliderRow(store, index, coordinate) {
@@ -225,4 +223,35 @@ export function toRandom(store) {
     q[i] = home[i] + share * (random - home[i]);
   }
   store.goTo(q);
+}
+
+/** The pose of M as numbers: joints follow, as they do a hand. */
+function toolPanel(store, node, note, offer) {
+  const words = el("p", { class: "dim small" });
+  let rows;
+  store.on("hello", ({ mechanism }) => {
+    offer("tool", !mechanism.platform && store.source.moves);
+    const { length } = mechanism.units;
+    rows = [fields(NAMES.map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
+    words.textContent = `Position of M in ${length}; roll, pitch, yaw about the room's axes in degrees. The joints follow as near as they can.`;
+    node.replaceChildren(rows[0].node, rows[1].node, words);
+  });
+  store.on("numbers", ({ followed }) => {
+    const { numbers } = store;
+    const digits = (x) => Number(x.toPrecision(6));
+    rows[0].set(chop(numbers.position, numbers.singularity[0]?.length).map(digits));
+    rows[1].set(numbers.angles.map((x) => digits((Math.abs(x) < CLOSE ? 0 : x) * (180 / Math.PI))));
+    const away = followed && !followed.reached;
+    note.textContent = away ? `not reached${followed.stopped.length ? `: ${followed.stopped.join(", ")}` : ""}` : "";
+  });
+
+  function go() {
+    const [position, angles] = rows.map(({ node: row }) => [...row.querySelectorAll("input")].map((input) => input.valueAsNumber));
+    if (![...position, ...angles].every(Number.isFinite)) return;
+    const [[a, b, c], [d, e, f]] = [angles.map((x) => Math.cos((x * Math.PI) / 180)), angles.map((x) => Math.sin((x * Math.PI) / 180))];
+    // Rz(yaw) Ry(pitch) Rx(roll)
+    const R = [[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]];
+    store.remember("pose");
+    store.reach({ pose: [...R.map((row, i) => [...row, position[i]]), [0, 0, 0, 1]], turning: true });
+  }
 }

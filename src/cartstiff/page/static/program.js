@@ -4,7 +4,7 @@
 
 import { adjoint, angles, back, block, blocks, changed, cholesky, clean, congruence, cross, dot, eigen, general, identity,
   inverse, largest, motion, moved, place, plus, product, rotation, scaledInverse, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
-import { EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
+import { CLOSE, EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
@@ -32,7 +32,8 @@ export class Program {
   springs(state) {
     const { stiffness } = state;
     if (!stiffness) return {};
-    if (stiffness.some((k) => k === null || !(k > 0))) throw new Error("a rigid or a free joint is answered by `cartstiff view`");
+    const i = stiffness.findIndex((k) => k === null || !(k > 0));
+    if (i >= 0) throw new Error(`${this.data.names[i]} ${stiffness[i] === null ? "is rigid" : "has no spring"}: \`cartstiff view\` answers that`);
     return { stiffness };
   }
 
@@ -153,6 +154,7 @@ export class Program {
       stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state), indices: numbers,
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m), moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
+      softest: softest(here),
       verdict: this.verdict(numbers?.definiteness, notes, state),
     };
     if (T) answer[state.quantity] = Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+"));
@@ -361,6 +363,13 @@ export function principalValues(here, { quantity, connection, others }) {
     found[name] = { values, axes: [x, y, cross(x, y)], definiteness: definiteness(values) };
   }
   return found;
+}
+
+/** As `cartstiff.page.shown._softest`. */
+function softest({ compliance, pose }) {
+  const { values, vectors } = eigen(block(compliance.load, 3));
+  if (!(values[0] >= 0 && values[2] > 0)) return null;
+  return { stiffness: 1 / values[2], direction: values[2] - values[1] > CLOSE * values[2] ? upright(times(rotation(pose), vectors[2])) : null };
 }
 
 function asymmetry(M) {

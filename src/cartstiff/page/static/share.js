@@ -5,9 +5,9 @@ import { pictureFile } from "./legend.js";
 
 // Of the state, what an address holds; the kind of each is that of the first state.
 const KEYS = ["q", "connection", "quantity", "others", "axes", "point", "stiffness", "load", "load_axes",
-  "load_kind", "load_at", "gravity", "payload", "command", "ghost",
+  "load_kind", "load_at", "gravity", "payload", "command",
   "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map", "mode"];
-const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "gravity", "payload", "command", "ghost"]);
+const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "gravity", "payload", "command"]);
 // What stands for the stiffness of a rigid joint, which is null.
 const RIGID = "rigid";
 const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflection", "screws", "centres"]);
@@ -36,7 +36,7 @@ function differing(state, first) {
 /** Everything that is shown, as the part of an address after #. */
 export function toHash(store) {
   const parts = differing(store.state, store.hello.state);
-  for (const { letter, own, state } of store.rows) if (own) parts.set(`kept${letter}`, differing(state, store.hello.state));
+  for (const { number, state } of store.kept) parts.set(`kept${number}`, differing(state, store.hello.state));
   const { frame } = store.hello.mechanism;
   if (frame !== store.firstFrame) parts.set("frame", frame);
   if (store.fine) parts.set("lengths", store.fine);
@@ -121,19 +121,23 @@ export function sharing(store) {
       for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FLAGS.has(key) && !shows.includes(key))) delete found[key];
       return found;
     };
-    for (const [key, text] of asked) if (/^kept[ABC]$/.test(key)) store.keeps[key[4]] = { ...structuredClone(hello.state), ...read(text) };
     lookAs(asked);
     const wishes = read(hash);
+    const kept = [...asked].filter(([key]) => /^kept[1-3]$/.test(key)).map(([key, text]) => ({ number: Number(key[4]), state: { ...structuredClone(hello.state), ...read(text) } }));
+    // Another posture under the same load, without a state of its own.
+    const ghost = fromHash(`q=${asked.get("ghost") ?? hello.state.ghost ?? ""}`, hello.state).q;
+    if (!kept.length && ghost) kept.push({ number: 1, state: { ...structuredClone(hello.state), ...wishes, q: ghost } });
     const frame = asked.get("frame");
     if (frame && frame !== hello.mechanism.frame && store.source.live) {
       store.ask({ do: "frame", name: frame }).then(() => {
-        store.change(wishes);
-        store.compareWith(wishes.ghost);
+        store.apply(wishes);
+        store.setKept(kept, false);
       }, (error) => store.tell("error", error.message));
-    } else if (Object.keys(wishes).length) {
-      Object.assign(store.state, wishes);
-      store.compareWith(store.state.ghost);
-    } else store.compareWith(hello.state.ghost);
+    } else {
+      store.kept = kept;
+      Object.assign(store.state, wishes, { ghost: kept[0]?.state.q ?? null });
+      store.tell("kept", kept);
+    }
   });
   const settle = () => {
     clearTimeout(timer);
@@ -147,15 +151,14 @@ export function sharing(store) {
     }, 500);
   };
   store.on("numbers", settle);
-  store.on("rows", () => store.numbers && settle());
-  for (const event of ["units", "plot"]) store.on(event, () => store.numbers && settle());
+  for (const event of ["units", "plot", "kept", "angles"]) store.on(event, () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
     const asked = new URLSearchParams(location.hash.slice(1));
-    if ([...asked.keys()].some((key) => /^(frame|kept[ABC])$/.test(key))) return location.reload();
+    if ([...asked.keys()].some((key) => /^(frame|kept[1-3])$/.test(key))) return location.reload();
     lookAs(asked);
     const wishes = fromHash(location.hash, store.hello.state);
     store.change({ ...store.hello.state, theme: store.state.theme, ...wishes });
-    store.compareWith(wishes.ghost);
+    store.setKept([], false);
   });
 }
 

@@ -5,6 +5,8 @@
 import { cross, rotation, times } from "./algebra.js";
 import { LOST } from "./dom.js";
 
+// Time (ms) after which what is shown is said to be of another posture.
+const LATE = 700;
 // Steps that can be taken back, and the time (ms) within which changes of one kind are one step.
 const MOST_PAST = 200;
 const TOGETHER = 800;
@@ -15,17 +17,16 @@ export class Store {
     this.pane = pane;
     this.quiet = quiet; // another store beside the page's own
     this.rows = []; // what is compared with, see compare.js
-    this.keeps = {}; // states that an address wants kept, by letter
+    this.kept = []; // of these, states that were kept: {number: 1, 2, 3; state}
     this.state = null; // what is wanted, see state.py
     this.hello = null;
     this.numbers = null; // what is shown
     this.shown = null; // the state that `numbers` are of
     this.refused = null; // why there are no numbers of what is wanted
     this.legend = null;
-    this.pinned = null; // posture A: {q, numbers}
     this.angle = "deg";
     this.error = null;
-    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], refused: [], pose: [], units: [], angles: [], rows: [], local: [], plot: [], replot: [] };
+    this.listeners = { hello: [], state: [], numbers: [], kept: [], error: [], late: [], refused: [], pose: [], units: [], angles: [], rows: [], local: [], plot: [], replot: [] };
     this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;
@@ -54,15 +55,20 @@ export class Store {
     }
   }
 
-  /** Keep the state, to come back to it; changes of one kind in quick succession are one. */
+  /** Keep everything that a step may change, to come back to it; changes of one kind in quick succession are one step. */
   remember(kind) {
     const now = performance.now();
     const again = kind === this.lastKind && now - this.lastTime < TOGETHER;
     [this.lastKind, this.lastTime] = [kind, now];
-    if (again || this.pane.holding && !kind.startsWith("hand")) return;
-    this.past.push(structuredClone(this.state));
+    if (again || this.travelling || this.pane.holding && !kind.startsWith("hand")) return;
+    this.past.push(this.step());
     if (this.past.length > MOST_PAST) this.past.shift();
     this.future = [];
+  }
+
+  step() {
+    const { kept, fine, angle, plot, hello: { mechanism: { frame } } } = this;
+    return { state: structuredClone(this.state), kept, fine, angle, plot: { ...plot }, frame };
   }
 
   undo() {
@@ -73,14 +79,21 @@ export class Store {
     this.travel(this.future, this.past);
   }
 
-  travel(from, to) {
+  async travel(from, to) {
     if (!from.length || !this.state) return;
-    to.push(structuredClone(this.state));
+    to.push(this.step());
     this.lastKind = null;
-    const { ghost } = this.state;
-    const wanted = { ...from.pop(), theme: this.state.theme, moved: null };
-    this.apply(wanted);
-    if (JSON.stringify(ghost) !== JSON.stringify(wanted.ghost)) this.compareWith(wanted.ghost);
+    const { state, kept, fine, angle, plot, frame } = from.pop();
+    if (frame !== this.hello.mechanism.frame) await this.ask({ do: "frame", name: frame });
+    this.kept = kept;
+    this.apply({ ...state, theme: this.state.theme, moved: null });
+    this.tell("kept", kept);
+    this.readIn(fine);
+    this.tell("angles", angle);
+    this.wishedPlot = plot;
+    this.travelling = true;
+    this.tell("replot");
+    this.travelling = false;
   }
 
   /** Pull M towards a pose, or legs to lengths, see state.py. */
@@ -91,7 +104,6 @@ export class Store {
     if (given.load) {
       Object.assign(this.state, given);
       this.tell("state", given);
-      if (this.pinned) this.refreshPinned();
     }
     this.state.moved = null;
     this.draw();
@@ -117,7 +129,6 @@ export class Store {
     Object.assign(this.state, patch);
     this.tell("state", patch);
     this.draw();
-    if (this.pinned && Object.keys(patch).some((key) => SHOWN.has(key))) this.refreshPinned();
   }
 
   /** Move one coordinate. */
@@ -143,6 +154,7 @@ export class Store {
     this.sent = structuredClone(this.state);
     const { towards } = this;
     this.towards = null;
+    if (this.numbers) this.lateness ??= setTimeout(() => this.tell("late", true), LATE);
     this.say("sent", this.busy);
     this.source.ask({ id: this.busy, do: "draw", state: this.sent, ...(towards?.lengths ? towards : towards ? { towards } : {}) });
   }
@@ -186,16 +198,15 @@ export class Store {
       this.hello.mechanism.name === data.mechanism.name;
     const kept = again ? this.state : data.now;
     const looks = this.state;
+    if (this.hello?.mechanism.name !== data.mechanism.name) [this.past, this.future, this.kept] = [[], [], []];
+    this.kept = data.kept?.map((state, k) => ({ number: this.kept[k].number, state })) ?? this.kept;
     this.hello = data;
-    if (!again) [this.past, this.future] = [[], []];
     this.state = kept ?? { ...data.state, ...(looks ? LOOKS(looks) : {}) };
     this.busy = null;
     this.pane.reset(commands, data.bounds);
-    if (!kept) this.pinned = null;
     this.tell("hello", data);
     this.tell("state", this.state);
     waiting?.resolve(data);
-    if (data.now && this.pinned) this.refreshPinned();
     if (this.busy !== null) return;
     // What is wanted may be what the picture shows already.
     if (data.first && JSON.stringify(this.state) === JSON.stringify(data.state)) {
@@ -214,6 +225,7 @@ export class Store {
     this.shown = this.sent;
     this.legend = data.legend;
     this.refuse(null);
+    this.inTime();
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
     // Commands of drives are added to the coordinates that they had before, "q" of the numbers.
     const before = numbers.q ?? numbers.result.q;
@@ -228,6 +240,13 @@ export class Store {
     this.say("table", data.id);
     this.beforePicture?.();
     this.pane.apply(commands, () => this.say("rendered", data.id));
+  }
+
+  /** What is shown is what was wanted a moment ago. */
+  inTime() {
+    clearTimeout(this.lateness);
+    this.lateness = null;
+    this.tell("late", false);
   }
 
   /** Tell the document, for whoever measures. */
@@ -248,6 +267,7 @@ export class Store {
     this.numbers = { ...numbers, modes, weighed };
     this.shown = structuredClone(state);
     this.refuse(null);
+    this.inTime();
     this.tell("numbers", { numbers: this.numbers, legend: this.legend, followed: null, passing: true });
     this.pane.move(commands);
   }
@@ -261,6 +281,7 @@ export class Store {
 
   fail(data) {
     this.error = data.error;
+    this.inTime();
     // What an address asked for may be impossible: then the first state is shown.
     if (!this.numbers && this.state && !this.retried) {
       this.retried = true;
@@ -274,48 +295,30 @@ export class Store {
   /** The connection has gone: nothing that was asked will be answered. */
   lost() {
     this.busy = null;
+    this.inTime();
     this.wanted = false;
     for (const { reject } of this.waiting.values()) reject(new Error(LOST));
     this.waiting.clear();
   }
 
-  /** Coordinates as posture A, or none. */
-  compareWith(q) {
-    this.pinned = q ? { q: q.slice(), numbers: null, state: this.keeps.A } : null;
-    this.tell("pinned", this.pinned);
-    return this.refreshPinned();
+  /** Keep posture, load and springs under the lowest free number. */
+  keep() {
+    const number = [1, 2, 3].find((n) => !this.kept.some((one) => one.number === n));
+    if (number && this.numbers) this.setKept([...this.kept, { number, state: { ...structuredClone(this.shown), q: (this.numbers.q ?? this.numbers.result.q).slice() } }]);
   }
 
-  /** Posture A under the connection, quantity and axes that are shown now. */
-  async refreshPinned() {
-    const pinned = this.pinned;
-    if (!pinned) return;
-    try {
-      const state = { ...structuredClone(this.state), q: pinned.q, moved: null };
-      pinned.numbers = (await this.ask({ do: "numbers", state })).numbers;
-      pinned.shown = state;
-    } catch {
-      pinned.numbers = null;
-    }
-    if (this.pinned === pinned) this.tell("pinned", pinned);
+  /** The states that are kept; the first is drawn pale. */
+  setKept(kept, isStep = true) {
+    if (isStep) this.remember("kept");
+    this.kept = kept.toSorted((a, b) => a.number - b.number);
+    this.apply({ ghost: this.kept[0]?.state.q.slice() ?? null });
+    this.tell("kept", this.kept);
   }
 
-  pin() {
-    this.pinned = this.numbers && { q: this.numbers.result.q.slice(), numbers: this.numbers, shown: this.shown, state: structuredClone(this.shown) };
-    this.change({ ghost: this.pinned ? this.pinned.q : null });
-    this.tell("pinned", this.pinned);
-  }
-
-  unpin() {
-    this.pinned = null;
-    this.change({ ghost: null });
-    this.tell("pinned", null);
-  }
-
-  /** The numbers of posture A that can be set beside those that are shown; null while there are none. */
-  get beside() {
-    const { pinned, shown } = this;
-    return pinned?.numbers && [...SHOWN].every((key) => JSON.stringify(pinned.shown[key]) === JSON.stringify(shown[key])) ? pinned.numbers : null;
+  /** Go to a state that was kept. */
+  goToKept(number = 1) {
+    const found = this.kept.find((one) => one.number === number);
+    if (found) this.change({ ...structuredClone(found.state), ...LOOKS(this.state), quantity: this.state.quantity, ghost: this.state.ghost, moved: null });
   }
 
   /** The shown matrix of a connection, at the reference point: 6 rows, or null. */
@@ -380,10 +383,6 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
 
 // Powers of ten.
 export const METRES = { m: 0, cm: -2, mm: -3, "µm": -6 };
-// What changes the numbers of a posture without moving it.
-const SHOWN = new Set(["connection", "quantity", "others", "axes", "point", "stiffness", "load", "load_axes",
-  "load_kind", "load_at", "gravity", "payload"]);
-
 /** Of a state what says how numbers and picture are shown. */
 export const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
   connection, others, mode }) =>

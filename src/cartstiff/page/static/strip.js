@@ -102,6 +102,7 @@ export function strip(store) {
 
   /** Show something else. */
   function showPlot(change) {
+    if (store.numbers && Object.entries(change).some(([key, value]) => String(store.plot[key]) !== String(value))) store.remember(`plot ${Object.keys(change)}`);
     Object.assign(store.plot, change);
     [what.value, quantity.value, map.select.value] = [store.plot.along, store.plot.of, store.plot.and];
     whole.hidden = !store.plot.seen;
@@ -195,7 +196,7 @@ export function strip(store) {
   function key() {
     const state = { ...store.state, ...store.given() };
     const [kind, index] = what.value.split(":");
-    const rows = kind === "series" ? [] : store.rows.map((row) => [row.letter, row.state]);
+    const rows = kind === "series" ? [] : store.rows.map((row) => [row.title, row.kept?.state]);
     const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index)).map((i) => state.q[i]);
     return JSON.stringify([what.value, rows, others, ...OF.map((name) => state[name])]);
   }

@@ -1,0 +1,75 @@
+"""Numbers for people: one style in Python and in the page, held to one table."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+
+import pytest
+
+from cartstiff.mechanisms.contract import engineering
+from cartstiff.page.files import page_script
+
+#: Value, unit, digits, what is read.
+READ = [
+    (75690.0, "N/m", 4, "75.69 N/mm"),
+    (75700.0, "N/m", 4, "75.7 N/mm"),
+    (999.9, "N/m", 4, "999.9 N/m"),
+    (1000.0, "N/m", 4, "1 N/mm"),
+    (2.5e6, "N/m", 4, "2.5 kN/mm"),
+    (3e12, "N/m", 4, "3000 MN/mm"),
+    (26.88, "N/cm", 4, "26.88 N/cm"),
+    (7.5, "N/mm", 4, "7.5 N/mm"),
+    (7540.0, "N m/rad", 4, "7.54 kN m/rad"),
+    (7041.0, "N cm/rad", 4, "7.041 kN cm/rad"),
+    (0.0039, "m", 4, "3.9 mm"),
+    (0.39, "cm", 4, "3.9 mm"),
+    (1.5, "mm", 4, "1.5 mm"),
+    (1500.0, "mm", 4, "1.5 m"),
+    (2.0e-8, "m", 4, "0.02 µm"),
+    (1.0e-12, "m", 4, "1e-6 µm"),
+    (12345.0, "m", 4, "12350 m"),
+    (0.0, "m", 4, "0 m"),
+    (-0.0, "N", 4, "0 N"),
+    (-100.0, "N", 4, "-100 N"),
+    (-1234.56, "N", 4, "-1.235 kN"),
+    (1234.5, "1", 4, "1235"),  # half a digit goes up, in binary and by hand
+    (2.675, "", 3, "2.68"),
+    (0.138, "N m", 4, "138 mN m"),
+    (6.49e-3, "rad", 4, "6.49 mrad"),
+    (3.2, "rad", 4, "3.2 rad"),
+    (2.5e-5, "m/N", 4, "25 µm/N"),
+    (2.5e-4, "rad/(N cm)", 4, "250 µrad/(N cm)"),
+    (2.5e-4, "rad/(N mm)", 4, "250 mrad/(N m)"),
+    (31.51, "", 4, "31.51"),
+    (99999.6, "", 4, "100000"),
+    (123456.0, "", 4, "1.235e5"),
+    (0.00012345, "", 4, "1.235e-4"),
+    (12.345, "kg", 3, "12.3 kg"),
+    (math.inf, "N", 4, "∞ N"),
+    (-math.inf, "", 4, "-∞"),
+]
+
+
+@pytest.mark.parametrize(("value", "unit", "digits", "read"), READ)
+def test_a_number_is_read(value, unit, digits, read):
+    assert engineering(value, unit, digits) == read
+
+
+def test_what_is_rounding_is_zero_and_what_is_not_there_a_dash():
+    assert engineering(1e-13, "N", least=1e-12) == "0 N"
+    assert engineering(None, "N") == "-"
+    assert engineering(math.nan, "N") == "-"
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node to run JavaScript")
+def test_the_page_reads_the_same():
+    asked = json.dumps([[str(value), unit, digits] for value, unit, digits, _ in READ])
+    script = f"""{page_script("dom.js")}
+    const number = (x) => Number(x.replace("inf", "Infinity"));
+    const read = ([x, unit, digits]) => engineering(number(x), unit, digits);
+    process.stdout.write(JSON.stringify({asked}.map(read)));"""
+    done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, check=True)
+    assert [text.replace("\u2212", "-") for text in json.loads(done.stdout)] == [r for *_, r in READ]
