@@ -221,7 +221,8 @@ RESET = """() => {
     for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
     for (const details of document.querySelectorAll("details[open]")) details.open = false;
     for (const tab of ["whole", "joints", "load"]) {
-        document.querySelector(`:is(.matrix-card, .posture-card .head, .setup-card > .choice) [data-value=${tab}]`).click();
+        const inside = ":is(.parts, .posture-card .head, .setup-card > .choice)";
+        document.querySelector(`${inside} [data-value=${tab}]`).click();
     }
     document.activeElement.blur();
     store.setKept([], false);

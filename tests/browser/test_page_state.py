@@ -104,7 +104,9 @@ def test_another_frame_keeps_posture_load_springs_and_kept_states(serve, pages):
     assert np.allclose(after.at(apart).matrices["B"], before.matrices["B"], rtol=1e-9, atol=1e-6)
     assert close(matrix(page), after.tangent)
     # The state that was kept is the same one, read at the new point; undo goes back to the frame.
-    page.wait_for_function("() => window.cartstiff.rows[0].numbers && !window.cartstiff.rows[0].late")
+    page.wait_for_function(
+        "() => window.cartstiff.rows[0].numbers && !window.cartstiff.rows[0].late"
+    )
     kept = page.evaluate("() => window.cartstiff.rows[0].numbers.result.load.stiffness")
     assert np.allclose(kept, after.tangent, rtol=1e-9, atol=1e-6)
     page.keyboard.press("u")

@@ -72,4 +72,6 @@ def test_the_page_reads_the_same():
     const read = ([x, unit, digits]) => engineering(number(x), unit, digits);
     process.stdout.write(JSON.stringify({asked}.map(read)));"""
     done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, check=True)
-    assert [text.replace("\u2212", "-") for text in json.loads(done.stdout)] == [r for *_, r in READ]
+    assert [text.replace("\u2212", "-") for text in json.loads(done.stdout)] == [
+        r for *_, r in READ
+    ]

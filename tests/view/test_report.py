@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.read_units import read, si
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
@@ -19,7 +20,6 @@ from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.html_report import report_page
 from cartstiff.potentials.loads import DeadWrench
 from cartstiff.statics.equilibrium import equilibrium
-from tests.read_units import read, si
 
 ARM = "".join(
     f"<link name='l{i}'><inertial><mass value='2'/><inertia ixx='1' iyy='1' izz='1' ixy='0' "
