@@ -615,8 +615,9 @@ def _legs(result: PostureStiffness) -> str:
 def _near(result: PostureStiffness) -> str:
     """How far the posture is from each kind of singularity."""
     return "".join(
-        f"<p>Distance to a singularity ({entry['kind']}): {entry['ratio']:.3g}, the smallest over the "
-        f"largest singular value, lengths in {engineering(entry['length'], result.units.length)}.</p>"
+        f"<p>Distance to a singularity ({entry['kind']}): {entry['ratio']:.3g}, the smallest over "
+        "the largest singular value, lengths in "
+        f"{engineering(entry['length'], result.units.length)}.</p>"
         for entry in distance_to_singularity(result)
     )
 
