@@ -74,7 +74,7 @@ def test_a_point_of_a_map_becomes_the_posture(serve, pages, tmp_path):
         q = page.evaluate("() => window.cartstiff.numbers.result.q")
         stood = int(np.argmin(np.abs(cloud.q - q).max(axis=1)))
         assert np.allclose(q, cloud.q[stood], rtol=0, atol=1e-13)
-        assert float(said) == pytest.approx(values[stood], rel=1e-4)
+        assert float(said) == pytest.approx(values[stood], rel=6e-4)
         assert np.hypot(*(places[stood] - places[i])) < 0.02
         page.keyboard.press("u")
         settled(page)
