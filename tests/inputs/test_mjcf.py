@@ -14,7 +14,8 @@ import pytest
 from tests.inputs.mjcf_tool import verdict
 from tests.inputs.refusals import texts
 
-from cartstiff import load
+import cartstiff
+from cartstiff import InputError, load
 from cartstiff.loading.mjcf import reading as mjcf
 from cartstiff.loading.mjcf import worker
 
@@ -399,3 +400,101 @@ def test_the_base_of_a_floating_urdf_is_held_too(tmp_path: Path) -> None:
         *(f"root.{a}" for a in ("x", "y", "z", "rx", "ry", "rz")),
         "j",
     ]
+
+
+# -- actuators and tendons ------------------------------------------------------------------------
+
+HELD = """<mujoco><option gravity="0 0 -9.81"/><worldbody><site name="post" pos="0.2 0.1 1.4"/>
+<body name="torso" pos="0 0 0.8">{root}<geom size=".1" mass="4"/>
+<body name="upper" pos="0 0.1 0.2"><joint name="a" axis="0 1 0" stiffness="{own}" springref="10"/>
+<geom size=".05" mass="1" pos=".1 0 0"/>
+<body name="hand" pos="0.3 0 0"><joint name="b" axis="0.2 0.1 1"/><joint name="c" type="slide"
+axis="1 0 0"/><geom size=".05" mass="1" pos=".1 0.1 0"/><site name="tip" pos="0.1 0.1 0"/></body>
+</body></body></worldbody>{beside}</mujoco>"""
+POSITIONS = """<actuator><position joint="a" kp="300"/><position joint="b" kp="200" gear="2"/>
+<position joint="b" kp="50"/><general joint="c" gainprm="900" biastype="affine"
+biasprm="0 -900 -3"/><motor joint="a" gear="7"/></actuator>"""
+
+
+def differences(text: str, q: list[float], force: str) -> np.ndarray:
+    """Minus the derivative of one of MuJoCo's joint forces by the positions."""
+    mujoco, model, data = in_mujoco(text)
+    rows = []
+    for j in range(model.nv):
+        values = []
+        for step in (1e-6, -1e-6):
+            data.qpos[:] = q
+            data.qpos[j] += step
+            mujoco.mj_forward(model, data)
+            values.append(np.array(getattr(data, force)))
+        rows.append((values[1] - values[0]) / 2e-6)
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("own", [0, 20])
+def test_position_actuators_are_springs_on_request(own: float) -> None:
+    text = HELD.format(root="", own=own, beside=POSITIONS)
+    path = place(text)
+    q = [0.2, -0.3, 0.05]
+    elastic = load(path, springs="actuators")
+    found = np.diag(differences(text, q, "qfrc_actuator"))
+    assert found[0] == pytest.approx(300.0)  # what MuJoCo says of kp
+    np.testing.assert_allclose(elastic.springs.stiffness, [found[0] + own, *found[1:]], rtol=1e-6)
+    codes = [note.code for note in elastic.notes]
+    assert "actuator-springs" in codes
+    assert "stiffness-assumed" not in codes
+    assert "stiffness-assumed" in [note.code for note in load(path).notes]
+    # The rest positions balance what acts: the arm stands where it is, under its weight.
+    assert "unbalanced" not in [note.code for note in cartstiff.analyse(elastic, q).notes]
+    file = Path(path).with_suffix(".yaml")
+    file.write_text(f"kind: serial\nmodel: {path}\nactuator_springs: true\n", encoding="utf-8")
+    np.testing.assert_allclose(load(file).springs.stiffness, elastic.springs.stiffness)
+
+
+def test_robots_without_position_actuators_have_no_such_springs() -> None:
+    motors = '<actuator><motor joint="a"/><velocity joint="b" kv="3"/></actuator>'
+    for beside in ("", motors):
+        text = HELD.format(root="", own=1, beside=beside)
+        with pytest.raises(InputError, match="no actuator holds a position"):
+            load(place(text), springs="actuators")
+    with pytest.raises(InputError, match="kind stewart-gough has no actuators"):
+        load("stewart-gough", springs="actuators")
+
+
+@pytest.mark.parametrize("length", ["0.3", "0 0.3", "0 5", "-1"])
+def test_straight_tendons_are_lines(length: str) -> None:
+    """Spring force and its derivative at the joints, taut and slack, are those of MuJoCo."""
+    tendon = (
+        f'<tendon><spatial name="t" stiffness="700" springlength="{length}">'
+        '<site site="post"/><site site="tip"/></spatial></tendon>'
+    )
+    text = HELD.format(root="", own=0, beside=tendon)
+    elastic = load(place(text), stiffness=[0, 0, 0])
+    (line,) = elastic.potentials
+    q = [0.2, -0.3, 0.05]
+    energy = line.evaluate(elastic.mechanism.at(q))
+    hessian = differences(text, q, "qfrc_spring")
+    np.testing.assert_allclose(energy.hessian, hessian, atol=1e-5 * max(1.0, abs(hessian).max()))
+    mujoco, model, data = in_mujoco(text)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(energy.gradient, -data.qfrc_spring, atol=1e-9)
+    assert (length == "0 5") == (not data.qfrc_spring.any())
+
+
+def test_a_free_body_on_tendons_is_not_held() -> None:
+    tendons = "".join(
+        f'<spatial stiffness="700"><site site="{a}"/><site site="{b}"/></spatial>'
+        for a, b in (("post", "tip"), ("post", "torso_site"))
+    )
+    text = HELD.format(
+        root='<freejoint/><site name="torso_site" pos="0 0 0.1"/>',
+        own=5,
+        beside=f"<tendon>{tendons}</tendon>",
+    )
+    elastic = load(place(text), frame="torso")
+    assert len(elastic.names) == 9
+    assert len(elastic.potentials) == 2
+    bent = tendons.replace('<site site="tip"/>', '<site site="tip"/><site site="torso_site"/>', 1)
+    with pytest.raises(InputError, match="stiffness of tendon 1 acts on joint"):
+        load(place(text.replace(tendons, bent)), frame="torso")

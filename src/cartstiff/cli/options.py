@@ -530,8 +530,9 @@ class Posture:
     lengths
         Posture of a platform by its six leg lengths, near the file's pose.
     springs
-        Published joint springs by name (see `cartstiff models`), or a table (.csv) with columns
-        joint and stiffness [N m/arcmin]. --stiffness goes before it.
+        Published joint springs by name (see `cartstiff models`), a table (.csv) with columns joint
+        and stiffness [N m/arcmin], or "actuators": the kp of an MJCF file's position actuators.
+        --stiffness goes before it.
     stiffness
         Stiffness of joints or legs. One number for all, one each, or name=value pairs, each with
         its unit if that is another: "392 N m/arcmin", 20N/um; joints may be rigid.

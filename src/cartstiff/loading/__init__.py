@@ -57,8 +57,9 @@ def load(
     locked : mapping of str to float, optional
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     springs : str, optional
-        Published joint springs by name ("kuka-kr270/klimchik-2013", see `cartstiff models`), or a
-        table of one's own (.csv: joint, stiffness [N m/arcmin]).
+        Published joint springs by name ("kuka-kr270/klimchik-2013", see `cartstiff models`), a
+        table of one's own (.csv: joint, stiffness [N m/arcmin]), or "actuators": the kp of an MJCF
+        file's position actuators.
     stiffness, rest : float, mapping of str to float, or array_like, optional
         Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`;
         they go before `springs`.
@@ -93,6 +94,7 @@ def load(
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
     overrides = {"frame": frame, "locked": _positions(locked), **tool_of(tcp, gravity, payload)}
+    overrides["actuator_springs"] = springs == "actuators"
     if isinstance(source, (str, Path)):
         if of_model:
             raise InputError(
@@ -132,7 +134,7 @@ def load(
         from cartstiff.arrays import checked_reach
 
         checked_reach(body.T_j_f[:3, 3], f"frame {loaded.mechanism.frame!r}")
-    if springs is not None:
+    if springs is not None and springs != "actuators":
         from cartstiff.loading.published import with_named_springs
 
         loaded = with_named_springs(loaded, springs)

@@ -41,8 +41,10 @@ from cartstiff.loading.robot_description import (
 )
 from cartstiff.loading.robot_facts import (
     FileClosure,
+    FileSpring,
     Obstacle,
     RobotFacts,
+    on_leaders,
     to_root,
     turned_axes,
 )
@@ -801,6 +803,37 @@ def with_base_held(
     return replace(description, held=description.held | free)
 
 
+def with_actuator_springs(description: RobotDescription, notes: list[Note]) -> RobotDescription:
+    """The robot with the springs of its position actuators, beside those that its joints have.
+
+    Raises
+    ------
+    InputError
+        For a robot without such actuators, and where one acts on a joint with a curved spring.
+    """
+    facts, springs = description.facts, dict(description.facts.springs)
+    if not facts.actuators:
+        raise InputError(
+            "no actuator holds a position",
+            where="springs of actuators",
+            expected="<position> actuators of joints in an MJCF file",
+        )
+    for name, k in facts.actuators.items():
+        own = springs[name].coefficients if name in springs else (0.0,)
+        if len(own) > 1:
+            raise InputError(f"joint {name!r} has a curved spring beside its actuator's")
+        springs[name] = FileSpring((own[0] + k,), math.nan)
+    springs, _ = on_leaders(springs, facts.followers)
+    words = ", ".join(f"{name} {k:g}" for name, k in facts.actuators.items())
+    message = (
+        f"springs of position actuators, kp times gear squared [N m/rad, N/m]: {words}; their "
+        "rest positions balance the load at the posture"
+    )
+    notes.append(Note("actuator-springs", message, {"stiffness": facts.actuators}))
+    ignored = tuple(words for words in facts.ignored if not words.startswith("actuators"))
+    return replace(description, facts=replace(facts, springs=springs, ignored=ignored))
+
+
 def description_notes(
     description: RobotDescription,
     tree: KinematicTree,
@@ -1127,7 +1160,17 @@ def leg_at_pose(
 
 
 # What a robot description alone may be given, whether it has loops or none.
-_SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
+_SHARED = (
+    "model",
+    "frame",
+    "locked",
+    "offset",
+    "actuator_springs",
+    "gravity",
+    "payload",
+    "xacro",
+    "package_path",
+)
 
 
 def build_chain(
@@ -1168,13 +1211,20 @@ def chain_of(
     """
     notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, notes)
-    if not (file.lines or getattr(file, "floating", False)):
+    lines = [*file.lines, *_tendons(facts, joints_that_move(description, frame))]
+    if not (lines or getattr(file, "floating", False)):
         description = with_base_held(description, frame, notes, file.springs)
+    # Springs with rest positions are at home where these are.
+    homed = bool(facts.springs) or any(e.rest is not None for e in file.springs.values())
+    if file.actuator_springs:
+        description = with_actuator_springs(description, notes)
+        facts = description.facts
     moving = joints_that_move(description, frame) if alone else set(description.model.names)
     ties = [tie for tie in facts.closures if tie.joints & moving]
     if alone and ties:
         keys = {key: getattr(file, key) for key in _SHARED}
         file = ClosedChainFile.model_construct(kind="closed-chain", **keys)
+    file = file.model_copy(update={"lines": lines})
     closed = isinstance(file, ClosedChainFile)
     held_by = [f for line in file.lines for f in line.frames if f != "world"]
     ends = [frame, *(f for f in held_by if description.model.existFrame(f))]
@@ -1208,8 +1258,6 @@ def chain_of(
             closing.add_entry(entry, i)
     tree = closing.tree
     _check_joints(beside, _names(tree), "key q")
-    # Springs with rest positions are at home where these are.
-    homed = facts.springs or any(entry.rest is not None for entry in file.springs.values())
     notes += description_notes(description, tree, file.model_fields_set, closed)
 
     def at_base(chain: Chain) -> None:
@@ -1233,6 +1281,21 @@ def chain_of(
         edit=at_base,
     )
     return elastic.with_notes(*_repeated(elastic, len(closing.joints)))
+
+
+def _tendons(facts: RobotFacts, moving: Collection[str]) -> list[LineModel]:
+    """The tendons of a robot's file that act on these joints, as lines of a mechanism file."""
+    return [
+        LineModel.model_construct(
+            frames=[line.frame_a, line.frame_b],
+            points=[[0.0] * 3] * 2,
+            stiffness=line.stiffness,
+            rest_length=line.rest_length,
+            unilateral=line.unilateral,
+        )
+        for line in facts.lines
+        if not line.joints.isdisjoint(moving)
+    ]
 
 
 def _repeated(elastic: ElasticMechanism, own: int) -> list[Note]:
@@ -1398,7 +1461,7 @@ def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
         What the file says.
     overrides : mapping
         "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass, centre in
-        M; added to the file's), "xacro", "package_path"; as many as there are.
+        M; added to the file's), "actuator_springs", "xacro", "package_path"; as many as there are.
 
     Raises
     ------
@@ -1417,6 +1480,10 @@ def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
         keys["locked"] = {**file.locked, **locked}
     if overrides.get("xacro") or overrides.get("package_path"):
         file = _with_ros(file, overrides)
+    if overrides.get("actuator_springs"):
+        if not hasattr(file, "actuator_springs"):
+            raise InputError(f"kind {file.kind} has no actuators", where="--springs")
+        keys["actuator_springs"] = True
     payload = file.payload
     if (T := overrides.get("tcp")) is not None:
         back = se3.inverse(T)
@@ -1531,6 +1598,8 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         description = described(leg, beside) if drawing is None else drawing.description
         end = chosen_frame(description, leg.frame, notes, place)
         description = with_base_held(description, end, notes, leg.springs)
+        if leg.actuator_springs:
+            description = with_actuator_springs(description, notes)
         tree = tree_to(description, [end], leg.locked, f"{place}, ", notes, leg.flexible)
         notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":

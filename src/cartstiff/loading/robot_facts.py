@@ -31,6 +31,30 @@ class FileSpring:
 
 
 @dataclass(frozen=True)
+class FileLine:
+    """A straight tendon between the origins of two frames, with a spring.
+
+    Attributes
+    ----------
+    frame_a, frame_b : str
+        Frames of the model.
+    stiffness, rest_length : float
+        N/m, m.
+    unilateral : bool
+        Whether it cannot push.
+    joints : frozenset of str
+        Coordinates that change its length.
+    """
+
+    frame_a: str
+    frame_b: str
+    stiffness: float
+    rest_length: float
+    unilateral: bool
+    joints: frozenset[str]
+
+
+@dataclass(frozen=True)
 class FileClosure:
     """A loop that the file closes: frame a coincides with frame b, or shares a point with it.
 
@@ -123,6 +147,10 @@ class RobotFacts:
         Free-flying joints that no closure holds, as joints of the model.
     actuated : tuple of str
         Coordinates that an actuator drives.
+    lines : tuple of FileLine
+        Tendons that are line springs.
+    actuators : dict of str to float
+        Stiffness that the control of position actuators gives a coordinate, N m/rad or N/m.
     followers : dict of str to (str, float, float)
         Coupled joints: leader, factor, offset.
     locked : dict of str to float
@@ -153,6 +181,8 @@ class RobotFacts:
     passive: tuple[str, ...] = ()
     loose: frozenset[str] = frozenset()
     actuated: tuple[str, ...] = ()
+    lines: tuple[FileLine, ...] = ()
+    actuators: dict[str, float] = field(default_factory=dict)
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     closures: tuple[FileClosure, ...] = ()

@@ -559,6 +559,9 @@ class Joints(_Robot):
     locked: dict[str, Number] = keyed("joints held fixed", {})
     q: dict[str, Number] = keyed("default posture; a closed chain is assembled from there", {})
     springs: dict[str, JointSpringModel] = {}
+    actuator_springs: Flag = keyed(
+        "the kp of an MJCF file's position actuators, times their gears squared, are springs", False
+    )
     passive: list[Text] = keyed("joints without springs", [])
     flexible: dict[str, FlexibleModel] = keyed("by link name", {})
 

@@ -25,6 +25,7 @@ from cartstiff.geometry import se3
 from cartstiff.loading.mjcf import worker
 from cartstiff.loading.robot_facts import (
     FileClosure,
+    FileLine,
     FileSpring,
     Followers,
     Lifted,
@@ -96,8 +97,8 @@ class Compiled:
     ----------
     data : dict
         MuJoCo's arrays by their own names, as lists.
-    bodies, joints : list of str
-        Names; made ones where the file has none.
+    bodies, joints, sites : list of str
+        Names; made ones where the file has none. Those of sites are not those of bodies.
     types : list of str
         MuJoCo's joint types.
     coordinates : list of list of str
@@ -113,9 +114,14 @@ class Compiled:
         self.obstacles: list[Obstacle] = []
         self.bodies = named(data["body_names"], "body")
         self.joints = named(data["joint_names"], "joint")
+        taken = {*self.bodies, "world"}
+        self.sites: list[str] = []
+        for name in named(data["site_names"], "site"):
+            self.sites.append(name if name not in taken else free_name(f"{name} (site)", taken))
+            taken.add(self.sites[-1])
         self.types = [data["enums"]["mjtJoint"][str(t)] for t in data["jnt_type"]]
         self.coordinates: list[list[str]] = []
-        taken: set[str] = set()
+        taken = set()
         for name, kind in zip(self.joints, self.types, strict=True):
             suffixes = [f".{s}" for s in _SUFFIXES[kind]] if kind in _SUFFIXES else [""]
             own = [free_name(name + s, taken) for s in suffixes]
@@ -257,10 +263,7 @@ def mjcf_model(compiled: Compiled) -> pin.Model:
                 model.damping[at_v] = data["dof_damping"][start + i]
     model.lowerPositionLimit = np.array(lower)
     model.upperPositionLimit = np.array(upper)
-    taken = {*compiled.bodies, "world"}
-    for i, name in enumerate(named(data["site_names"], "site")):
-        unique = name if name not in taken else free_name(f"{name} (site)", taken)
-        taken.add(unique)
+    for i, unique in enumerate(compiled.sites):
         joint, T = at[data["site_bodyid"][i]]
         T = T @ pose(data["site_pos"][i], data["site_quat"][i])
         model.addFrame(pin.Frame(unique, joint, pin.SE3(T), pin.FrameType.OP_FRAME))
@@ -500,6 +503,7 @@ def _facts(compiled: Compiled) -> RobotFacts:
     data = compiled.data
     closures, followers, locked, tied, handles = equalities(compiled)
     springs, stiff = _springs(compiled, followers)
+    lines, bent = _tendons(compiled)
     gravity = np.array(data["opt.gravity"], float)
     weighs = bool(gravity.any()) and not compiled.is_off("GRAVITY")
     posture, keyframe = _posture(compiled)
@@ -515,6 +519,8 @@ def _facts(compiled: Compiled) -> RobotFacts:
         ),
         loose=frozenset(floating - looped),
         actuated=tuple(actuated),
+        lines=tuple(lines),
+        actuators={name: k for name, k in actuated.items() if k > 0.0},
         followers=followers,
         locked=locked,
         closures=closures,
@@ -526,7 +532,7 @@ def _facts(compiled: Compiled) -> RobotFacts:
             *compiled.obstacles,
             *stiff,
             *tied,
-            *_tendons(compiled),
+            *bent,
             *_elastic_bodies(compiled),
         ),
         ignored=tuple(ignored),
@@ -595,27 +601,52 @@ def _lifted(compiled: Compiled) -> tuple[Lifted, ...]:
     )
 
 
-def _actuators(compiled: Compiled) -> tuple[list[str], list[str]]:
-    """Coordinates that actuators drive, and the actuators in words."""
-    names = [n or f"{i + 1}" for i, n in enumerate(compiled.data["actuator_names"])]
-    driven = []
-    for kind, (target, _) in zip(
-        compiled.data["actuator_trntype"], compiled.data["actuator_trnid"], strict=True
+def _actuators(compiled: Compiled) -> tuple[dict[str, float], list[str]]:
+    """Coordinates that actuators drive, with the springs of position control; all in words.
+
+    A force ``-kp gear q`` on the gear's far side is the spring ``kp gear^2`` at the joint.
+    """
+    data = compiled.data
+    names = [n or f"{i + 1}" for i, n in enumerate(data["actuator_names"])]
+    driven: dict[str, float] = {}
+    for kind, (target, _), gear, bias, law in zip(
+        data["actuator_trntype"],
+        data["actuator_trnid"],
+        data["actuator_gear"],
+        data["actuator_biastype"],
+        data["actuator_biasprm"],
+        strict=True,
     ):
         if kind in (0, 1) and len(compiled.coordinates[target]) == 1:  # joint, joint in parent
-            driven.append(compiled.coordinates[target][0])
-    return list(dict.fromkeys(driven)), [f"actuators ({_listed(names)})"] if names else []
+            affine = data["enums"]["mjtBias"][str(bias)] == "mjBIAS_AFFINE"
+            name, k = compiled.coordinates[target][0], -law[1] * gear[0] ** 2 if affine else 0.0
+            driven[name] = driven.get(name, 0.0) + max(k, 0.0)
+    return driven, [f"actuators ({_listed(names)})"] if names else []
 
 
-def _tendons(compiled: Compiled) -> list[Obstacle]:
+def _tendons(compiled: Compiled) -> tuple[list[FileLine], list[Obstacle]]:
+    """Tendons with stiffness: straight ones between two sites are lines, others obstacles.
+
+    Within a range of spring lengths a tendon is slack; one that begins at 0 pulls and never pushes.
+    """
     data = compiled.data
     further = data["tendon_stiffnesspoly"] or [[]] * len(data["tendon_names"])
-    return [
-        Obstacle(f"stiffness of tendon {name or t + 1!r}", tendon_joints(compiled, t))
-        for t, name in enumerate(data["tendon_names"])
-        if (data["tendon_stiffness"][t] or any(further[t]))
-        and not compiled.is_off("SPRING", "PASSIVE")
-    ]
+    lines: list[FileLine] = []
+    others: list[Obstacle] = []
+    for t, name in enumerate(data["tendon_names"]):
+        k, joints = data["tendon_stiffness"][t], tendon_joints(compiled, t)
+        if not (k or any(further[t])) or compiled.is_off("SPRING", "PASSIVE"):
+            continue
+        part = slice(data["tendon_adr"][t], data["tendon_adr"][t] + data["tendon_num"][t])
+        kinds = [data["enums"]["mjtWrap"][str(kind)] for kind in data["wrap_type"][part]]
+        shortest, rest = data["tendon_lengthspring"][t]
+        plain = k > 0.0 and not any(further[t]) and (shortest in (0.0, rest))
+        if plain and kinds == ["mjWRAP_SITE"] * 2:
+            a, b = (compiled.sites[s] for s in data["wrap_objid"][part])
+            lines.append(FileLine(a, b, k, rest, shortest < rest, joints))
+        else:
+            others.append(Obstacle(f"stiffness of tendon {name or t + 1!r}", joints))
+    return lines, others
 
 
 def _elastic_bodies(compiled: Compiled) -> list[Obstacle]:

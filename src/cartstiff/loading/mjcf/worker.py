@@ -36,8 +36,9 @@ site_bodyid site_pos site_quat
 geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size geom_rgba
 mat_rgba mesh_pos mesh_quat
 eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
-tendon_adr tendon_num tendon_stiffness tendon_stiffnesspoly wrap_type wrap_objid
-actuator_trntype actuator_trnid flex_vertadr flex_vertnum flex_vertbodyid
+tendon_adr tendon_num tendon_stiffness tendon_stiffnesspoly tendon_lengthspring
+wrap_type wrap_objid actuator_trntype actuator_trnid actuator_gear actuator_biastype
+actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
 """
 _NAMED = {
     "body": "body",
@@ -88,7 +89,15 @@ def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
         data[f"{kind}_names"] = [_name(model.names, int(a)) for a in addresses]
     data["enums"] = {
         kind: {int(v): k for k, v in getattr(mujoco, kind).__members__.items()}
-        for kind in ("mjtJoint", "mjtGeom", "mjtEq", "mjtObj", "mjtWrap", "mjtDisableBit")
+        for kind in (
+            "mjtJoint",
+            "mjtGeom",
+            "mjtEq",
+            "mjtObj",
+            "mjtWrap",
+            "mjtDisableBit",
+            "mjtBias",
+        )
     }
     # Weights below the bound are the bound's, not the file's.
     data["no_mass"] = NO_MASS if massless else 0.0
