@@ -167,7 +167,8 @@ class Fit:
     ----------
     unknown : NAME
         Unknown stiffness: a spring, leg or line by name; joints (the default), lines, links; a
-        compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.
+        compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry. Beside springs, for measured
+        positions: zeros (of joints; or JOINT.zero), tool, base.
     tie : A=B
         Springs that are equal.
     known

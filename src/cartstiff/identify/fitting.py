@@ -88,6 +88,8 @@ class Solved:
         Nuisances.
     covariance : ndarray (P, P)
         NaN where not determined.
+    offset_deviation : ndarray (S,)
+        Standard deviations of the nuisances, NaN where not determined.
     is_determined : ndarray of bool (P,)
         Whether the rows say anything about each parameter by itself.
     singular_values : ndarray
@@ -114,6 +116,7 @@ class Solved:
     unbounded: Array
     offsets: Array
     covariance: Array
+    offset_deviation: Array
     is_determined: NDArray[np.bool_]
     singular_values: Array
     directions: Array
@@ -205,12 +208,13 @@ def solved(
     theta, active = x, np.zeros(P, bool)
     if np.any(x[:P][bounded & basis.is_determined[:P]] < 0.0):
         theta, active = basis.bounded(right, bounded)
-    covariance = basis.covariance()[:P, :P]
+    covariance = basis.covariance()
     return Solved(
         theta[:P],
         x[:P],
         theta[P:],
-        covariance,
+        covariance[:P, :P],
+        np.sqrt(covariance.diagonal()[P:]),
         basis.is_determined[:P],
         basis.values,
         basis.directions,
@@ -243,7 +247,8 @@ class _Basis:
         norms = np.linalg.norm(divided, axis=0) * natural
         largest = float(norms[:parameters].max(initial=0.0))
         is_seen = norms > numerics.RANK * largest
-        is_seen[parameters:] = norms[parameters:] > 0.0
+        others = norms[parameters:]
+        is_seen[parameters:] = others > numerics.RANK * others.max(initial=0.0)
         self.scale = np.where(is_seen, natural / np.where(is_seen, norms, 1.0), 0.0)
         self.kept = np.where(is_seen, divided, 0.0)
         self._U, self.values, Vt = np.linalg.svd(divided * self.scale, full_matrices=False)

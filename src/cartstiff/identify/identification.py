@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations, product
 from typing import Literal
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array
-from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.geometry import se3
+from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.fitting import Fit, Noise, Robust, fitted, robust_fit
 from cartstiff.identify.measurements import (
     DISPLACEMENT,
@@ -23,6 +23,7 @@ from cartstiff.identify.measurements import (
     TURN,
     Measurements,
     Observations,
+    field_of,
 )
 from cartstiff.identify.models import (
     LinearModel,
@@ -32,16 +33,29 @@ from cartstiff.identify.models import (
     needs_equilibrium,
     small_loads,
 )
+from cartstiff.identify.offsets import (
+    OffsetEstimate,
+    Offsets,
+    aligned,
+    corrected,
+    corrections,
+    estimated,
+    offsets_of,
+    unit_of,
+)
 from cartstiff.identify.result import (
     Identification,
     Rejected,
     checked,
     contradictions,
     estimates,
+    freedom_of,
     inflation_of,
     written_values,
 )
-from cartstiff.identify.unknowns import Unknowns, unknowns_of
+from cartstiff.identify.unknowns import ZERO, Unknowns, unknowns_of
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
@@ -55,103 +69,6 @@ _POOR, _SMALLER, _BY_CHANCE = 0.1, 3.0, 1e-4
 _MOST = 200
 _FRAMES = ("base", "body", "world")
 _Forces = dict[bytes, tuple[Array, Array, Array, Array]]
-
-
-@dataclass(frozen=True, eq=False)
-class Offsets:
-    """Columns of the sessions' offsets.
-
-    Attributes
-    ----------
-    columns : ndarray (m, S)
-        In the regressor.
-    names : tuple of str (S,)
-        "session.tx" and so on.
-    """
-
-    columns: Array
-    names: tuple[str, ...]
-
-
-def nuisance_of(seen: Observations, measured: Measurements, kind: str) -> Offsets:
-    """Columns of small offsets of all sessions; those that nothing feels are left out."""
-    if not measured.session or kind == "none" or not seen.is_absolute.any():
-        return Offsets(np.zeros((len(seen), 0)), ())
-    sessions = np.array(measured.session)[seen.row]
-    columns, names = [], []
-    for name in dict.fromkeys(measured.session):
-        mine = (sessions == name) & seen.is_absolute
-        centre = (
-            seen.place[mine & ~seen.is_angle].mean(axis=0)
-            if np.any(mine & ~seen.is_angle)
-            else np.zeros(3)
-        )
-        shift = np.where((mine & ~seen.is_angle)[:, None], seen.axis, 0.0)
-        about = np.cross(seen.place - centre, seen.axis)
-        turn = np.where(mine[:, None], np.where(seen.is_angle[:, None], seen.axis, about), 0.0)
-        both = [shift, turn] if kind == "rigid" else [shift]
-        for part, letter in zip(both, "tr", strict=False):
-            for i, axis in enumerate("xyz"):
-                if part[:, i].any():
-                    columns.append(part[:, i])
-                    names.append(f"{name}.{letter}{axis}")
-    if not columns:
-        return Offsets(np.zeros((len(seen), 0)), ())
-    return Offsets(np.stack(columns, axis=1), tuple(names))
-
-
-def aligned(measured: Measurements, points: Array) -> Measurements:
-    """Positions and orientations of each session moved into the base frame of a rigid arm.
-
-    Parameters
-    ----------
-    measured : Measurements
-        With whole positions, or they are left as they are.
-    points : ndarray (N, 3)
-        The measured point of the rigid mechanism in the robot's base frame.
-
-    Raises
-    ------
-    InputError
-        For a session of fewer than three places.
-    """
-    if not measured.session or not all(name in measured.values for name in POSITION):
-        return measured
-    x = np.stack([measured.values[name] for name in POSITION], axis=1)
-    has_turn = all(name in measured.values for name in TURN)
-    turned = np.stack([measured.values[n] for n in TURN], axis=1) if has_turn else None
-    sessions = np.array(measured.session)
-    x = x.copy()
-    for name in dict.fromkeys(measured.session):
-        rows = np.flatnonzero((sessions == name) & ~np.isnan(x).any(axis=1))
-        if not rows.size:
-            continue
-        T = _fit(x[rows], points[rows], name)
-        x[rows] = x[rows] @ T[:3, :3].T + T[:3, 3]
-        if turned is None:
-            continue
-        for n in rows[~np.isnan(turned[rows, 0])]:
-            R = T[:3, :3] @ se3.from_roll_pitch_yaw(np.zeros(3), turned[n])[:3, :3]
-            turned[n] = se3.roll_pitch_yaw(se3.pose(R))
-    values = {**measured.values, **{name: x[:, i] for i, name in enumerate(POSITION)}}
-    if turned is not None:
-        values |= {name: turned[:, i] for i, name in enumerate(TURN)}
-    return replace(measured, values=values)
-
-
-def _fit(seen: Array, there: Array, session: str) -> Array:
-    """Pose that moves points onto others with the least squares of distances."""
-    a, b = seen.mean(axis=0), there.mean(axis=0)
-    U, values, Vt = np.linalg.svd((seen - a).T @ (there - b))
-    if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
-        raise InputError(
-            f"the points of session {session!r} stand in one line: its frame is not known",
-            where="column session",
-            expected="three points that are not in line, or --offsets translation",
-        )
-    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
-    R = Vt.T @ D @ U.T
-    return se3.pose(R, b - R @ a)
 
 
 def other_axes(
@@ -213,7 +130,7 @@ def _left(
         if isinstance(model, LinearModel):
             model = replace(model, known=known)
         seen = model.observations
-        nuisance = nuisance_of(seen, measured, offsets).columns
+        nuisance = offsets_of(unknowns, seen, measured, offsets).columns
         noise = Noise.of(seen.deviation, seen.is_angle)
         fit = fitted(model, unknowns, noise, nuisance=nuisance, once=True)
         share, rms = _share(seen, fit)
@@ -297,7 +214,12 @@ def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
 
 _FEW = 5.0
 # Standard deviations of an error that is called gross, and rows that are shown in words.
-_GROSS, _SHOWN = 20.0, 8
+_GROSS, _SHOWN = 20.0, 10
+# An error of a joint's zero [rad] whose consequence is told.
+_OFF = 5e-4
+# What a joint that holds an arm does not give way by [rad; share of the mechanism's size]; and the
+# size [m] from which on 1 N at the tool is no load.
+_COLLAPSED, _TALL = np.radians(5.0), 0.3
 # Joints that move in a campaign of which all that is small is doubtful.
 _SWUNG = 3
 # Rows whose equilibrium is looked at: those that move most.
@@ -332,13 +254,16 @@ def _assumed(result: Identification) -> Iterator[Note]:
         )
         yield Note("equilibrium-needed", words)
     absolute = result.model.observations.is_absolute.any()
-    if absolute and (not measured.session or result.offsets == "none"):
+    in_base = not measured.session or result.offsets == "none"
+    if absolute and in_base and "base" not in result.unknowns.geometry:
         words = (
             "positions are taken in the base frame B exactly: errors of geometry and of the "
             "measuring frame go into the springs (column session gives each session an offset of "
-            "its own)"
+            "its own, --unknown base all rows one)"
         )
         yield Note("frame-taken-as-known", words)
+    if absolute:
+        yield from _zeros(result)
     if (
         absolute
         and measured.session
@@ -352,6 +277,48 @@ def _assumed(result: Identification) -> Iterator[Note]:
         words = f"no standard deviation was given: that of {kinds} is estimated"
         sizes = {w: result.noise()[w]["sigma"] for w in estimated}
         yield Note("deviation-estimated", words, {"sigma": sizes})
+
+
+def _zeros(result: Identification) -> Iterator[Note]:
+    """What is found of the geometry, or what an error of a joint's zero would do to the springs."""
+    unknowns, elastic, solution = result.unknowns, result.elastic, result.chosen.solved
+    if sought := unknowns.geometry:
+        words = (
+            f"estimated together with the springs: {', '.join(sought)}; loads act where they are "
+            "stated, and a mechanism file written holds the springs alone"
+        )
+        yield Note("geometry-estimated", words, {"sought": list(sought)})
+    zeros = [
+        f"{c.name}{ZERO}"
+        for j, c in enumerate(elastic.mechanism.coordinates)
+        if not c.is_length and j not in getattr(elastic.mechanism, "virtual", ())
+    ]
+    is_open = isinstance(elastic.mechanism, Chain) and not elastic.mechanism.closures
+    if not is_open or not set(zeros).isdisjoint(sought):
+        return
+    more = replace(unknowns, geometry=tuple(zeros))
+    columns = offsets_of(more, result.model.observations, result.measured, "none").columns
+    pushed = np.zeros((len(solution.whitened), len(zeros)))
+    pushed[: len(columns)] = _OFF * columns / solution.deviation[:, None]
+    norms = np.linalg.norm(solution.whitened, axis=0)
+    scale = np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
+    moved = scale[:, None] * np.linalg.lstsq(solution.whitened * scale, pushed)[0]
+    worst: tuple[float, str] | None = None
+    values = {}
+    for p, e in enumerate(result.estimates):
+        if e.stiffness is None:
+            continue
+        change = float(np.abs(moved[p]).max())
+        other = 1.0 / (e.stiffness**-1 - change) if change * e.stiffness < 1.0 else np.inf
+        values[e.name] = other
+        text = f"{e.stiffness:.5g} {e.unknown.unit} of {e.name} into {other:.5g}"
+        worst = max(worst or (0.0, ""), (change * e.stiffness, text))
+    if worst is not None and worst[0] > 0.0:
+        words = (
+            f"the joints' zeros are taken as exact: an error of {1e3 * _OFF:g} mrad in one of them "
+            f"turns as much as {worst[1]} (--unknown zeros estimates them too)"
+        )
+        yield Note("zeros-taken-as-known", words, {"error": _OFF, "stiffness": values})
 
 
 def _cables(result: Identification) -> Iterator[Note]:
@@ -379,7 +346,7 @@ def _cables(result: Identification) -> Iterator[Note]:
     words = f"cables are taken as taut in every row: {', '.join(names)}"
     if pushed:
         shown = "; ".join(
-            f"{name} in row(s) {', '.join(map(str, rows))}" for name, rows in pushed.items()
+            f"{name} in row(s) {_some(list(map(str, rows)))}" for name, rows in pushed.items()
         )
         words += f". Only preload keeps them so against the load: {shown}"
     yield Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})
@@ -387,6 +354,13 @@ def _cables(result: Identification) -> Iterator[Note]:
 
 def _found(result: Identification) -> Iterator[Note]:
     lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
+    lost += [g.name for g in result.geometry if not g.identifiable]
+    for group in result.not_separable():
+        words = (
+            f"the rows do not separate {', '.join(group)}, only combinations of them show: "
+            "measure other postures and loads, or leave some of them out of --unknown"
+        )
+        yield Note("not-separable", words, {"unknowns": group})
     if lost:
         words = f"not identifiable from these rows: {', '.join(lost)}"
         yield Note("not-identifiable", words, {"springs": lost})
@@ -412,19 +386,29 @@ def _found(result: Identification) -> Iterator[Note]:
         yield Note("bound-active", words, {"springs": names})
     if result.suspects:
         reasons = result.robust.reasons(result.model.observations, result.measured)
-        shown = "; ".join(
-            f"row {result.measured.rows[n]} ({reasons[int(n)]})" for n in result.robust.suspects
+        shown = _some(
+            [f"row {result.measured.rows[n]} ({reasons[int(n)]})" for n in result.robust.suspects]
         )
         used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
-        yield Note("suspects", f"suspect, and {used}: {shown}", {"rows": result.suspects})
+        values = {
+            "rows": result.suspects,
+            "reasons": [reasons[int(n)] for n in result.robust.suspects],
+        }
+        yield Note("suspects", f"suspect, and {used}: {shown}", values)
     yield from _unseen(result)
     if result.rejected:
-        shown = "; ".join(f"row {r.row} ({r.reason})" for r in result.rejected)
+        shown = _some([f"row {r.row} ({r.reason})" for r in result.rejected])
         yield Note(
             "rejected",
             f"left out by --reject: {shown}",
             {"rows": [r.row for r in result.rejected]},
         )
+
+
+def _some(words: list[str]) -> str:
+    """The first ten, and how many more there are; results for programs hold all."""
+    more = f"; and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+    return "; ".join(words[:_SHOWN]) + more
 
 
 def _unseen(result: Identification) -> Iterator[Note]:
@@ -442,10 +426,9 @@ def _unseen(result: Identification) -> Iterator[Note]:
         words.append(f"row {result.measured.rows[n]} ({seen.column[worst]}: {size:.0f})")
     if not rows:
         return
-    more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
     text = (
         "the fit follows these rows, which hardly another one checks, so that errors of fewer "
-        f"standard deviations than told may stay unseen: {', '.join(words[:_SHOWN])}{more}"
+        f"standard deviations than told may stay unseen: {_some(words)}"
     )
     yield Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})
 
@@ -525,6 +508,7 @@ def _angles(result: Identification) -> Iterator[Note]:
 
 def _doubts(result: Identification) -> Iterator[Note]:
     checks = result.checks
+    yield from _collapsed(result)
     if result.inflation > 1.0:
         words = (
             f"the scatter is {result.inflation:.3g} times what the deviations given explain "
@@ -569,11 +553,56 @@ def _doubts(result: Identification) -> Iterator[Note]:
         yield Note("robust-differs", words, {"springs": differing})
 
 
+def _collapsed(result: Identification) -> Iterator[Note]:
+    """Springs that would not hold the mechanism's own weight, or give way at a touch."""
+    elastic, elements = result.elastic, result.unknowns.elements
+    touch = 1.0 / elastic.units.newtons
+    mechanism, length = elastic.mechanism, elastic.mechanism.at(elastic.q).length
+    tall = length * convert_length(elastic.units, SI)[0] > _TALL
+    weight = np.zeros(len(elastic.names))
+    if any(mechanism.masses().values()):
+        places = np.unique(result.measured.postures, return_index=True)[1][:_MOST]
+        field = field_of(elastic)
+        for q in result.measured.q[places]:
+            weight = np.maximum(weight, np.abs(mechanism.at(q).gravity(field).gradient))
+    doubted, words = {}, []
+    for e in result.estimates:
+        for name in e.name.split(" = "):
+            if e.stiffness is None or name not in elements.names:
+                continue
+            slides = bool(elements.is_length[elements.index(name)])
+            own = weight[elastic.names.index(name)] if name in elastic.names else 0.0
+            size = length if slides else 1.0
+            limit = 0.1 * length if slides else _COLLAPSED
+            loads = [("the weight of the mechanism", own)]
+            loads += [("1 N at the tool", touch * (1.0 if slides else length))] * tall
+            for load, force in loads:
+                gives = force / e.stiffness
+                if gives > limit:
+                    shown = (
+                        f"{gives / size:.3g} of its size"
+                        if slides
+                        else (f"{np.degrees(gives):.3g} deg")
+                    )
+                    words.append(
+                        f"{name}: {e.stiffness:.3g} {e.unknown.unit}, {load} moves it by {shown}"
+                    )
+                    doubted[name] = float(e.stiffness)
+                    break
+    if words:
+        text = (
+            f"hardly the springs of a mechanism: {_some(words)}. Other units of loads or lengths?"
+        )
+        yield Note("doubtful-springs", text, doubted)
+
+
 FITS = ("plain", "robust")
 # Compliances below this share of the mechanism's own, or above its inverse, are no place to begin.
 _FAR = 1e-2
 # Shares of the compliances with which a search begins where they are too soft for the loads.
 _STIFFER = (0.5, 0.25, 0.1)
+# Times that rows are corrected by the zeros and offsets found.
+_CORRECTIONS = 20
 
 
 def identify(
@@ -635,7 +664,10 @@ def identify(
     contradictions(measured)
     rows = measured.rows
     measured = _in_base(unknowns, measured, offsets)
-    model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    found: dict[str, float] = {}
+    model, plain, robust, measured, found = _fits(
+        unknowns, measured, offsets, loaded, found, progress
+    )
     rejected: tuple[Rejected, ...] = ()
     if reject is not None:
         drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
@@ -645,12 +677,20 @@ def identify(
             keep = np.ones(len(measured), bool)
             keep[drop] = False
             measured = measured.chosen(keep)
-            model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+            model, plain, robust, measured, found = _fits(
+                unknowns, measured, offsets, loaded, found, progress
+            )
     chosen = robust.fit if fit == "robust" else plain
     seen = model.observations
     checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
     inflation = inflation_of(checks)
     springs = estimates(chosen.solved, unknowns, level, inflation)
+    columns = offsets_of(unknowns, seen, measured, offsets)
+    half = quantile(level, freedom_of(chosen.solved, inflation)) * inflation
+    geometry = [
+        _offset(name, unit_of(elastic, name), x, s * inflation, half * s)
+        for name, (x, s) in estimated(elastic, columns, chosen.solved, found).items()
+    ]
     result = Identification(
         elastic,
         unknowns,
@@ -662,6 +702,8 @@ def identify(
         plain,
         robust,
         tuple(springs),
+        tuple(geometry),
+        columns.names,
         checks,
         level,
         fit,
@@ -727,25 +769,55 @@ def _in_base(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measur
     return aligned(measured, points)
 
 
+def _offset(name: str, unit: str, x: float, s: float, half: float) -> OffsetEstimate:
+    if not np.isfinite(s):
+        return OffsetEstimate(name, unit, None, None, None)
+    return OffsetEstimate(name, unit, x, s, (x - half, x + half))
+
+
 def _fits(
     unknowns: Unknowns,
     measured: Measurements,
     offsets: str,
     loaded: bool,
+    found: dict[str, float],
     progress: Callable[[int, float], None] | None,
-) -> tuple[Model, Fit, Robust]:
-    """The plain and the robust fit."""
+) -> tuple[Model, Fit, Robust, Measurements, dict[str, float]]:
+    """The plain and the robust fit of rows that are corrected by the offsets `found`."""
+    elastic = unknowns.elements.elastic
+    for _ in range(_CORRECTIONS):
+        model, plain, noise, columns = _plain_fit(unknowns, measured, offsets, loaded, progress)
+        step = corrections(estimated(elastic, columns, plain.solved, {}))
+        if not step:
+            robust = robust_fit(model, unknowns, noise, columns.columns, plain)
+            return model, plain, robust, measured, found
+        measured, found = corrected(elastic, measured, found, step)
+    raise ConvergenceError(
+        "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
+        iterations=_CORRECTIONS,
+        residual=float(np.abs(list(step.values())).max()),
+    )
+
+
+def _plain_fit(
+    unknowns: Unknowns,
+    measured: Measurements,
+    offsets: str,
+    loaded: bool,
+    progress: Callable[[int, float], None] | None,
+) -> tuple[Model, Fit, Noise, Offsets]:
+    """Least squares on all rows, with what it rests on."""
     model = model_of(unknowns, measured, loaded)
     start = None
     seen = model.observations
     noise = Noise.of(seen.deviation, seen.is_angle)
-    nuisance = nuisance_of(seen, measured, offsets).columns
+    columns = offsets_of(unknowns, seen, measured, offsets)
+    nuisance = columns.columns
     _check_count(len(seen), unknowns, nuisance.shape[1])
     if isinstance(model, LoadedModel):
         start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
     plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
-    robust = robust_fit(model, unknowns, noise, nuisance, plain)
-    return model, plain, robust
+    return model, plain, noise, columns
 
 
 def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
@@ -782,5 +854,5 @@ def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
             "fewer numbers than unknowns",
             got=f"{numbers} measured",
             expected=f"at least {wanted} ({len(unknowns.parameters)} compliances"
-            + (f", {offsets} offsets of sessions)" if offsets else ")"),
+            + (f", {offsets} offsets)" if offsets else ")"),
         )

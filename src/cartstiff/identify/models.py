@@ -293,7 +293,7 @@ class BentModel:
         """The model of the other springs, the nonlinear ones rigid."""
         unknowns = self.unknowns
         chosen = tuple(unknowns.parameters[p] for p in self._own)
-        own = Unknowns(unknowns.elements, chosen, unknowns.patterns[self._own], unknowns.known)
+        own = replace(unknowns, parameters=chosen, patterns=unknowns.patterns[self._own])
         return LinearModel(own, self.measured, laws_apart=True)
 
     @property

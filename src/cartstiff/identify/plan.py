@@ -500,6 +500,12 @@ def plan(
         raise InputError(
             "number of rows cannot be used", where="--plan", expected="1 or more", got=count
         )
+    if unknowns.geometry:
+        raise InputError(
+            f"plans are for springs: {', '.join(unknowns.geometry)} cannot be planned for",
+            where="--unknown",
+            expected="springs",
+        )
     whole, moved = _told(unknowns, offered)
     most = max(_FAR, _OFTEN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]

@@ -27,6 +27,7 @@ from cartstiff.geometry import se3
 from cartstiff.identify.fitting import Fit, Robust, Solved
 from cartstiff.identify.measurements import POSITION, TURN, Measurements
 from cartstiff.identify.models import LinearModel, Model
+from cartstiff.identify.offsets import OffsetEstimate
 from cartstiff.identify.unknowns import Unknown, Unknowns
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import place_of, with_parameters
@@ -45,6 +46,8 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings, Polynomia
 _SIGNIFICANT = 0.01
 # Repeats further apart than this many standard deviations, or this share of all that was measured.
 _APART, _OPPOSITE = 100.0, 1.5
+# Share from which on two unknowns have a part in what the rows do not show.
+_TOGETHER = 1e-6
 # Other repeats that tell a standard deviation where none is given.
 _ENOUGH = 3
 
@@ -249,6 +252,8 @@ def _patterns(
     candidates: list[tuple[str, str, Array]] = []
     for e, name in enumerate(names):
         largest = float(np.abs(felt[:, e]).max(initial=0.0))
+        if not largest > numerics.RANK * np.abs(felt).max(initial=0.0):
+            continue  # it carries nothing
         sign = np.where(np.abs(felt[:, e]) > numerics.RANK * largest, np.sign(felt[:, e]), 0.0)
         candidates.append(("backlash", name, seen_by[:, e] * sign))
         bent = felt[:, e] * np.abs(felt[:, e])
@@ -337,6 +342,11 @@ class Estimate:
         return (1.0 / high if high > 0.0 else None), (1.0 / low if low > 0.0 else None)
 
 
+def freedom_of(solution: Solved, inflation: float) -> float:
+    """Degrees of freedom of the intervals."""
+    return solution.degrees if inflation == 1.0 else min(solution.degrees, solution.freedom)
+
+
 def estimates(
     solution: Solved, unknowns: Unknowns, level: float, inflation: float
 ) -> list[Estimate]:
@@ -353,8 +363,7 @@ def estimates(
     inflation : float
         Factor on standard deviations where the scatter is larger than those given.
     """
-    degrees = solution.degrees if inflation == 1.0 else min(solution.degrees, solution.freedom)
-    t = quantile(level, degrees)
+    t = quantile(level, freedom_of(solution, inflation))
     answer = []
     for p, unknown in enumerate(unknowns.parameters):
         if not solution.is_determined[p]:
@@ -406,6 +415,10 @@ class Identification:
         The robust fit.
     estimates : tuple of Estimate
         One per parameter.
+    geometry : tuple of OffsetEstimate
+        Joint zeros, offsets of tool and base, where they are sought.
+    columns : tuple of str
+        Names of all offsets in the regressor.
     checks : Checks
         Checks of the model.
     level : float
@@ -430,6 +443,8 @@ class Identification:
     plain: Fit
     robust: Robust
     estimates: tuple[Estimate, ...]
+    geometry: tuple[OffsetEstimate, ...]
+    columns: tuple[str, ...]
     checks: Checks
     level: float
     fit: str
@@ -446,10 +461,7 @@ class Identification:
     @property
     def degrees(self) -> float:
         """Degrees of freedom of the intervals."""
-        solution = self.chosen.solved
-        return (
-            solution.degrees if self.inflation == 1.0 else min(solution.degrees, solution.freedom)
-        )
+        return freedom_of(self.chosen.solved, self.inflation)
 
     @property
     def suspects(self) -> list[int]:
@@ -481,21 +493,32 @@ class Identification:
         return answer
 
     def weak_directions(self) -> list[dict[str, Any]]:
-        """Combinations of springs that the rows do not see."""
-        solution, names = self.chosen.solved, self.unknowns.names
-        directions, count = solution.directions, len(solution.singular_values)
-        lost = directions[:, self._rank() : count] if count else directions
+        """Combinations of springs and offsets that the rows do not see."""
+        solution, count = self.chosen.solved, len(self.unknowns.names)
+        names = (*self.unknowns.names, *self.columns)
+        values, rank = solution.singular_values, self._rank()
         answer = []
-        for i, vector in enumerate(lost.T):
-            shares = vector[: len(names)]
-            big = np.abs(shares) > 0.05
-            answer.append(
-                {
-                    "singular_value": float(solution.singular_values[self._rank() + i]),
-                    "springs": {names[p]: float(shares[p]) for p in np.flatnonzero(big)},
-                }
+        for value, vector in zip(values[rank:], solution.directions.T[rank:], strict=False):
+            big = np.flatnonzero(np.abs(vector) > 0.05).tolist()
+            springs, offsets = (
+                {names[p]: float(vector[p]) for p in big if (p < count) == of_springs}
+                for of_springs in (True, False)
             )
+            answer.append({"singular_value": float(value), "springs": springs, "offsets": offsets})
         return answer
+
+    def not_separable(self) -> list[list[str]]:
+        """Groups of springs and offsets of which the rows show combinations only."""
+        solution = self.chosen.solved
+        lost = solution.directions[:, self._rank() : len(solution.singular_values)]
+        together = np.abs(lost @ lost.T) > _TOGETHER
+        names = (*self.unknowns.names, *self.columns)
+        groups: dict[int, list[str]] = {}
+        from scipy.sparse.csgraph import connected_components
+
+        for name, group in zip(names, connected_components(together)[1].tolist(), strict=True):
+            groups.setdefault(group, []).append(name)
+        return [group for group in groups.values() if len(group) > 1]
 
     def _rank(self) -> int:
         return numerics.rank(self.chosen.solved.singular_values)
@@ -531,6 +554,7 @@ class Identification:
             "noise": noise,
             "singular_values": self.chosen.solved.singular_values,
             "unseen": self.weak_directions(),
+            "geometry": [{**vars(g), "identifiable": g.identifiable} for g in self.geometry],
             "checks": {k: v for k, v in vars(self.checks).items() if k != "left_out"},
         }
         return described("identify", own, first, self.elastic.about(), self)

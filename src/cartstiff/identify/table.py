@@ -44,6 +44,9 @@ _GAVE_WAY = numerics.NEARBY
 # Undeclared numbers that cannot be SI: displacements beyond this share of the mechanism's size,
 # positions beyond this many of it, small rotations and joint angles beyond these [rad].
 _FAR, _AWAY, _TILTED, _TURNS = 0.2, 20.0, 0.5, 4.0 * math.pi
+# Forces that cannot be N: 1 N moves a mechanism of this size [m] by more than this share of it. And
+# displacements that no mechanism has in any unit, in its sizes.
+_TALL, _GIVES, _BEYOND = 0.3, 3e-4, 2.0
 
 
 _OTHERS: Final[Mapping[str, str]] = {
@@ -403,8 +406,13 @@ def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Ce
 def _check_sizes(
     columns: list[Column], table: Mapping[str, Array], reach: float, cells: Cells
 ) -> None:
-    """Refuse numbers that cannot be SI where no unit is declared."""
+    """Refuse numbers that cannot be SI where no unit is declared, and what no mechanism does."""
     for column in columns:
+        if column.declared and column.name in (*DISPLACEMENT, "d"):
+            far = np.nan_to_num(np.abs(table[column.name]))
+            words = f"column {column.name!r}: no mechanism of {reach:.3g} m moves so far"
+            most = f"at most {_BEYOND * reach:.3g} m"
+            _refuse(far > _BEYOND * reach, cells, words, most, far)
         if column.declared or column.name not in table:
             continue
         name = column.name.removeprefix("sd_")
@@ -424,6 +432,30 @@ def _check_sizes(
                 expected=f"at most {limit:.3g} {unit}, or a head such as '{column.name} {other}'",
                 got=f"{size[row]:g} {unit}",
             )
+    _check_forces(columns, table, reach, cells)
+
+
+def _check_forces(
+    columns: list[Column], table: Mapping[str, Array], reach: float, cells: Cells
+) -> None:
+    """Refuse forces without a unit that are far too small for what they move."""
+    forces = [c for c in columns if c.name in LOAD[3:]]
+    moved = [np.nan_to_num(table[n]) for n in (*DISPLACEMENT, "d") if n in table]
+    if not forces or not moved or any(c.declared for c in forces) or reach < _TALL:
+        return
+    force = np.linalg.norm([np.nan_to_num(table[c.name]) for c in forces], axis=0)
+    far = np.linalg.norm(moved, axis=0)
+    acts = (force > 0.0) & (far > 0.0)
+    if not acts.any() or np.median(far[acts] / force[acts]) <= _GIVES * reach:
+        return
+    row = int(np.argmax(np.where(acts, force, 0.0)))
+    raise InputError(
+        f"column {forces[0].name!r} declares no unit and can hardly be in N",
+        where=cells.places[row],
+        expected=f"at least {far[row] / (_GIVES * reach):.3g} N for a displacement of "
+        f"{far[row]:.3g} m, or a head such as '{forces[0].name} [kN]' or '{forces[0].name} [N]'",
+        got=f"{force[row]:.3g} N",
+    )
 
 
 def _measured(

@@ -10,6 +10,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import own_stiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, law_of, with_coefficients
@@ -19,6 +20,8 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings, Polynomia
 
 #: Groups that can be asked for, besides single springs by name.
 _GROUPS = ("joints", "links", "lines", "all")
+#: Geometry that can be asked for beside springs; "JOINT.zero" is one of the zeros.
+GEOMETRY, ZERO = ("zeros", "tool", "base"), ".zero"
 
 
 @dataclass(frozen=True)
@@ -78,12 +81,15 @@ class Unknowns:
         S of each.
     known : ndarray (E, E)
         Compliances that are not sought.
+    geometry : tuple of str
+        Further unknowns of measured positions: "JOINT.zero", "tool", "base".
     """
 
     elements: Elements
     parameters: tuple[Unknown, ...]
     patterns: Array
     known: Array
+    geometry: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -156,7 +162,9 @@ def unknowns_of(
         Names of springs (joints, legs, lines), of links that give (their whole 6x6, or
         "LINK:diagonal"; a beam's share), or "joints", "links", "lines", "all". Default: "joints".
         A joint with a polynomial in the file, sought by its own name only, gives one unknown for
-        each of its coefficients that is not zero.
+        each of its coefficients that is not zero. Beside springs: "zeros" of all joints or
+        "JOINT.zero", "tool" (the measured point), "base" (its place), unless a spring or link
+        has that name.
     ties : sequence of sequences of str
         Springs that are equal.
     known : mapping of str to float, optional
@@ -172,7 +180,8 @@ def unknowns_of(
         For one that is named twice or cannot be used.
     """
     elements = Elements(elastic)
-    names = _expanded(elastic, elements, sought or ("joints",))
+    geometry, springs = _geometry(elastic, elements, sought)
+    names = _expanded(elastic, elements, springs or ("joints",))
     Gamma = elements.compliance.copy()
     slides = elements.deflect_by_length
 
@@ -215,7 +224,30 @@ def unknowns_of(
         raise InputError("nothing is to be found", expected="a spring that is not held")
     patterns = elements.patterns([u.pattern for u in parameters])
     rest = np.where(patterns.any(axis=0), 0.0, Gamma)
-    return Unknowns(elements, tuple(parameters), patterns, rest)
+    return Unknowns(elements, tuple(parameters), patterns, rest, geometry)
+
+
+def _geometry(
+    elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Geometry that is sought, each once, and the other words."""
+    mechanism = elastic.mechanism
+    is_open = isinstance(mechanism, Chain) and not mechanism.closures
+    virtual = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
+    zeros = [f"{n}{ZERO}" for j, n in enumerate(elastic.names) if j not in virtual]
+    own = {*elements.names, *_links(elastic), *_polynomials(elastic)}
+    names: list[str] = []
+    others = []
+    for word in sought:
+        if word in own or word not in (*GEOMETRY, *zeros):
+            others.append(word)
+            continue
+        if word not in ("tool", "base") and not is_open:
+            raise InputError(
+                "zeros of joints are found for open chains only", where="--unknown", got=word
+            )
+        names += [n for n in (zeros if word == "zeros" else [word]) if n not in names]
+    return tuple(names), others
 
 
 def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]) -> list[str]:
@@ -235,7 +267,7 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
         }.get(word, [word])
         link = word.partition(":")[0]
         if more == [word] and word not in (*elements.names, *bent) and link not in links:
-            valid = (*_GROUPS, *joints, *bent, *lines, *links, *elements.names)
+            valid = (*_GROUPS, *GEOMETRY, *joints, *bent, *lines, *links, *elements.names)
             raise UnknownNameError("spring", word, valid, where="--unknown")
         if not more:
             raise InputError(

@@ -31,6 +31,14 @@ def describe_identification(result: Identification) -> str:
     robust = dict(zip(result.unknowns.names, result.robust.fit.theta, strict=True))
     titles = ("spring", "stiffness", "from", "to", "unit", "compliance", "sd", "robust fit", "")
     lines += table(titles, [_row(e, float(robust[e.name])) for e in result.estimates])
+    if result.geometry:
+        lines += ["", f"Zeros and offsets, {100 * result.level:g} % intervals"]
+        body = []
+        for g in result.geometry:
+            ends = g.interval or (None, None)
+            words = "" if g.identifiable else "not identifiable"
+            body.append((g.name, *map(number, (g.value, *ends)), g.unit, number(g.sd, 3), words))
+        lines += table(("", "value", "from", "to", "unit", "sd", ""), body)
     lines += ["", "Scatter"]
     body = []
     for name, entry in result.noise().items():
@@ -55,10 +63,12 @@ def describe_identification(result: Identification) -> str:
         f"{number(values[-1], 3)}",
     ]
     for entry in result.weak_directions():
-        shares = " ".join(f"{share:+.2f} {name}" for name, share in entry["springs"].items())
-        lines.append(f"  not seen: {shares}" if shares else "  not seen: offsets only")
-    if result.suspects:
-        lines.append(f"Suspect rows: {', '.join(map(str, result.suspects))}")
+        both = {**entry["springs"], **entry["offsets"]}
+        shares = " ".join(f"{share:+.2f} {name}" for name, share in both.items())
+        lines.append(f"  not seen: {shares}")
+    if suspects := result.suspects:
+        more = f" and {len(suspects) - 10} more" if len(suspects) > 10 else ""
+        lines.append(f"Suspect rows: {', '.join(map(str, suspects[:10]))}{more}")
     if result.notes:
         lines += ["", "Notes"]
         lines += [f"  {note.code}: {note.message}" for note in result.notes]

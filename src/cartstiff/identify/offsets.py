@@ -1,0 +1,257 @@
+"""What measured positions depend on besides the springs: offsets, estimated with these.
+
+Each session of a measuring device has a frame of its own. Where they are asked for, joint zeros,
+the measured point on the tool and the place of the base are further offsets of all rows: to first
+order a position changes by ``J_j`` per zero, by ``R e_i`` per offset of the tool, and by a small
+motion of the base. The rows are corrected by what is found until nothing is left to correct.
+Differences of positions do not show them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.identify.fitting import Solved
+from cartstiff.identify.measurements import POSITION, TURN, Measurements, Observations
+from cartstiff.identify.unknowns import ZERO, Unknowns
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+_PARTS = ("x", "y", "z", "rx", "ry", "rz")
+# Standard deviation beyond which an offset is not determined: rad, and shares of the mechanism.
+_VAGUE = 0.1
+# Share of its standard deviation below which an offset need not be corrected.
+_SETTLED = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """Columns of the offsets.
+
+    Attributes
+    ----------
+    columns : ndarray (m, S)
+        In the regressor.
+    names : tuple of str (S,)
+        "session.tx" and so on; after them "JOINT.zero", "tool.x", "base.rz".
+    geometry : ndarray of int
+        Places of those that are asked for.
+    """
+
+    columns: Array
+    names: tuple[str, ...]
+    geometry: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class OffsetEstimate:
+    """Error of a joint's zero, or offset of tool or base, with its interval; None if not known."""
+
+    name: str
+    unit: str
+    value: float | None
+    sd: float | None
+    interval: tuple[float, float] | None
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the rows determine it."""
+        return self.value is not None
+
+
+def offsets_of(
+    unknowns: Unknowns, seen: Observations, measured: Measurements, kind: str
+) -> Offsets:
+    """Columns of all offsets; those that nothing shows are left out.
+
+    Raises
+    ------
+    InputError
+        If geometry is sought and no position or orientation is measured.
+    """
+    columns: dict[str, Array] = {}
+    sessions = np.array(measured.session)[seen.row] if measured.session else np.zeros(0)
+    for name in dict.fromkeys(measured.session) if kind != "none" else ():
+        mine = (sessions == name) & seen.is_absolute
+        points = seen.place[mine & ~seen.is_angle]
+        placed = _placement(seen, mine, points.mean(axis=0) if len(points) else np.zeros(3))
+        for part, column in zip(("tx", "ty", "tz", "rx", "ry", "rz"), placed, strict=True):
+            if column.any() and (kind == "rigid" or part[0] == "t"):
+                columns[f"{name}.{part}"] = column
+    count = len(columns)
+    if unknowns.geometry:
+        columns |= _of_geometry(unknowns, seen, measured)
+    table = np.stack(list(columns.values()), axis=1) if columns else np.zeros((len(seen), 0))
+    return Offsets(table, tuple(columns), np.arange(count, len(columns)))
+
+
+def _placement(
+    seen: Observations, mine: NDArray[np.bool_], centre: Array, axes: Array | None = None
+) -> Array:
+    """Columns (6, m) of translations along three axes and small rotations about a point of F."""
+    R = np.eye(3) if axes is None else axes
+    shift = np.where((mine & ~seen.is_angle)[:, None], seen.axis, 0.0)
+    about = np.where(seen.is_angle[:, None], seen.axis, np.cross(seen.place - centre, seen.axis))
+    return np.vstack([(shift @ R).T, (np.where(mine[:, None], about, 0.0) @ R).T])
+
+
+def _of_geometry(
+    unknowns: Unknowns, seen: Observations, measured: Measurements
+) -> dict[str, Array]:
+    """Columns of zeros, tool and base."""
+    absolute, elastic = seen.is_absolute, unknowns.elements.elastic
+    if not absolute.any():
+        raise InputError(
+            f"differences do not show {', '.join(unknowns.geometry)}",
+            where="--unknown",
+            expected="measured positions x, y, z (or roll, pitch, yaw)",
+        )
+    _, first, groups = np.unique(measured.postures, return_index=True, return_inverse=True)
+    postures = [elastic.mechanism.at(q) for q in measured.q[first]]
+    at = groups[seen.row]
+    columns = {}
+    for word in unknowns.geometry:
+        if word.endswith(ZERO):
+            j = elastic.names.index(word.removesuffix(ZERO))
+            twists = np.array([p.motion.jacobian[:, j] for p in postures])[at]
+            columns[word] = np.where(absolute, np.einsum("mi,mi->m", seen.functional, twists), 0.0)
+            continue
+        if word == "tool":
+            axes = np.array([p.pose[:3, :3] for p in postures])[at]
+            along = np.einsum("mij,mi->jm", axes, np.where(absolute[:, None], seen.axis, 0.0))
+            parts = np.vstack([along * ~seen.is_angle, along * seen.is_angle])
+        else:
+            B = elastic.mechanism.base_pose
+            parts = _placement(seen, absolute, B[:3, 3], B[:3, :3])
+        columns |= {f"{word}.{n}": x for n, x in zip(_PARTS, parts, strict=True) if x.any()}
+    return columns
+
+
+def unit_of(elastic: ElasticMechanism, name: str) -> str:
+    """Unit of a joint's zero, or of an offset of tool or base."""
+    if name.endswith(ZERO):
+        j = elastic.names.index(name.removesuffix(ZERO))
+        return elastic.units.coordinate(elastic.mechanism.coordinates[j].is_length)
+    return elastic.units.length if name[-2] == "." else elastic.units.angle
+
+
+def estimated(
+    elastic: ElasticMechanism, offsets: Offsets, solution: Solved, found: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Value and standard deviation of each that is sought, beyond what is `found`.
+
+    The deviation is not a number where the rows do not determine it.
+    """
+    size = _VAGUE * elastic.mechanism.at(elastic.q).length
+    last, spreads = {}, {}
+    for i in offsets.geometry.tolist():
+        name, s = offsets.names[i], float(solution.offset_deviation[i])
+        limit = _VAGUE if unit_of(elastic, name) == elastic.units.angle else size
+        last[name], spreads[name] = float(solution.offsets[i]), s if s <= limit else np.nan
+    return {name: (x, spreads[name]) for name, x in _together(found, last).items()}
+
+
+def corrections(step: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """What of a step is worth to be corrected; empty where nothing is."""
+    large = any(abs(x) > _SETTLED * s for x, s in step.values())
+    return {name: x for name, (x, _) in step.items() if abs(x) <= _VAGUE * 10.0} if large else {}
+
+
+def _base(found: Mapping[str, float], word: str = "base") -> Array:
+    """Pose of the base, or of the tool, from its offsets."""
+    x = [found.get(f"{word}.{part}", 0.0) for part in _PARTS]
+    return se3.pose(se3.exp([*x[3:], 0.0, 0.0, 0.0])[:3, :3], x[:3])
+
+
+def _together(found: Mapping[str, float], step: Mapping[str, float]) -> dict[str, float]:
+    """Offsets after a further step."""
+    total = {name: found.get(name, 0.0) + x for name, x in step.items()}
+    T = _base(found) @ _base(step)
+    whole = dict(zip(_PARTS, [*T[:3, 3], *se3.log(se3.pose(T[:3, :3]))[:3]], strict=True))
+    return total | {n: whole[n[5:]] for n in total if n.startswith("base.")}
+
+
+def corrected(
+    elastic: ElasticMechanism,
+    measured: Measurements,
+    found: Mapping[str, float],
+    step: Mapping[str, float],
+) -> tuple[Measurements, dict[str, float]]:
+    """Rows without a step of the offsets, and all that was found; loads stay where they act."""
+    table = np.stack([measured.values.get(n, np.full(len(measured), np.nan)) for n in POSITION])
+    if (np.isnan(table).any(axis=0) & ~np.isnan(table).all(axis=0)).any():
+        step = {n: x for n, x in step.items() if not n.startswith("base.")}  # no whole positions
+    zeros = [step.get(f"{name}{ZERO}", 0.0) for name in elastic.names]
+    tool = _base(step, "tool")
+    rows = np.arange(len(measured))
+    values = _moved(measured.values, rows, se3.inverse(_base(step)), tool[:3, :3].T)
+    point = tuple((np.asarray(measured.point) + tool[:3, 3]).tolist())
+    return replace(measured, q=measured.q + zeros, values=values, point=point), _together(
+        found, step
+    )
+
+
+def _moved(
+    values: Mapping[str, Array], rows: NDArray[np.intp], T: Array, turn: Array
+) -> dict[str, Array]:
+    """Positions and orientations of some rows in another frame; bodies turned in theirs."""
+    values = dict(values)
+    if all(name in values for name in POSITION):
+        x = np.stack([values[name] for name in POSITION], axis=1)
+        x[rows] = x[rows] @ T[:3, :3].T + T[:3, 3]
+        values |= dict(zip(POSITION, x.T, strict=True))
+    if all(name in values for name in TURN):
+        angles = np.stack([values[name] for name in TURN], axis=1)
+        R = T[:3, :3] @ se3.rotation_by_angles(angles[rows]) @ turn
+        angles[rows] = se3.roll_pitch_yaw(se3.pose(R))
+        values |= dict(zip(TURN, angles.T, strict=True))
+    return values
+
+
+def aligned(measured: Measurements, points: Array) -> Measurements:
+    """Positions and orientations of each session moved into the base frame of a rigid arm.
+
+    Parameters
+    ----------
+    measured : Measurements
+        With whole positions, or they are left as they are.
+    points : ndarray (N, 3)
+        The measured point of the rigid mechanism in the robot's base frame.
+
+    Raises
+    ------
+    InputError
+        For a session of fewer than three places.
+    """
+    if not measured.session or not all(name in measured.values for name in POSITION):
+        return measured
+    x = np.stack([measured.values[name] for name in POSITION], axis=1)
+    sessions = np.array(measured.session)
+    values: Mapping[str, Array] = measured.values
+    for name in dict.fromkeys(measured.session):
+        rows = np.flatnonzero((sessions == name) & ~np.isnan(x).any(axis=1))
+        if rows.size:
+            values = _moved(values, rows, _fit(x[rows], points[rows], name), np.eye(3))
+    return replace(measured, values=values)
+
+
+def _fit(seen: Array, there: Array, session: str) -> Array:
+    """Pose that moves points onto others with the least squares of distances."""
+    a, b = seen.mean(axis=0), there.mean(axis=0)
+    U, values, Vt = np.linalg.svd((seen - a).T @ (there - b))
+    if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
+        raise InputError(
+            f"the points of session {session!r} stand in one line: its frame is not known",
+            where="column session",
+            expected="three points that are not in line, or --offsets translation",
+        )
+    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
+    R = Vt.T @ D @ U.T
+    return se3.pose(R, b - R @ a)

@@ -1,0 +1,300 @@
+"""Joint zeros, tool and base beside the springs: an arm of a UR10's size moved by Pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.identify.campaigns import write_table
+from tests.support.commands import run
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.identify.identification import identify
+from cartstiff.identify.table import read_measurements
+from cartstiff.report.identification import describe_identification
+
+JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+SPRINGS = np.array([4.2e4, 3.0e4, 2.4e4, 9.0e3, 7.0e3, 5.0e3])
+ZEROS = np.array([0.8, 0.5, -0.6, 1.1, -0.9, 0.7]) * 1e-3
+# UR10: d and a of the maker's table [m], masses of its links [kg], drawn by hand as placements.
+PLACES = (
+    ((0, 0, 0), (0, 0, 0.1273)),
+    ((0, np.pi / 2, 0), (0, 0.220941, 0)),
+    ((0, 0, 0), (0, -0.1719, 0.612)),
+    ((0, np.pi / 2, 0), (0, 0, 0.5723)),
+    ((0, 0, 0), (0, 0.1149, 0)),
+    ((0, 0, 0), (0, 0, 0.1157)),
+)
+AXES = "zyyyzy"
+MASSES = (7.778, 12.93, 3.87, 1.96, 1.96, 0.202)
+TOOL = (0.03, 0.0922, 0.05)
+
+
+def _model() -> pin.Model:
+    model, parent = pin.Model(), 0
+    for name, (rpy, xyz), axis, mass in zip(JOINTS, PLACES, AXES, MASSES, strict=True):
+        place = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz, float))
+        parent = model.addJoint(
+            parent, {"y": pin.JointModelRY(), "z": pin.JointModelRZ()}[axis], place, name
+        )
+        inertia = pin.Inertia(
+            mass, np.array([0.0, 0.02, 0.2 if mass > 3 else 0.02]), np.eye(3) * 0.02
+        )
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+    model.addFrame(
+        pin.Frame("tip", parent, 0, pin.SE3(np.eye(3), np.array(TOOL)), pin.FrameType.OP_FRAME)
+    )
+    return model
+
+
+def _urdf(path):
+    """The same arm as a file."""
+    parts = ['<robot name="ten"><link name="base"/>']
+    for i, (name, (rpy, xyz), axis, mass) in enumerate(
+        zip(JOINTS, PLACES, AXES, MASSES, strict=True)
+    ):
+        com = 0.2 if mass > 3 else 0.02
+        parts.append(
+            f'<link name="l{i}"><inertial><mass value="{mass}"/><origin xyz="0 0.02 {com}"/>'
+            '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{name}" type="revolute"><parent link="{f"l{i - 1}" if i else "base"}"/>'
+            f'<child link="l{i}"/><origin rpy="{" ".join(map(repr, map(float, rpy)))}" '
+            f'xyz="{" ".join(map(str, xyz))}"/>'
+            f'<axis xyz="0 {int(axis == "y")} {int(axis == "z")}"/>'
+            '<limit lower="-6.3" upper="6.3" effort="1" velocity="1"/></joint>'
+        )
+    parts.append(
+        '<link name="tip"/><joint name="f" type="fixed"><parent link="l5"/><child link="tip"/>'
+        f'<origin xyz="{" ".join(map(str, TOOL))}"/></joint></robot>'
+    )
+    path.with_suffix(".urdf").write_text("".join(parts), "utf-8")
+    springs = "".join(f"  {n}: {{stiffness: 2.0e4}}\n" for n in JOINTS)
+    path.write_text(
+        f"kind: serial\nmodel: {path.stem}.urdf\nframe: tip\ngravity: [0, 0, -9.81]\n"
+        f"springs:\n{springs}",
+        "utf-8",
+    )
+    return path
+
+
+def _settled(model, data, q, mass):
+    """Pose of the tip where springs, weight and a hung mass balance, by fixed-point iteration."""
+    moved, frame = q.copy(), model.getFrameId("tip")
+    for _ in range(60):
+        J = pin.computeFrameJacobian(model, data, moved, frame, pin.LOCAL_WORLD_ALIGNED)
+        torque = J[:3].T @ np.array([0, 0, -9.81 * mass])
+        torque = torque - pin.computeGeneralizedGravity(model, data, moved)
+        moved = q + torque / SPRINGS
+    pin.framesForwardKinematics(model, data, moved)
+    return data.oMf[frame].homogeneous.copy()
+
+
+def campaign(
+    path,
+    rows=60,
+    seed=3,
+    sd=2e-5,
+    zeros=ZEROS,
+    tool=(0, 0, 0),
+    base=None,
+    orientation=0.0,
+    same=False,
+    **columns,
+):
+    """A table: commanded joints, a hung mass of 0 or 10 kg, the measured place of the tool."""
+    model, rng = _model(), np.random.default_rng(seed)
+    data = model.createData()
+    q = rng.uniform(-2.2, 2.2, (1 if same else rows, 6))
+    q = np.tile(q, (rows, 1)) if same else q
+    mass = np.where(np.arange(rows) % 2, 10.0, 0.0)
+    if same:
+        mass = np.full(rows, 10.0)
+    seen, turned = [], []
+    for row, m in zip(q, mass, strict=True):
+        T = (np.eye(4) if base is None else base) @ _settled(model, data, row + zeros, m)
+        seen.append(T[:3, 3] + T[:3, :3] @ np.asarray(tool) + sd * rng.normal(size=3))
+        turned.append(pin.rpy.matrixToRpy(T[:3, :3] @ pin.exp3(orientation * rng.normal(size=3))))
+    table = dict(zip(JOINTS, q.T, strict=True)) | {"mass": mass}
+    table |= dict(zip("xyz", np.array(seen).T, strict=True))
+    table |= {f"sd_{n}": np.full(rows, sd) for n in "xyz"}
+    if orientation:
+        table |= dict(zip(("roll", "pitch", "yaw"), np.array(turned).T, strict=True))
+        table |= {f"sd_{n}": np.full(rows, orientation) for n in ("roll", "pitch", "yaw")}
+    return write_table(path, table | columns)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return cartstiff.load(str(_urdf(tmp_path_factory.mktemp("ten") / "ten.yaml")))
+
+
+def _found(arm, path, sought, **how):
+    return identify(arm, read_measurements(path, arm), sought=sought, **how)
+
+
+def _truth(result):
+    """Estimate less truth over the standard deviation, by name."""
+    springs = dict(zip(JOINTS, 1.0 / SPRINGS, strict=True))
+    z = {
+        e.name: (e.compliance - springs[e.name]) / e.deviation
+        for e in result.estimates
+        if e.deviation is not None
+    }
+    zeros = dict(zip(JOINTS, ZEROS, strict=True))
+    for g in result.geometry:
+        if g.identifiable and g.name.endswith(".zero"):
+            z[g.name] = (g.value - zeros[g.name.removesuffix(".zero")]) / g.sd
+    return z
+
+
+def test_zeros_and_springs_come_back_together(arm, tmp_path):
+    """Loaded and linear fits; without the zeros the springs are wrong, and a note says by what."""
+    path = campaign(tmp_path / "a.csv")
+    result = _found(arm, path, ("joints", "zeros"), loaded=True)
+    z = _truth(result)
+    assert len(z) == 11  # the weight does not turn the first joint
+    assert max(map(abs, z.values())) < 3.5
+    assert result.inflation == 1.0
+    narrow = {e.name: e.deviation * e.stiffness for e in result.estimates if e.stiffness}
+    assert narrow["shoulder_lift_joint"] < 0.003
+    assert narrow["elbow_joint"] < 0.01
+    small = _found(arm, path, ("joints", "zeros"))
+    assert max(map(abs, _truth(small).values())) < 4.0
+    without = _found(arm, path, ())
+    assert abs(_truth(without)["shoulder_lift_joint"]) > 1.5
+    assert without.inflation > 10.0
+    notes = {n.code: n for n in without.notes}
+    assert notes["zeros-taken-as-known"].values["error"] == 5e-4
+    assert "zeros-taken-as-known" not in {n.code for n in result.notes}
+    assert "shoulder_lift_joint.zero" in describe_identification(result)
+
+
+def test_what_half_a_milliradian_does_is_what_the_note_says(arm, tmp_path):
+    """The same rows with one zero off by 0.5 mrad: the springs move by no more than was said."""
+    zeros = np.zeros(6)
+    clean = _found(arm, campaign(tmp_path / "a.csv", zeros=zeros), ())
+    said = next(n for n in clean.notes if n.code == "zeros-taken-as-known").values["stiffness"]
+    worst = dict.fromkeys(said, 0.0)
+    for j in range(1, 6):
+        off = zeros.copy()
+        off[j] = -5e-4
+        for e in _found(arm, campaign(tmp_path / "b.csv", zeros=off), ()).estimates:
+            if e.name in said:
+                p = clean.unknowns.names.index(e.name)
+                there = dict(zip(JOINTS, clean.chosen.solved.unbounded, strict=True))[e.name]
+                now = _unbounded(arm, tmp_path / "b.csv")[p]
+                worst[e.name] = max(worst[e.name], abs(now - there))
+    for name, other in said.items():
+        own = next(e for e in clean.estimates if e.name == name).compliance
+        if other is not None and np.isfinite(other):
+            assert abs(own - 1.0 / other) == pytest.approx(worst[name], rel=0.02)
+
+
+def _unbounded(arm, path):
+    return _found(arm, path, ()).chosen.solved.unbounded
+
+
+def test_deviations_are_honest_over_many_campaigns(arm, tmp_path):
+    """Sum of squares of estimates less truth over their deviations, twelve campaigns."""
+    z = []
+    for seed in range(12):
+        path = campaign(tmp_path / "a.csv", rows=30, seed=100 + seed)
+        z += list(_truth(_found(arm, path, ("joints", "zeros"), loaded=True)).values())
+    assert 0.75 < np.mean(np.square(z)) < 1.3  # 132 numbers: 1 +- 0.12
+    assert np.mean(np.abs(z) < 1.96) > 0.89
+
+
+def test_tool_and_base_and_large_zeros(arm, tmp_path):
+    """Ten milliradians, five millimetres, a base turned by three degrees: rows are corrected."""
+    zeros = np.array([0.0, 8e-3, -1e-2, 6e-3, -9e-3, 0.0])
+    base = pin.SE3(pin.exp3(np.array([0.05, -0.03, 0.04])), np.array([0.2, -0.1, 0.05]))
+    path = campaign(
+        tmp_path / "a.csv", zeros=zeros, tool=(0.005, -0.004, 0.003), base=base.homogeneous
+    )
+    some = [f"{name}.zero" for name in JOINTS[1:5]]
+    result = _found(arm, path, ("joints", *some, "tool", "base"), loaded=True)
+    found = {g.name: g for g in result.geometry}
+    assert all(g.identifiable for g in found.values())
+    truth = dict(zip(some, zeros[1:5], strict=True))
+    truth |= {"tool.x": 0.005, "tool.y": -0.004, "tool.z": 0.003}
+    truth |= dict(zip(("base.x", "base.y", "base.z"), base.translation, strict=True))
+    truth |= dict(zip(("base.rx", "base.ry", "base.rz"), (0.05, -0.03, 0.04), strict=True))
+    assert set(truth) == set(found)
+    for name, value in truth.items():
+        assert abs(found[name].value - value) < 4.0 * found[name].sd, name
+        assert found[name].sd < 2e-4
+    springs = {e.name: e for e in result.estimates}
+    for name, k in zip(JOINTS[1:], SPRINGS[1:], strict=True):
+        assert abs(springs[name].compliance - 1 / k) < 4.0 * springs[name].deviation
+
+
+def test_what_the_rows_do_not_separate_is_named_and_not_given(arm, tmp_path):
+    """First zero and base about its axis; last zero and tool across its axis; and one posture."""
+    path = campaign(tmp_path / "a.csv")
+    result = _found(arm, path, ("joints", "zeros", "tool", "base"))
+    groups = [set(n.values["unknowns"]) for n in result.notes if n.code == "not-separable"]
+    first, last = {"shoulder_pan_joint.zero", "base.rz"}, {"wrist_3_joint.zero", "tool.x", "tool.z"}
+    assert first in groups
+    assert last in groups
+    assert len(groups) == 2
+    lost = {g.name for g in result.geometry if g.value is None and g.interval is None}
+    assert lost == first | last
+    data = result.as_dict()
+    assert {g["name"] for g in data["geometry"] if not g["identifiable"]} == lost
+    assert {n for u in data["unseen"] for n in u["offsets"]} == lost
+    one = campaign(tmp_path / "b.csv", same=True)
+    result = _found(arm, one, ("joints", "zeros"))
+    group = next(set(n.values["unknowns"]) for n in result.notes if n.code == "not-separable")
+    assert {"elbow_joint", "elbow_joint.zero"} <= group
+    assert all(e.verdict == "not-identifiable" for e in result.estimates)
+    assert not any(g.identifiable for g in result.geometry)
+
+
+def test_orientations_show_the_last_zero(arm, tmp_path):
+    """Positions on an axis do not show its zero, orientations do."""
+    path = campaign(tmp_path / "a.csv", orientation=1e-4)
+    result = _found(arm, path, ("joints", "zeros"), loaded=True)
+    z = _truth(result)
+    assert len(z) == 11
+    assert max(map(abs, z.values())) < 3.5
+    turned = _found(arm, path, ("joints", "zeros", "tool"), loaded=True)
+    names = {g.name for g in turned.geometry}
+    assert {"tool.rx", "tool.ry", "tool.rz"} <= names
+    group = next(set(n.values["unknowns"]) for n in turned.notes if n.code == "not-separable")
+    assert {"wrist_3_joint.zero", "tool.ry"} <= group
+
+
+def test_refusals(arm, tmp_path):
+    """Differences, loops and unknown words."""
+    rows = 6
+    columns = {name: np.linspace(0.1, 1.0, rows) for name in JOINTS}
+    columns |= {"fz": np.full(rows, 50.0), "dz": np.full(rows, 1e-3)}
+    path = write_table(tmp_path / "d.csv", columns)
+    with pytest.raises(InputError, match="differences do not show tool"):
+        _found(arm, path, ("joints", "tool"))
+    with pytest.raises(InputError, match="closest: zeros"):
+        _found(arm, path, ("zero",))
+    loop = cartstiff.load("five-bar")
+    with pytest.raises(InputError, match="open chains"):
+        identify(loop, read_measurements(path, arm), sought=("zeros",))
+
+
+def test_command_line(tmp_path):
+    """Words of one option, in any order; plans are for springs alone."""
+    folder = tmp_path / "x"
+    folder.mkdir()
+    file = _urdf(folder / "ten.yaml")
+    path = campaign(folder / "a.csv")
+    text = run("identify", file, path, "--unknown", "zeros,tool")
+    assert "elbow_joint.zero" in text
+    assert "tool.y" in text
+    planned = ("--plan", "3", "--force", "50", "--sd", "x=0.02mm", "--unknown", "zeros")
+    run("identify", file, *planned, code=2, said="plans are for springs")
