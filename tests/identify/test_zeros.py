@@ -88,7 +88,7 @@ def _urdf(path):
 def _settled(model, data, q, mass):
     """Pose of the tip where springs, weight and a hung mass balance, by fixed-point iteration."""
     moved, frame = q.copy(), model.getFrameId("tip")
-    for _ in range(60):
+    for _ in range(12):
         J = pin.computeFrameJacobian(model, data, moved, frame, pin.LOCAL_WORLD_ALIGNED)
         torque = J[:3].T @ np.array([0, 0, -9.81 * mass])
         torque = torque - pin.computeGeneralizedGravity(model, data, moved)
@@ -99,9 +99,9 @@ def _settled(model, data, q, mass):
 
 def campaign(
     path,
-    rows=60,
+    rows=40,
     seed=3,
-    sd=2e-5,
+    sd=5e-5,
     zeros=ZEROS,
     tool=(0, 0, 0),
     base=None,
@@ -109,14 +109,14 @@ def campaign(
     same=False,
     **columns,
 ):
-    """A table: commanded joints, a hung mass of 0 or 10 kg, the measured place of the tool."""
+    """A table: commanded joints, a hung mass of 0 or 5 kg, the measured place of the tool."""
     model, rng = _model(), np.random.default_rng(seed)
     data = model.createData()
     q = rng.uniform(-2.2, 2.2, (1 if same else rows, 6))
     q = np.tile(q, (rows, 1)) if same else q
-    mass = np.where(np.arange(rows) % 2, 10.0, 0.0)
+    mass = np.where(np.arange(rows) % 2, 5.0, 0.0)
     if same:
-        mass = np.full(rows, 10.0)
+        mass = np.full(rows, 5.0)
     seen, turned = [], []
     for row, m in zip(q, mass, strict=True):
         T = (np.eye(4) if base is None else base) @ _settled(model, data, row + zeros, m)
@@ -157,19 +157,24 @@ def _truth(result):
 
 def test_zeros_and_springs_come_back_together(arm, tmp_path):
     """Loaded and linear fits; without the zeros the springs are wrong, and a note says by what."""
-    path = campaign(tmp_path / "a.csv")
+    path = campaign(tmp_path / "a.csv", rows=24)
     result = _found(arm, path, ("joints", "zeros"), loaded=True)
     z = _truth(result)
     assert len(z) == 11  # the weight does not turn the first joint
     assert max(map(abs, z.values())) < 3.5
     assert result.inflation == 1.0
     narrow = {e.name: e.deviation * e.stiffness for e in result.estimates if e.stiffness}
-    assert narrow["shoulder_lift_joint"] < 0.003
-    assert narrow["elbow_joint"] < 0.01
+    assert narrow["shoulder_lift_joint"] < 0.02
+    assert narrow["elbow_joint"] < 0.06
     small = _found(arm, path, ("joints", "zeros"))
     assert max(map(abs, _truth(small).values())) < 4.0
     without = _found(arm, path, ())
-    assert abs(_truth(without)["shoulder_lift_joint"]) > 1.5
+    off = [
+        abs(w.compliance - 1 / k) / e.deviation
+        for w, e, k in zip(without.estimates, result.estimates, SPRINGS, strict=True)
+        if e.deviation
+    ]
+    assert max(off) > 5.0
     assert without.inflation > 10.0
     notes = {n.code: n for n in without.notes}
     assert notes["zeros-taken-as-known"].values["error"] == 5e-4
@@ -182,34 +187,25 @@ def test_what_half_a_milliradian_does_is_what_the_note_says(arm, tmp_path):
     zeros = np.zeros(6)
     clean = _found(arm, campaign(tmp_path / "a.csv", zeros=zeros), ())
     said = next(n for n in clean.notes if n.code == "zeros-taken-as-known").values["stiffness"]
-    worst = dict.fromkeys(said, 0.0)
+    there, worst = clean.chosen.solved.unbounded, np.zeros(6)
     for j in range(1, 6):
         off = zeros.copy()
         off[j] = -5e-4
-        for e in _found(arm, campaign(tmp_path / "b.csv", zeros=off), ()).estimates:
-            if e.name in said:
-                p = clean.unknowns.names.index(e.name)
-                there = dict(zip(JOINTS, clean.chosen.solved.unbounded, strict=True))[e.name]
-                now = _unbounded(arm, tmp_path / "b.csv")[p]
-                worst[e.name] = max(worst[e.name], abs(now - there))
-    for name, other in said.items():
-        own = next(e for e in clean.estimates if e.name == name).compliance
-        if other is not None and np.isfinite(other):
-            assert abs(own - 1.0 / other) == pytest.approx(worst[name], rel=0.02)
-
-
-def _unbounded(arm, path):
-    return _found(arm, path, ()).chosen.solved.unbounded
+        moved = _found(arm, campaign(tmp_path / "b.csv", zeros=off), ()).chosen.solved
+        worst = np.maximum(worst, np.abs(moved.unbounded - there))
+    for e, change in zip(clean.estimates, worst, strict=True):
+        if np.isfinite(said.get(e.name, np.inf)):
+            assert abs(e.compliance - 1.0 / said[e.name]) == pytest.approx(change, rel=0.02)
 
 
 def test_deviations_are_honest_over_many_campaigns(arm, tmp_path):
-    """Sum of squares of estimates less truth over their deviations, twelve campaigns."""
+    """Sum of squares of estimates less truth over their deviations, six campaigns."""
     z = []
-    for seed in range(12):
+    for seed in range(6):
         path = campaign(tmp_path / "a.csv", rows=30, seed=100 + seed)
-        z += list(_truth(_found(arm, path, ("joints", "zeros"), loaded=True)).values())
-    assert 0.75 < np.mean(np.square(z)) < 1.3  # 132 numbers: 1 +- 0.12
-    assert np.mean(np.abs(z) < 1.96) > 0.89
+        z += list(_truth(_found(arm, path, ("joints", "zeros"))).values())
+    assert 0.6 < np.mean(np.square(z)) < 1.45  # 66 numbers: 1 +- 0.17
+    assert np.mean(np.abs(z) < 1.96) > 0.87
 
 
 def test_tool_and_base_and_large_zeros(arm, tmp_path):
@@ -220,7 +216,7 @@ def test_tool_and_base_and_large_zeros(arm, tmp_path):
         tmp_path / "a.csv", zeros=zeros, tool=(0.005, -0.004, 0.003), base=base.homogeneous
     )
     some = [f"{name}.zero" for name in JOINTS[1:5]]
-    result = _found(arm, path, ("joints", *some, "tool", "base"), loaded=True)
+    result = _found(arm, path, ("joints", *some, "tool", "base"))
     found = {g.name: g for g in result.geometry}
     assert all(g.identifiable for g in found.values())
     truth = dict(zip(some, zeros[1:5], strict=True))
@@ -261,11 +257,11 @@ def test_what_the_rows_do_not_separate_is_named_and_not_given(arm, tmp_path):
 def test_orientations_show_the_last_zero(arm, tmp_path):
     """Positions on an axis do not show its zero, orientations do."""
     path = campaign(tmp_path / "a.csv", orientation=1e-4)
-    result = _found(arm, path, ("joints", "zeros"), loaded=True)
+    result = _found(arm, path, ("joints", "zeros"))
     z = _truth(result)
     assert len(z) == 11
     assert max(map(abs, z.values())) < 3.5
-    turned = _found(arm, path, ("joints", "zeros", "tool"), loaded=True)
+    turned = _found(arm, path, ("joints", "zeros", "tool"))
     names = {g.name for g in turned.geometry}
     assert {"tool.rx", "tool.ry", "tool.rz"} <= names
     group = next(set(n.values["unknowns"]) for n in turned.notes if n.code == "not-separable")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
@@ -31,6 +31,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
         "world": "load hold path",
         "load_at load_kind": "load path",
         "csv plot": "curve path",
+        "against": "path",
     },
     exclusive=(
         "curve path sensitivities",
@@ -61,6 +62,7 @@ def command(
     no_limits: bool = False,
     curve: Annotated[float | None, Number("FACTOR", some=True)] = None,
     path: Path | None = None,
+    against: Literal["load", "all"] | None = None,
 ) -> None:
     """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
 
@@ -91,6 +93,9 @@ def command(
         Compensate along a path: one posture a line, or posture and wrench (as for --load, in the
         axes of the body at that posture), under a line of names if wanted; gives the commands that
         put the loaded body there.
+    against
+        What --path compensates: the load (the default), as the program was taught under the weight,
+        or all, the weight as well (the default where the file gives all rest positions).
 
     Examples
     --------
@@ -141,7 +146,7 @@ def command(
     elastic, start = moved(elastic)
     held = None if hold is None else Held(hold, axes=load.axes)
     if path is not None:
-        _compensate(elastic, path, load, loads_at, out)
+        _compensate(elastic, path, load, loads_at, against, out)
         return
     loads = loads_at(start, load.load)
     if curve is None:
@@ -185,6 +190,7 @@ def _compensate(
     path: Path,
     load: Load,
     loads_at: Callable[[Any, Any], tuple[Any, ...]],
+    against: Literal["load", "all"] | None,
     out: Output,
 ) -> None:
     from cartstiff.loading.tables import read_rows
@@ -206,13 +212,13 @@ def _compensate(
         name = "--load-kind" if load.load_at is None else "--load-at"
         raise InputError("is for --load", where=name)
     loads = [list(loads_at(q, w)) for q, w in zip(postures, wrenches, strict=True)]
-    if not loads[0]:
+    if not loads[0] and against != "all":
         raise InputError(
             "a path needs a load",
             where="--path",
-            expected="--load, --payload, or six more columns in the file",
+            expected="--load, --payload, six more columns in the file, or --against all",
         )
-    result = compensate(elastic, postures, loads)
+    result = compensate(elastic, postures, loads, against=against)
     out.show(
         result.as_dict(),
         elastic.name,

@@ -10,6 +10,7 @@ import click
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import Csv, Printed, Robot, declared
 from cartstiff.cli.output import say, say_unused
+from cartstiff.errors import InputError
 
 
 @declared("frames")
@@ -102,6 +103,7 @@ def poses_command(
     table: Path,
     *,
     controller: Annotated[Literal["kuka", "fanuc", "abb", "ur"], "--for"],
+    before: bool = False,
     output: Csv = None,
 ) -> None:
     """Postures of a table as a robot controller shows them: joints and poses in mm and degrees.
@@ -119,6 +121,8 @@ def poses_command(
     controller
         Controller that shows them. kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion
         q1..q4. ur: rotation vector.
+    before
+        The program before compensation (columns taught_JOINT), row by row as that after it.
     output
         Write the table there.
 
@@ -138,11 +142,20 @@ def poses_command(
     rows = read_rows(
         table, "postures", units=elastic.units, factors=shown_factors(elastic), joints=elastic.names
     )
-    commands = tuple(f"command_{name}" for name in elastic.names)
+    word = "taught" if before else "command"
+    commands = tuple(f"{word}_{name}" for name in elastic.names)
     commanded = rows.names is not None and set(commands) <= set(rows.names)
+    if before and not commanded:
+        raise InputError("the table has no columns taught_JOINT", where="--before", got=table.name)
     _, q, unused = rows.arranged(commands if commanded else elastic.names)
     text = robot_table(elastic, q, controller)
-    known = ("before_", "after_", *elastic.names)  # written beside commands, and said below
+    known = (
+        "taught_",
+        "command_",
+        "before_",
+        "after_",
+        *elastic.names,
+    )  # written beside commands, and said below
     say_unused(table, [name for name in unused if not (commanded and name.startswith(known))])
     where = f"{body_frame(elastic.mechanism)}, in the robot's base"
     if output is None:
@@ -151,4 +164,5 @@ def poses_command(
         return
     write_whole(output, text.encode())
     what = "commands that compensate the deflection" if commanded else "postures"
+    what = "commands before compensation" if before else what
     say(f"{output}: {len(q)} {what}; poses of the {where}")

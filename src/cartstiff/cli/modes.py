@@ -136,16 +136,23 @@ class Response:
     lobes
         Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by the
         zeroth-order theory.
+    measured : FILE
+        Response measured at the tool, in place of the modes for --lobes: .csv or .mat of three
+        columns, frequency [Hz], real and imaginary part [um/N]; given twice: along feed and normal.
     """
 
-    NEEDS: ClassVar = {"kind point direction": "response", "milling feed normal tip": "lobes"}
-    RARE: ClassVar = "kind point"
+    NEEDS: ClassVar = {
+        "kind point direction": "response",
+        "milling feed normal tip measured": "lobes",
+    }
+    RARE: ClassVar = "kind point measured"
 
     response: Annotated[_Range, Sweep(400, 1_000_000, "Hz")] = None
     kind: Annotated[Any, click.Choice([*RESPONSES, "transmissibility"])] = "receptance"
     point: Point = None
     direction: Direction = None
     lobes: Annotated[_Range, Sweep(12, 2000, "rev/min", above_zero=True)] = None
+    measured: tuple[Path, ...] = ()
 
     def run(
         self, modes: Modes, vibration: Vibration, data: dict[str, Any]
@@ -176,14 +183,23 @@ class Response:
             }
         if self.lobes is not None and vibration.cutter is not None:
             from cartstiff.report.modes import describe_lobes, draw_lobes, lobes_csv
-            from cartstiff.vibration.chatter import lobes
+            from cartstiff.vibration.chatter import MeasuredReceptance, lobes
 
             damping, units = vibration.damped, modes.elastic.units
-            if not damping.acts_on(modes.elastic):
+            speeds = np.linspace(*self.lobes)
+            if self.measured:
+                if len(self.measured) > 2:
+                    raise InputError("is for feed and normal", where="--measured", got="more files")
+                held = MeasuredReceptance.read(*self.measured, units=units)
+                curve = lobes(held, vibration.cutter, speeds)
+            elif not damping.acts_on(modes.elastic):
                 raise InputError(
-                    "needs damping", where="--lobes", expected="--damping or --rayleigh"
+                    "needs damping",
+                    where="--lobes",
+                    expected="--damping, --rayleigh, or --measured FILE",
                 )
-            curve = lobes(modes, vibration.cutter, np.linspace(*self.lobes), damping)
+            else:
+                curve = lobes(modes, vibration.cutter, speeds, damping)
             milling = asdict(vibration.cutter)
             data["lobes"] = {**curve.as_dict(), "milling": milling, "unit": units.length}
             lines += describe_lobes(curve, units)

@@ -122,7 +122,7 @@ def without_paths(cells: Cells, kinds: Mapping[str, str]) -> tuple[Cells, tuple[
         for i, name in enumerate(names)
         if name not in kinds
         and (
-            (of_commands and name.startswith(("command_", "before_", "after_")))
+            (of_commands and name.startswith(("command_", "taught_", "before_", "after_")))
             or (of_path and not get_close_matches(name, kinds))
         )
     ]

@@ -19,7 +19,7 @@ import numpy as np
 
 from cartstiff.arrays import Array, unsafe_cell
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.yaml_file import LARGEST, read_text
+from cartstiff.loading.yaml_file import LARGEST, read_bytes, read_text
 from cartstiff.mechanisms.contract import (
     ANGLES,
     FORCES,
@@ -268,6 +268,8 @@ def read_rows(
     return Rows(np.array(rows) * (sizes or 1.0), names, cells.place, factors)
 
 
+# Rows of a measured response that are read.
+_LONGEST = 1_000_000
 _ROUND = re.compile(
     r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?(?:/\w+)?|kg|g|m?s|m?rad|deg|\u00b0))"
     r"\s*\)\s*$"
@@ -351,6 +353,82 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
         return name, None
     length, force = convert_length(SI, units)
     return name, size * {"length": length, "force": force, "moment": force * length}.get(kind, 1.0)
+
+
+_HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / pi}
+# Of what a frequency response is per force: how often the displacement is derived.
+_RATES = {"": 0, "s": 1, "s^2": 2}
+
+
+def read_response(path: Path) -> tuple[Array, Array]:
+    """A measured frequency response: frequencies in Hz (N,), displacement per force in m/N (N,).
+
+    Parameters
+    ----------
+    path : Path
+        Three columns: frequency [Hz], real and imaginary part [um/N], [m/s/N] or [m/s^2/N]; rates
+        are turned into displacements. CSV with units in the heads; or MAT with one array (N, 3) and
+        a text "units" such as "Hz, um/N, um/N". A row at 0 Hz is left out.
+
+    Raises
+    ------
+    InputError
+        With file and line.
+    """
+    place, is_mat = one_line(str(path)), path.suffix.lower() == ".mat"
+    if is_mat:
+        units, table = _of_mat(path, place)
+    else:
+        cells = read_cells(path, "frequencies")
+        units, place = [(_HEAD.fullmatch(h) or "  ")[2] or "" for h in cells.names], cells.place
+        pairs = zip(cells.rows, cells.places, strict=True)
+        table = np.array([parse_numbers(",".join(row), at, len(row)) for row, at in pairs])
+    first, *others = [plain_unit(unit) for unit in units]
+    length, _, rest = re.sub(r"[() ]", "", others[0] if others else "").partition("/")
+    rate, _, force = rest.rpartition("/")
+    known = length in LENGTHS and force in FORCES and rate in _RATES and first in _HERTZ
+    if len(units) != 3 or others[0] != others[1] or not known:
+        one = "a text 'units' such as 'Hz, um/N, um/N'"
+        heads = "columns such as 'frequency [Hz]', 'real [um/N]', 'imaginary [um/N]'"
+        raise InputError(
+            "no frequency response with units",
+            where=place,
+            expected=one if is_mat else heads,
+            got=", ".join(units),
+        )
+    table = table[table[:, 0] != 0.0]
+    hertz = table[:, 0] * _HERTZ[first]
+    size = LENGTHS[length] / FORCES[force] / (2j * pi * hertz) ** _RATES[rate]
+    return hertz, (table[:, 1] + 1j * table[:, 2]) * size
+
+
+def _of_mat(path: Path, place: str) -> tuple[list[str], Array]:
+    """Units and the one array (N, 3) of numbers in a MAT file."""
+    from io import BytesIO
+
+    from scipy.io import loadmat, whosmat
+
+    data = BytesIO(read_bytes(path, LARGEST))
+    try:
+        sizes = {name: shape for name, shape, _ in whosmat(data)}
+        arrays = [n for n, s in sizes.items() if len(s) == 2 and s[1] == 3 and s[0] <= _LONGEST]
+        if len(arrays) != 1 or "units" not in sizes or max(sizes["units"]) > _LONGEST:
+            raise InputError(
+                "no frequency response with units",
+                where=place,
+                expected="one array (N, 3) and a text 'units' such as 'Hz, um/N, um/N'",
+                got=", ".join(sizes),
+            )
+        found = loadmat(data, variable_names=[*arrays, "units"], chars_as_strings=True)
+        table = np.asarray(found[arrays[0]], float)
+        text = "".join(map(str, np.ravel(found["units"])))
+    except InputError:
+        raise
+    except Exception as error:  # whatever a foreign file makes of the reader
+        raise InputError("MAT file cannot be read", where=place, got=one_line(str(error))) from None
+    if not np.isfinite(table).all():
+        raise InputError("not a finite number", where=place)
+    return text.split(","), table
 
 
 def _refuse_twice(names: tuple[str, ...], place: str) -> None:

@@ -301,6 +301,7 @@ def describe_lobes(curve: Lobes, units: Units) -> list[str]:
         "stable at every speed",
         *table(["rev/min", f"depth [{unit}]", "chatter [Hz]"], rows),
         "  linear chip, no process damping, no edge forces, no helix, no period doubling",
+        f"  {curve.assumed}",
     ]
 
 
@@ -327,6 +328,17 @@ def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units
         + " ".join(f"{x:.3g}" for x in answer.ratios)
         + f", and {percent(answer.coupling)} couples them",
     ]
+    K = answer.joint_stiffness
+    left = float(np.linalg.norm(K - np.diag(np.diag(K))) / max(np.linalg.norm(K), numerics.TINY))
+    lines.append(
+        f"  joints: J^T K J and J^T D J, {len(K)}x{len(K)}, in --json and -o; gains of single "
+        f"joints, the diagonal, leave out {percent(left)}"
+    )
+    for z, m in zip(answer.null_motions, answer.null_masses, strict=True):
+        lines.append(
+            f"  null motion {vector(z, 2, size=1.0)} of the joints: no stiffness, no damping; with "
+            f"a stiffness k of its own 2 ratio sqrt({m:.3g} k) damps it"
+        )
     if answer.dropped:
         lines.append(f"  antisymmetric part dropped: {percent(answer.dropped)}")
     return lines

@@ -163,14 +163,13 @@ def describe_curve(curve: LoadCurve) -> str:
 
 
 def _carried(path: CompensatedPath) -> str:
-    """What commands without compensation carry already."""
-    springs = path.elastic.springs
-    if path.weighed.acceleration is None or springs is None:
+    """Whether the weight is compensated."""
+    if path.weighed.acceleration is None:
         return ""
     return (
-        "; part of the error before compensation"
-        if springs.is_complete
-        else "; carried by the commands before compensation as well (open rest positions)"
+        "; weight compensated as well (--against all)"
+        if path.against == "all"
+        else "; weight not compensated: the program was taught under it (--against load)"
     )
 
 
@@ -199,16 +198,21 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
             f"  {100 * known.level:g} % from the measured springs, at most, along an axis: "
             f"{half[3:].max():.3g} {units.length}, {np.degrees(half[:3].max()):.3g} deg"
         )
+    weighs = bool(path.weight.any())
     lines += ["", "Largest change of a command"]
-    largest = np.abs(path.offsets).max(axis=0)
+    if weighs:
+        part = "of it the weight's" if path.against == "all" else "weight's, taught"
+        lines[-1] = f"{lines[-1]:<30} {'':>12} {part:>18}"
+    largest = [np.abs(part).max(axis=0) for part in (path.offsets, path.weight)]
     coordinates = path.elastic.mechanism.coordinates
     are_joints = path.elastic.spring_names == path.elastic.names
-    for i, (name, value) in enumerate(zip(path.elastic.spring_names, largest, strict=True)):
+    for i, (name, *values) in enumerate(zip(path.elastic.spring_names, *largest, strict=True)):
         is_length = not are_joints or coordinates[i].is_length
         size, unit = (length, units.length) if is_length else (turn, units.shown_angle)
         if not is_length and unit == "deg":
-            value, size = np.degrees(value), np.degrees(size)
-        lines.append(f"  {name:<28} {wide_row([value], size)} {unit}")
+            values, size = list(np.degrees(values)), np.degrees(size)
+        shown = [wide_row([value], size) for value in values[: 1 + weighs]]
+        lines.append(f"  {name:<28} {'      '.join(shown)} {unit}")
     if not is_written:
         lines.append("(--csv FILE.csv writes the commands.)")
     return joined([*lines, *_of_points(path.notes)])

@@ -21,7 +21,13 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, csv_text, is_pose
 from cartstiff.checked_call import checked
-from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
+from cartstiff.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+)
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
@@ -56,9 +62,13 @@ class CompensatedPath:
     commands : ndarray (m, k)
         Rest positions to command, in spring order (joints; legs of a platform).
     naive : ndarray (m, k)
-        Rest positions without compensation: those at which the mechanism is at rest at the posture
-        without the loads, as for `equilibrium`; of springs whose rest position the file gives,
-        those at which they carry nothing.
+        Rest positions without compensation, of the program before: those that hold the posture
+        under the weight alone, or against "all" those at which the springs carry nothing.
+    weight : ndarray (m, k)
+        Change of the command that the weight alone asks for; a part of the compensation against
+        "all", and in the program before it against "load".
+    against : {"load", "all"}
+        What is compensated.
     before, after : ndarray (m, 6)
         Error of the loaded end-effector, rotation vector and translation in axes of F, with the
         naive and with the compensated commands; NaN where no equilibrium was found.
@@ -77,6 +87,8 @@ class CompensatedPath:
     q: Array
     commands: Array
     naive: Array
+    weight: Array
+    against: str
     before: Array
     after: Array
     deviation: Array | None
@@ -120,7 +132,10 @@ class CompensatedPath:
             "springs": list(self.elastic.spring_names),
             "poses": self.poses.tolist(),
             "q": self.q.tolist(),
+            "against": self.against,
             "commands": self.commands.tolist(),
+            "taught": self.naive.tolist(),
+            "weight": self.weight.tolist(),
             "error_before": rows(self.before),
             "error_after": rows(self.after),
             "error_after_sd": None if self.deviation is None else rows(self.deviation),
@@ -130,12 +145,13 @@ class CompensatedPath:
         }
 
     def as_csv(self) -> str:
-        """Commands, errors and the postures that are wanted, one line a point."""
-        elastic, commands = self.elastic, self.commands
-        heads = [f"{name} [{elastic.units.length}]" for name in elastic.spring_names]
-        if elastic.spring_names == elastic.names:
-            heads, commands = elastic.names_with_units, shown(elastic, commands)
-        names, columns = [f"command_{name}" for name in heads], [commands]
+        """Commands after and before (taught), errors, postures wanted, one line a point."""
+        elastic, names, columns = self.elastic, list[str](), list[Array]()
+        for word, values in (("command", self.commands), ("taught", self.naive)):
+            heads = [f"{name} [{elastic.units.length}]" for name in elastic.spring_names]
+            if elastic.spring_names == elastic.names:
+                heads, values = elastic.names_with_units, shown(elastic, values)
+            names, columns = [*names, *(f"{word}_{head}" for head in heads)], [*columns, values]
         for when, values in (("before_", self.before), ("after_", self.after)):
             heads, values = shown_displacements(elastic.units, values, when)
             names, columns = [*names, *heads], [*columns, values]
@@ -146,6 +162,7 @@ class CompensatedPath:
         return csv_text(np.column_stack(columns), names)
 
 
+AGAINST = ("load", "all")
 # What springs cannot balance, as a share of what acts, above which a posture is refused.
 _UNBALANCED = numerics.REPORTED_ERROR
 # Where the check of a command starts, as a share of the way that the mechanism gave.
@@ -162,6 +179,7 @@ def compensate(
     load_kind: Literal["dead", "follower", "conservative"] | None = None,
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     q0: ArrayLike | None = None,
+    against: Literal["load", "all"] | None = None,
 ) -> CompensatedPath:
     """Commands that put the loaded end-effector on a path.
 
@@ -183,6 +201,11 @@ def compensate(
         The point of the body, in M, at which wrenches act.
     q0 : array_like (n,), optional
         Start of the search for the first pose; default the file's posture.
+    against : {"load", "all"}, optional
+        What is compensated: the loads, as the program was taught under the weight, which its
+        positions carry already; or the weight (and whatever else acts without the loads) as well.
+        Default "load"; "all" where the file gives every spring's rest position, as there the weight
+        is part of the way from them.
 
     Raises
     ------
@@ -194,17 +217,22 @@ def compensate(
         Code ``"not-compensable"`` if no command balances the load at a point: joints without
         springs would have to.
     """
-    _springs(checked_elastic(elastic))
+    springs = _springs(checked_elastic(elastic))
+    against = against or ("all" if springs.is_complete else "load")
+    if against not in AGAINST:
+        raise UnknownNameError("kind of compensation", against, AGAINST, where="--against")
     postures = _postures(elastic, path, q0)
     kind = LoadKind(load_kind or ("dead" if axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
     poses = [elastic.mechanism.at(q).pose for q in postures]
     loads = _loads(wrenches, poses, kind, axes)
-    commands, unloaded, before, after, deviation = [], [], [], [], []
+    commands, unloaded, weight, before, after, deviation = [], [], [], [], [], []
     stable: list[bool | None] = []
     notes = list(elastic.notes)
     for index, (q, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
         rest = _balancing_rest(elastic, q, acting, index)
-        unloaded.append(_naive_rest(elastic, q))
+        idle, taught = _idle_rest(elastic, q), _balancing_rest(elastic, q, (), index)
+        weight.append(taught - idle)
+        unloaded.append(taught if against == "load" else idle)
         naive = _commanded(elastic, unloaded[-1])
         commands.append(rest)
         error, given_way = _error(naive, acting, q, target, "before", index, notes)
@@ -228,6 +256,8 @@ def compensate(
         postures,
         np.array(commands),
         np.array(unloaded),
+        np.array(weight),
+        against,
         np.array(before),
         np.array(after),
         None if elastic.identified is None else np.array(deviation),
@@ -298,16 +328,11 @@ def _refuse_words(kind: LoadKind, axes: str) -> None:
         )
 
 
-def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:
-    """Rest positions that put the mechanism at q without the loads, as `equilibrium` begins.
-
-    Springs whose rest position is open carry gravity there; the others are at rest themselves.
-    """
+def _idle_rest(elastic: ElasticMechanism, q: Array) -> Array:
+    """Rest positions at which the springs carry nothing at q."""
     posture, springs = elastic.mechanism.at(q), _springs(elastic)
     nothing = np.zeros(posture.motion.jacobian.shape[1])
-    idle = springs.with_rest_balancing(posture, nothing, every=True).rest
-    balanced = _springs(elastic.with_rest_balancing(posture)).rest
-    return np.where(np.isnan(springs.rest), balanced, idle)
+    return springs.with_rest_balancing(posture, nothing, every=True).rest
 
 
 def _balancing_rest(

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,8 +33,12 @@ from cartstiff.arrays import (
     checked_vector,
     fixed,
 )
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.loading.tables import read_response
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.vibration.modes import Modes, modes
 from cartstiff.vibration.response import Damping, motion_at, transfer
 
@@ -155,6 +160,39 @@ class MeasuredReceptance:
         object.__setattr__(self, "frequencies", fixed(hertz))
         object.__setattr__(self, "matrices", fixed(parts))
 
+    @classmethod
+    def read(cls, feed: Path, normal: Path | None = None, units: Units = SI) -> MeasuredReceptance:
+        """From files of three columns, see `cartstiff.loading.tables.read_response`.
+
+        Parameters
+        ----------
+        feed, normal : Path
+            Response along feed and normal to a force along the same; without the second both are
+            alike. What one does to the other is left out.
+        units : Units
+            Units of the displacement per force.
+
+        Raises
+        ------
+        InputError
+            If the two have other frequencies, or a file cannot be read.
+        """
+        length, force = convert_length(SI, units)
+        (hertz, G), *more = [
+            read_response(Path(path)) for path in (feed, normal) if path is not None
+        ]
+        for other, _ in more:
+            if other.shape != hertz.shape or not np.allclose(other, hertz, rtol=numerics.NEARBY):
+                raise InputError(
+                    "the responses along feed and normal have other frequencies",
+                    where=one_line(str(normal)),
+                    expected=f"{len(hertz)} from {hertz[0]:g} to {hertz[-1]:g} Hz",
+                    got=f"{len(other)} from {other[0]:g} to {other[-1]:g} Hz",
+                )
+        parts = np.zeros((len(hertz), 2, 2), complex)
+        parts[:, 0, 0], parts[:, 1, 1] = G, more[0][1] if more else G
+        return cls(hertz, parts * (length / force))
+
 
 @dataclass(frozen=True, eq=False)
 class Lobes(Result):
@@ -170,12 +208,15 @@ class Lobes(Result):
         Frequency [Hz] at which it chatters beyond.
     least : float
         Depth that is stable at every speed.
+    assumed : str
+        What holds the tool.
     """
 
     speeds: Array
     depths: Array
     chatter: Array
     least: float
+    assumed: str = ""
 
 
 def _limits(
@@ -299,7 +340,27 @@ def lobes(
             best = np.where(better, depth, best)
             chatter = np.where(better, f[i] + share * (f[i + 1] - f[i]), chatter)
     least = float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
-    return Lobes(fixed(n), fixed(best), fixed(chatter), least)
+    return Lobes(fixed(n), fixed(best), fixed(chatter), least, _assumed(modes))
+
+
+def _assumed(modes: Modes | MeasuredReceptance) -> str:
+    """What holds the tool, and what is taken as rigid."""
+    if isinstance(modes, MeasuredReceptance):
+        across = modes.matrices[:, [0, 1], [1, 0]].any()
+        alike = np.array_equal(modes.matrices[:, 0, 0], modes.matrices[:, 1, 1])
+        words = "response measured at the tool"
+        words += "; the same along feed and normal" if alike else ""
+        return words + ("" if across else "; nothing of one along the other")
+    links = any(isinstance(p, (Beam, CoupledSprings)) for p in modes.elastic.potentials)
+    return (
+        (
+            "joints and the compliant links of the file give way"
+            if links
+            else "joints alone give way"
+        )
+        + "; spindle, holder and tool are rigid, and their modes, which often limit the depth, are "
+        "missing: a response measured at the tool takes their place"
+    )
 
 
 def limiting_depths(

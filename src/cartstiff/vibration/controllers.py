@@ -144,6 +144,8 @@ _SHOWN = [
     "frequencies",
     "joint_stiffness",
     "joint_damping",
+    "null_motions",
+    "null_masses",
 ]
 
 
@@ -168,6 +170,11 @@ class Impedance:
         Hz, of the closed loop without damping.
     joint_stiffness, joint_damping : ndarray (n, n)
         ``J^T K J`` and ``J^T D J``.
+    null_motions : ndarray (n - 6, n)
+        Motions of the joints, of unit size, that leave M where it is, and get neither stiffness
+        nor damping from these.
+    null_masses : ndarray (n - 6,)
+        ``z^T M z`` of each: with a stiffness k of its own, ``2 zeta sqrt(k m)`` damps it.
     modes : Modes
         The posture and its masses.
     dropped : float
@@ -184,6 +191,8 @@ class Impedance:
     frequencies: Array
     joint_stiffness: Array
     joint_damping: Array
+    null_motions: Array
+    null_masses: Array
     modes: Modes
     dropped: float
 
@@ -270,6 +279,8 @@ def impedance(
         felt = np.where(squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan)
     size = float(np.abs(projected).max(initial=0.0))
     J = modes.posture.motion.jacobian
+    idle = np.linalg.svd(J)[2][6:] if modes.posture.closure is None else np.zeros((0, J.shape[1]))
+    felt_by = np.einsum("ki,ij,kj->k", idle, modes.full_mass, idle) if len(idle) else np.zeros(0)
     return Impedance(
         fixed(K),
         fixed(D),
@@ -280,6 +291,8 @@ def impedance(
         fixed(np.sqrt(squares) / (2 * np.pi)),
         fixed(J.T @ K @ J),
         fixed(J.T @ D @ J),
+        fixed(idle),
+        fixed(felt_by),
         modes,
         dropped,
     )
