@@ -355,7 +355,7 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
     return name, size * {"length": length, "force": force, "moment": force * length}.get(kind, 1.0)
 
 
-_HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / pi}
+_HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}
 # Of what a frequency response is per force: how often the displacement is derived.
 _RATES = {"": 0, "s": 1, "s^2": 2}
 
@@ -398,7 +398,7 @@ def read_response(path: Path) -> tuple[Array, Array]:
         )
     table = table[table[:, 0] != 0.0]
     hertz = table[:, 0] * _HERTZ[first]
-    size = LENGTHS[length] / FORCES[force] / (2j * pi * hertz) ** _RATES[rate]
+    size = LENGTHS[length] / FORCES[force] / (2j * np.pi * hertz) ** _RATES[rate]
     return hertz, (table[:, 1] + 1j * table[:, 2]) * size
 
 
