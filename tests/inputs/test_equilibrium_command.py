@@ -339,3 +339,93 @@ def test_bad_options(name, refused):
 def test_bad_mechanism(refused):
     refused("equilibrium hexapot", LOAD, words=("unknown mechanism",))
     refused("equilibrium", words=("MECHANISM",))
+
+
+# -- between two gravities ------------------------------------------------------------------------
+
+
+def _line_stiffness(name: str) -> np.ndarray:
+    """K of unloaded legs about the body frame by their lines, sum of k g g^T (moment, force)."""
+    mechanism = cartstiff.load(name).mechanism
+    elastic = cartstiff.load(name)
+    T = mechanism.at(elastic.q).pose
+    K = np.zeros((6, 6))
+    for a, b, k in zip(mechanism.anchors, mechanism.points, elastic.springs.stiffness, strict=True):
+        arm = T[:3, :3] @ b
+        line = T[:3, 3] + arm - a
+        u = line / np.linalg.norm(line)
+        g = np.append(np.cross(arm, u), u)
+        K += k * np.outer(g, g)
+    return K
+
+
+def test_sag_between_two_directions_of_gravity():
+    """A table that was calibrated upright and is then tilted: K^-1 times the change of weight."""
+    command = "equilibrium cubic --payload 20,0,0.05,0.1 --gravity 0,-9.81,0"
+    data = answer(f"{command} --against-gravity 0,0,-9.81")
+    change = 20 * 9.81 * np.array([0.0, -1.0, 1.0])
+    moment = np.cross([0, 0.05, 0.1], change)
+    turn, shift = np.split(np.linalg.solve(_line_stiffness("cubic"), [*moment, *change]), 2)
+    found = np.array(data["displacement"])
+    np.testing.assert_allclose(found[:3], turn, rtol=0, atol=2e-3 * abs(turn).max())
+    np.testing.assert_allclose(found[3:], shift, rtol=0, atol=2e-3 * abs(shift).max())
+    (note,) = [note for note in data["notes"] if note["code"] == "against-gravity"]
+    assert note["values"]["gravity"] == [0.0, 0.0, -9.81]
+    text = run(f"{command} --against-gravity 0,0,-9.81")
+    assert "the displacement counts from the rest under gravity (0, 0, -9.81) m/s^2" in text
+
+
+def test_sag_is_the_difference_of_two_equilibria_of_springs_with_rests(tmp_path):
+    """The springs of a file with rest positions: both rests are elsewhere than the posture."""
+    file = tmp_path / "arm.yaml"
+    file.write_text(
+        "kind: serial\nmodel: ur5\nframe: tool0\nq: {shoulder_lift_joint: -1.2, elbow_joint: 1.3}\n"
+        "springs:\n"
+        + "".join(
+            f"  {joint}: {{stiffness: 2.0e+4, rest: {rest}}}\n"
+            for joint, rest in {
+                "shoulder_pan_joint": 0.0,
+                "shoulder_lift_joint": -1.2,
+                "elbow_joint": 1.3,
+                "wrist_1_joint": 0.0,
+                "wrist_2_joint": 0.4,
+                "wrist_3_joint": 0.0,
+            }.items()
+        ),
+        encoding="utf-8",
+    )
+    if not example_robots():
+        pytest.skip("example-robot-data is not installed")
+    data = answer(f"equilibrium {file} --gravity 0,0,-9.81 --against-gravity 0,5,-8")
+    elastic = cartstiff.load(file)
+    poses = [equilibrium(elastic.with_gravity(g)).posture.pose for g in ([0, 5, -8], [0, 0, -9.81])]
+    np.testing.assert_allclose(
+        data["displacement"][3:], poses[1][:3, 3] - poses[0][:3, 3], rtol=0, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--against-gravity 0,0,-9.81", "--against-gravity: there is no other gravity"),
+        ("--gravity 0,0,-9.81 --against-gravity 0,0", "--against-gravity"),
+        ("--gravity 0,0,-9.81 --against-gravity 0,1,0 --hold z=0.001", "--hold"),
+        ("--pose-of M", "--pose-of: is for --pose"),
+    ],
+)
+def test_what_goes_with_another_gravity_and_a_pose(options, words):
+    assert words in run(f"equilibrium cubic {options}", code=2)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "6-pus"])
+def test_pose_of_the_frame_of_interest(name):
+    """M at a pivot: --pose-of M puts it there, whatever the turn; the body follows."""
+    elastic = cartstiff.load(name)
+    x, y, z = elastic.mechanism.at(elastic.q).pose[:3, 3] + [0.01, 0.02, 0.08]
+    tool = "--tcp 0.02,0,0.08,0.1,0,0.2"
+    data = answer(f"analyse {name} {tool} --pose {x},{y},{z},0.06,-0.03,0.1 --pose-of M")
+    expected = cartstiff.geometry.se3.from_roll_pitch_yaw([x, y, z], [0.06, -0.03, 0.1])
+    np.testing.assert_allclose(data["pose"], expected, rtol=0, atol=1e-9)
+    body = answer(f"analyse {name} {tool} --pose {x},{y},{z},0.06,-0.03,0.1")
+    shift = cartstiff.geometry.se3.from_roll_pitch_yaw([0.02, 0, 0.08], [0.1, 0, 0.2])
+    np.testing.assert_allclose(body["pose"], expected @ shift, rtol=0, atol=1e-9)

@@ -13,8 +13,8 @@ from cartstiff.cli.options import Load, Output, OutputFile, Robot, declared
 from cartstiff.cli.output import Progress, say
 
 _NOT_OF_STUDIES = (
-    "mechanism q pose lengths frame parameters xacro_args package_path springs stiffness rest "
-    "actuate"
+    "mechanism q pose pose_of lengths frame parameters xacro_args package_path springs stiffness "
+    "rest actuate"
 )
 
 

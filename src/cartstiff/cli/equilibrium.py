@@ -15,12 +15,14 @@ from cartstiff.cli.options import (
     Pairs,
     Parameters,
     Robot,
+    Vector,
     column_factors,
     declared,
 )
 from cartstiff.cli.output import say_unused
 from cartstiff.cli.tables import WRENCH
 from cartstiff.errors import InputError
+from cartstiff.notes import Note
 
 _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 
@@ -37,6 +39,10 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
         "curve path sensitivities",
         "curve path tolerance",
         "curve path no_limits",
+        *(
+            f"against_gravity {name}"
+            for name in ("curve", "path", "hold", "actuate", "sensitivities", "tolerance")
+        ),
         *(f"{name} path" for name in ("hold", "q", "pose", "actuate")),
         "follower load_kind",
     ),
@@ -63,6 +69,7 @@ def command(
     curve: Annotated[float | None, Number("FACTOR", some=True)] = None,
     path: Path | None = None,
     against: Literal["load", "all"] | None = None,
+    against_gravity: Vector = None,
 ) -> None:
     """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
 
@@ -96,6 +103,9 @@ def command(
     against
         What --path compensates: the load (the default), as the program was taught under the weight,
         or all, the weight as well (the default where the file gives all rest positions).
+    against_gravity
+        Gravity in F [m/s^2] under which the mechanism rests first, at the posture: the displacement
+        is the change from there to the gravity of --gravity or the file.
 
     Examples
     --------
@@ -105,6 +115,7 @@ def command(
     cartstiff equilibrium ur5 --load 0,0,5,0,0,-100 --load-kind follower
     cartstiff equilibrium panda --payload 3,0,0,0.1
     cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --tolerance 0.05,0.01
+    cartstiff equilibrium cubic --payload 20 --gravity 0,-9.81,0 --against-gravity 0,0,-9.81
     cartstiff equilibrium ur5 --hold z=-0.002
     cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
     cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
@@ -153,6 +164,14 @@ def command(
         from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
+        if against_gravity is not None:
+            if elastic.gravity is None:
+                raise InputError("there is no other gravity", where="--against-gravity")
+            first = elastic.with_gravity(against_gravity, where="--against-gravity")
+            under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
+            before = equilibrium(first, *under, q0=start, limits=not no_limits)
+            elastic = before.elastic.with_gravity(elastic.gravity).with_notes(_since(before))
+            start = before.q
         state = equilibrium(elastic, *loads, q0=start, held=held, limits=not no_limits)
         data = state.as_dict()
         more = parameters.add(state, bare, data, lambda e: moved(weighing(e))[0])
@@ -172,6 +191,17 @@ def command(
         csv=result.as_csv,
         plot=lambda: draw_load_curve(result),
     )
+
+
+def _since(before: Any) -> Note:
+    """That displacements count from a rest under another gravity."""
+    gravity, place = before.elastic.gravity.tolist(), before.posture.pose[:3, 3].tolist()
+    shown = [", ".join(f"{x:.6g}" for x in row) for row in (gravity, place)]
+    words = (
+        f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with the body "
+        f"frame at ({shown[1]})"
+    )
+    return Note("against-gravity", words, {"gravity": gravity, "q": before.q.tolist()})
 
 
 def _weight(elastic: Any, numbers: list[float] | None) -> tuple[Any, ...]:

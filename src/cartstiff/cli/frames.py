@@ -15,7 +15,7 @@ from cartstiff.errors import InputError
 
 @declared("frames")
 def frames_command(
-    robot: Annotated[Robot, Overrides("pose lengths rest actuate")], out: Printed
+    robot: Annotated[Robot, Overrides("pose pose_of lengths rest actuate")], out: Printed
 ) -> None:
     """Frames of MECHANISM as a tree, with joints, limits, springs and masses.
 
@@ -98,7 +98,7 @@ def models_command(out: Printed) -> None:
 @declared("poses")
 def poses_command(
     robot: Annotated[
-        Robot, Overrides("q pose lengths gravity payload springs stiffness rest actuate")
+        Robot, Overrides("q pose pose_of lengths gravity payload springs stiffness rest actuate")
     ],
     table: Path,
     *,

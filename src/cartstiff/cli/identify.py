@@ -381,7 +381,9 @@ class Plan:
     needs={"csv": "plan simulate"},
 )
 def command(
-    robot: Annotated[Robot, Overrides("q pose lengths units springs stiffness rest actuate")],
+    robot: Annotated[
+        Robot, Overrides("q pose pose_of lengths units springs stiffness rest actuate")
+    ],
     table: Table,
     fit: Fit,
     plan: Plan,

@@ -527,6 +527,9 @@ class Posture:
         Posture: numbers, or name=value pairs. Numbers are in joint order, rad and m.
     pose
         Posture of a platform, or of a body on legs. Position and roll, pitch, yaw about fixed axes.
+    pose_of
+        Whose pose --pose is: the body's own frame, or M, which --tcp and the file may put
+        elsewhere. With M at a pivot, other angles are a motion about it.
     lengths
         Posture of a platform by its six leg lengths, near the file's pose.
     springs
@@ -544,9 +547,12 @@ class Posture:
         the pose of the new rest is found.
     """
 
+    RARE: ClassVar = "pose_of"
+
     mechanism: str
     q: Annotated[Values | None, JointValues()] = None
     pose: Pose = None
+    pose_of: Literal["body", "M"] = "body"
     lengths: Annotated[_Numbers, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = None
     springs: str | None = None
     stiffness: Annotated[
@@ -726,13 +732,16 @@ class Robot(Shown, File, Tool, Posture):
                     expected=f"{len(elastic.spring_names)} numbers",
                 )
             return mechanism.forward_kinematics(self.lengths, elastic.q), ()
+        if self.pose_of == "M" and self.pose is None:
+            raise InputError("is for --pose", where="--pose-of")
         if self.pose is not None:
             from cartstiff.geometry import se3
             from cartstiff.kinematics.at_pose import at_pose
 
             x = (*(self.tcp or ()), *[0.0] * 6)[:6]
             try:
-                return at_pose(elastic, self.pose, se3.from_roll_pitch_yaw(x[:3], x[3:]))
+                tool = se3.from_roll_pitch_yaw(x[:3], x[3:])
+                return at_pose(elastic, self.pose, tool, self.pose_of)
             except InputError as error:
                 raise error.moved_to("--pose") from None
         return None if self.q is None else self.q.of(elastic.names), ()

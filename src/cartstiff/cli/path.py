@@ -81,7 +81,7 @@ class Search:
     rare="damping milling max_step ranges near collisions plot_places progress",
 )
 def command(
-    robot: Annotated[Robot, Overrides("pose lengths rest actuate")],
+    robot: Annotated[Robot, Overrides("pose pose_of lengths rest actuate")],
     path_file: Path,
     load: Annotated[
         Load,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +42,10 @@ _NEAR = 0.02
 
 @checked
 def at_pose(
-    elastic: ElasticMechanism, pose: ArrayLike, tool: ArrayLike | None = None
+    elastic: ElasticMechanism,
+    pose: ArrayLike,
+    tool: ArrayLike | None = None,
+    of: Literal["body", "M"] = "body",
 ) -> tuple[Array, tuple[Note, ...]]:
     """Coordinates at which the body has a pose, and notes on what of the pose is not met.
 
@@ -54,6 +58,8 @@ def at_pose(
         unit, rad.
     tool : array_like, shape (4, 4), optional
         Pose of M in the body, where M is elsewhere.
+    of : {"body", "M"}
+        Whose pose it is.
 
     Returns
     -------
@@ -71,6 +77,10 @@ def at_pose(
     wanted = checked_vector(pose, 6, "pose")
     T_P_M = np.eye(4) if tool is None else checked_pose(tool, "tool")
     chain = checked_elastic(elastic).mechanism
+    if of == "M":
+        at_M = chain.T_P_M if isinstance(chain, Platform) else T_P_M
+        T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ se3.inverse(at_M)
+        wanted = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
     if isinstance(chain, Platform):
         return wanted, ()
     if not isinstance(chain, Chain) or not chain.closures:
