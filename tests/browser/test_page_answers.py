@@ -182,7 +182,7 @@ def test_a_refused_state_is_red_and_its_old_numbers_are_dimmed(opened):
     page.evaluate("(wish) => window.cartstiff.change(wish)", wish)
     page.wait_for_selector("body.refused")
     assert page.get_attribute("#verdict", "data-level") == "bad"
-    assert page.inner_text("#verdict-text").startswith("No answer: ")
+    assert page.inner_text("#verdict-text").startswith("Last valid posture: ")
     assert page.evaluate(opacity) < 0.6
     page.evaluate("() => window.cartstiff.change({ stiffness: null, load: null })")
     page.wait_for_selector("body:not(.refused)")

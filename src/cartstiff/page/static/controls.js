@@ -1,28 +1,12 @@
 // Setup (load, drives, springs, reference point), and what the picture shows.
 
 import { byId, choice, el, engineering, tabs, toast } from "./dom.js";
+import { fields, sliderRow } from "./inputs.js";
 import { CLOSE, ZERO } from "./numerics.js";
 import { standAtExtreme } from "./pick.js";
 
-/** Numbers in fields; calls back with all of them when one has changed. `blank` are those that may be left empty, which means null and is called so. */
-export function fields(names, onchange, step = "any", blank = null, called = "") {
-  const inputs = names.map(([name, unit, of]) => el("input", { type: "number", step, "aria-label": `${of ? `${of} ` : ""}${name} ${unit}`, onchange: commit }));
-  function commit() {
-    const values = inputs.map((input, i) =>
-      (blank?.[i] && input.value === "" && !input.validity.badInput ? null : input.valueAsNumber));
-    if (values.every((x) => x === null || Number.isFinite(x))) onchange(values);
-  }
-  inputs.forEach((input, i) => { if (blank?.[i]) input.placeholder = called; });
-  const node = el("div", { class: "fields" }, ...names.map(([name, unit], i) =>
-    el("label", {}, el("span", { title: unit }, name), inputs[i])));
-  const set = (values) => inputs.forEach((input, i) => {
-    if (document.activeElement !== input) input.value = values[i] ?? "";
-  });
-  const disable = (off) => inputs.forEach((input) => { input.disabled = off; });
-  return { node, set, disable };
-}
-
-export const NAMES = ["x", "y", "z"];
+const COORDINATES = ["x", "y", "z"];
+const AXES = [["body", "tool axes", "Components along the axes of the body frame M"], ["inertial", "room axes", "Components along the axes of the inertial frame F"]];
 
 export function controls(store) {
   const note = el("span", { class: "dim small" });
@@ -44,7 +28,7 @@ export function controls(store) {
     // -- load
     weight = {
       gravity: fields(["gx", "gy", "gz"].map((name) => [name, "m/s²", "gravity"]), (values) => store.change({ gravity: values })),
-      payload: fields([["mass", "kg", "payload"], ...NAMES.map((name) => [name, units.length, "payload at"])],
+      payload: fields([["mass", "kg", "payload"], ...COORDINATES.map((name) => [name, units.length, "payload at"])],
         (values) => store.change({ payload: values[0] > 0 ? values : null })),
     };
     given = el("input", { type: "checkbox", onchange: () =>
@@ -53,11 +37,8 @@ export function controls(store) {
     const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]];
     // What the springs exert is about M, along its axes.
     load = fields(six, (values) => store.change({ load: values.map((x) => x ?? 0),
-      ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), "any", six.map(() => true), "0");
-    loadAxes = choice("Axes of the load", [
-      ["body", "tool axes", "Components along the axes of the body frame M"],
-      ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
-    (value) => store.change({ load_axes: value }));
+      ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), six.map(() => true), "0");
+    loadAxes = choice("Axes of the load", AXES, (value) => store.change({ load_axes: value }));
     loadKind = choice("While the tool moves the load", [
       ["dead", "fixed in the room", "dead: force and moment keep their direction in the room"],
       ["follower", "turns with the tool", "follower: force and moment turn with the tool"],
@@ -73,7 +54,7 @@ export function controls(store) {
       if (choosing) loadPoint.node.querySelector("input").focus();
       else store.change({ load_at: value === "point" ? null : [0, 0, 0] });
     });
-    loadPoint = fields(NAMES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
+    loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadPanel.replaceChildren(
       el("label", { class: "check", title: "Unticked: what the springs of the file exert at this posture, until it is moved" }, given, "Apply this load"),
@@ -84,7 +65,7 @@ export function controls(store) {
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
       (values) => store.change({ stiffness: values.map((x) => (x === null ? null : Math.max(0, x))) }),
-      "any", mechanism.springs.map(({ stiffness }) => stiffness === null), "rigid") : null;
+      mechanism.springs.map(({ stiffness }) => stiffness === null), "rigid") : null;
     springs?.node.classList.add("long");
     offer("springs", springs);
     if (springs) springPanel.replaceChildren(
@@ -101,10 +82,7 @@ export function controls(store) {
       });
     } }, ...mechanism.frames.map((name) => el("option", { value: name, selected: name === mechanism.frame }, name)));
     point = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ point: values }));
-    axes = choice("Axes of the numbers", [
-      ["body", "tool axes", "Components along the axes of the body frame M"],
-      ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
-    (value) => store.change({ axes: value }));
+    axes = choice("Axes of the numbers", AXES, (value) => store.change({ axes: value }));
     const frames = mechanism.frames.length > 1 && store.source.live ? el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect) : "";
     pointPanel.replaceChildren(frames, el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes[0]);
   }
@@ -158,39 +136,27 @@ export function controls(store) {
 function drivesPanel(store, node, offer) {
   let rows = [];
   store.on("hello", ({ mechanism }) => {
-    const { springs, coordinates } = mechanism;
+    const { springs, coordinates, platform, size, units } = mechanism;
     offer("drives", store.source.live && springs.some(({ driven }) => driven));
-    const list = el("div", { class: "sliders" });
-    rows = springs.map(({ name, driven }, i) => {
-      if (!driven) return null;
-      const own = mechanism.platform ? null : coordinates[i];
-      const isLength = own ? own.is_length : true;
-      const most = isLength ? COMMAND_SHARE * (mechanism.size ?? 1) : COMMAND_TURN;
-      const tell = (x) => {
-        const command = (store.state.command ?? springs.map(() => 0)).with(i, x);
+    rows = springs.flatMap(({ name, driven }, i) => {
+      const isLength = platform || coordinates[i]?.is_length;
+      const most = isLength ? COMMAND_SHARE * (size ?? 1) : COMMAND_TURN;
+      const move = (x) => {
+        const command = (store.state.command ?? springs.map(() => 0)).with(i, Math.abs(x) < most / 200 ? 0 : x);
         store.change({ command: command.some((told) => told) ? command : null });
       };
-      const range = el("input", { type: "range", min: -most, max: most, step: "any", value: 0, "aria-label": `command of ${name}`, oninput: () => tell(Math.abs(range.valueAsNumber) < most / 200 ? 0 : range.valueAsNumber) });
-      const times = () => (isLength || store.angle === "rad" ? 1 : 180 / Math.PI);
-      const number = el("input", { type: "number", step: "any", "aria-label": `command of ${name}, value`, onchange: () => Number.isFinite(number.valueAsNumber) && tell(number.valueAsNumber / times()) });
-      list.append(el("div", { class: "slider" }, el("label", { title: name }, name), number, el("span", { class: "unit" }, isLength ? store.unit("length") : ""), el("span", { class: "limit" }), range, el("span", { class: "limit" })));
-      return { range, number, times, isLength };
+      return driven ? [sliderRow(store, { id: `drive-${i}`, name: `command of ${name}`, lower: -most, upper: most, unit: isLength ? units.length : "rad", is_length: isLength,
+        value: () => store.state.command?.[i] ?? 0, move })] : [];
     });
     node.replaceChildren(el("p", { class: "dim small" }, "How far each drive is commanded to move from the posture; what results under the load is shown."),
-      list, el("button", { type: "button", onclick: () => store.change({ command: null }) }, "None"));
+      el("div", { class: "sliders" }, ...rows.map((row) => row.node)), el("button", { type: "button", onclick: () => store.change({ command: null }) }, "None"));
   });
-  const set = () => {
-    const { command } = store.state;
-    rows.forEach((row, i) => {
-      if (!row) return;
-      const x = command?.[i] ?? 0;
-      row.range.value = x;
-      if (document.activeElement !== row.number) row.number.value = Number((x * row.times()).toPrecision(6));
-      if (!row.isLength) row.number.nextSibling.textContent = row.times() === 1 ? "rad" : "°";
-    });
-  };
+  const set = () => rows.forEach((row) => {
+    row.relabel();
+    row.set();
+  });
   store.on("state", set);
-  store.on("numbers", set);
+  store.on("angles", set);
   return () => (store.state.command ? "drives commanded" : "");
 }
 

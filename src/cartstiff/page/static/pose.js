@@ -1,12 +1,11 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
-import { NAMES, fields } from "./controls.js";
-import { byId, chop, clamp, el, short, tabs, toast } from "./dom.js";
+import { byId, chop, clamp, el, short, tabs } from "./dom.js";
+import { fields, sliderRow } from "./inputs.js";
 import { CLOSE } from "./numerics.js";
 
 // From so many sliders on there is a field to find one.
 const MANY = 10;
-const DEGREES = 180 / Math.PI;
 // Range of the length of a leg without limits, and the time (ms) for which its fellows are held.
 const LEG_SHARE = 0.25;
 const HELD = 600;
@@ -64,7 +63,7 @@ export function posePanel(store) {
     zero.hidden = platform || sliders.length !== coordinates.length || !store.source.moves;
     random.hidden = !store.source.moves;
     for (const index of sliders) {
-      const row = sliderRow(store, index, coordinates[index]);
+      const row = sliderRow(store, { ...coordinates[index], index, value: () => store.state.q[index], move: (x) => store.move(index, x) });
       rows.push(row);
       list.append(row.node);
     }
@@ -83,7 +82,7 @@ export function posePanel(store) {
   }
 
   function update() {
-    for (const row of rows) row.set(store.state.q[row.index]);
+    for (const row of rows) row.set();
     meaning.hidden = !store.source.moves;
     meaning.textContent = store.hello.mechanism.takes_load
       ? `The sliders move the drives: the springs' rest positions follow, and the load stays as it is under Load.${store.given().load ? " Until something is moved, the springs rest as in the file." : ""}`
@@ -144,65 +143,6 @@ export function posePanel(store) {
   return { flipAngle };
 }
 
-function sliderRow(store, index, coordinate) {
-  const { name, lower, upper, unit, is_length: isLength, limited } = coordinate;
-  const id = `slider-${index}`;
-  const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
-  const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`, id: `number-${index}` });
-  const shownUnit = el("span", { class: "unit" });
-  const low = el("span", { class: "limit" });
-  const high = el("span", { class: "limit" });
-  const node = el("div", { class: "slider" },
-    el("label", { for: id, title: name }, name), number, shownUnit, low, range, high);
-  const factor = () => (isLength || store.angle === "rad" ? 1 : DEGREES);
-
-  range.addEventListener("input", () => {
-    number.value = shown(range.valueAsNumber);
-    store.move(index, range.valueAsNumber);
-  });
-  range.addEventListener("keydown", (event) => {
-    const steps = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 };
-    const step = steps[event.key];
-    if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
-    event.preventDefault();
-    const size = isLength ? (upper - lower) / 200 : Math.PI / 180;
-    store.move(index, clamp(store.state.q[index] + step * size * (event.shiftKey ? 0.1 : 1), lower, upper));
-  });
-  number.addEventListener("change", () => {
-    const value = number.valueAsNumber / factor();
-    if (!Number.isFinite(value)) set(store.state.q[index]);
-    else {
-      const inside = limited ? clamp(value, lower, upper) : value;
-      if (inside !== value) toast(`${name} is limited to ${low.textContent} … ${high.textContent}`);
-      store.move(index, inside);
-    }
-  });
-
-  function shown(x) {
-    const digits = factor() === 1 ? 4 : 2;
-    const text = (x * factor()).toFixed(digits);
-    return Number(text) === 0 ? (0).toFixed(digits) : text;
-  }
-
-  function set(x) {
-    if (range.valueAsNumber !== x) range.value = x;
-    if (document.activeElement !== number || !number.matches(":focus-visible")) number.value = shown(x);
-    node.classList.toggle("outside", x < lower - CLOSE || x > upper + CLOSE);
-    range.setAttribute("aria-valuetext", `${shown(x)} ${shownUnit.textContent}`);
-  }
-
-  function relabel() {
-    const degrees = factor() !== 1;
-    shownUnit.textContent = degrees ? "°" : unit;
-    low.textContent = short(lower * factor(), 3);
-    high.textContent = short(upper * factor(), 3);
-    const ends = limited ? "limits" : "range of the slider (the joint has no limits)";
-    range.title = `${name}: ${ends} ${low.textContent} … ${high.textContent} ${shownUnit.textContent}`;
-  }
-
-  return { node, index, set, relabel };
-}
-
 export function toHome(store) {
   store.goTo(store.hello.state.q);
 }
@@ -232,7 +172,7 @@ function toolPanel(store, node, note, offer) {
   store.on("hello", ({ mechanism }) => {
     offer("tool", !mechanism.platform && store.source.moves);
     const { length } = mechanism.units;
-    rows = [fields(NAMES.map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
+    rows = [fields(["x", "y", "z"].map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
     words.textContent = `Position of M in ${length}; roll, pitch, yaw about the room's axes in degrees. The joints follow as near as they can.`;
     node.replaceChildren(rows[0].node, rows[1].node, words);
   });
