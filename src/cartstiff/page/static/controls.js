@@ -17,8 +17,6 @@ export function controls(store) {
   const notes = { drives: drivesPanel(store, drives, offer) };
 
   let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint, weight;
-  // "Elsewhere" was chosen and no place given yet.
-  let choosing = false;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -46,14 +44,8 @@ export function controls(store) {
     (value) => store.change({ load_kind: value }));
     loadPlace = choice("The load acts at", [
       ["point", "at the point", "The load acts at the reference point, about which its moment is"],
-      ["origin", "at M", "The load acts at the origin of M, about which its moment is"],
-      ["own", "elsewhere", "The load acts at a point of its own, about which its moment is"]],
-    (value) => {
-      choosing = value === "own";
-      loadPoint.node.hidden = !choosing;
-      if (choosing) loadPoint.node.querySelector("input").focus();
-      else store.change({ load_at: value === "point" ? null : [0, 0, 0] });
-    });
+      ["origin", "at M, or at:", "The load acts at the origin of M, or at the point of M that is given, about which its moment is"]],
+    (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadPanel.replaceChildren(
@@ -91,10 +83,7 @@ export function controls(store) {
     const { state, hello } = store;
     given.checked = state.load !== null;
     load.set(state.load ?? exerted().map((x) => Number(x.toPrecision(5))));
-    const own = state.load !== null && state.load_at?.some((x) => x);
-    choosing &&= state.load !== null && !own;
-    loadPlace[1](own || choosing ? "own" : state.load_at !== null || state.load === null ? "origin" : "point");
-    if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own && !choosing;
+    loadPlace[1](state.load_at !== null || state.load === null ? "origin" : "point");
     loadPoint.set(state.load_at ?? state.point);
     loadPoint.disable(state.load === null || !store.source.moves);
     load.disable(!store.source.moves || !hello.mechanism.takes_load);
@@ -169,7 +158,6 @@ const TOGGLES = [
   ["rotation", "Rotation ellipsoid"],
   ["labels", "Principal axes and values"],
   ["wrench", "Wrench arrows"],
-  ["deflection", "Deflection under the load"],
   ["screws", "Screw axes"],
   ["centres", "Centres of stiffness"],
 ];

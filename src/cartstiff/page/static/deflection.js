@@ -56,27 +56,22 @@ export function deflectionPanel(store) {
     const { moved, result } = store.numbers;
     const { wrench } = result;
     facts();
-    bars.replaceChildren();
-    detail.replaceChildren();
-    line.replaceChildren();
+    for (const node of [bars, detail, line]) node.replaceChildren();
+    const say = (kind, ...words) => {
+      head.className = `moved-head ${kind}`;
+      head.replaceChildren(...words);
+    };
     if (!moved) {
-      head.className = "moved-head dim";
-      if (!wrench) head.textContent = "no load can be held here";
-      else if (store.shown.load?.some((x) => x)) head.textContent = "no compliance exists here: how far the load moves it is not said";
-      else head.replaceChildren("no load", ...(store.source.moves && store.hello.mechanism.takes_load ? [" ", example] : []));
-      return;
+      if (!wrench) return say("dim", "no load can be held here");
+      if (store.shown.load?.some((x) => x)) return say("dim", "no compliance exists here: how far the load moves it is not said");
+      return say("dim", "no load", ...(store.source.moves && store.hello.mechanism.takes_load ? [" ", example] : []));
     }
-    head.className = "moved-head";
-    if (!moved.resisted) {
-      head.textContent = "Unstable: the load pushes it away";
-      head.className = "moved-head bad";
-      return;
-    }
+    if (!moved.resisted) return say("bad", "Unstable: the load pushes it away");
     // A turn that is rounding beside the way is none.
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
     const turned = turn * store.hello.mechanism.size > CLOSE * way ? turn : 0;
     const what = store.shown.point.some((x) => x) ? "the point" : "M";
-    head.replaceChildren(`${what} moves `, el("b", {}, engineering(way, store.unit("length"))),
+    say("", `${what} moves `, el("b", {}, engineering(way, store.unit("length"))),
       ` and turns `, el("b", {}, engineering(turned, "rad")));
     head.title = "To first order, from where the springs rest without this load";
     const row = (name, value, title) => el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));

@@ -66,7 +66,7 @@ export function engineering(value, unit = "", digits = 4) {
 export const short = (x, digits = 4) => engineering(x, "", digits);
 
 /** A number with every digit that it has. */
-export const full = (x) => (x === null || x === undefined ? "–" : String(x).replace("-", MINUS));
+const full = (x) => (x === null || x === undefined ? "–" : String(x).replace("-", MINUS));
 
 // Digits of the largest of several numbers in which each way of computing them agrees.
 const SURE = 9;

@@ -229,16 +229,16 @@ export function matrixPanel(store) {
       : `No difference from ${name}, shown before${store.numbers.result.wrench?.some((x) => x) ? "" : ": there is no load"}`;
   }
 
-  function copyNumpy() {
+  /** The matrix with all its digits, in the file's units. */
+  function copyAs(what, begin, row, end) {
     if (!shown) return;
-    const rows = shown.map((row) => `    [${row.map(String).join(", ")}],`).join("\n");
-    copy(`np.array([  # ${title.textContent} ${place.textContent}; ${blockWords(store)}\n${rows}\n])\n`, "NumPy array");
+    const [[a, b], [c, d]] = store.blockUnits();
+    const words = `${title.textContent} ${place.textContent}; order rotation, translation; blocks [[${a}, ${b}], [${c}, ${d}]]`;
+    copy(`${begin(words)}\n${shown.map(row).join("\n")}\n${end}`, what);
   }
 
-  function copyCsv() {
-    if (!shown) return;
-    copy(`# ${safeCell(`${title.textContent} ${place.textContent}; ${blockWords(store)}`)}\n${shown.map((row) => row.map(String).join(",")).join("\n")}\n`, "CSV");
-  }
+  const copyNumpy = () => copyAs("NumPy array", (words) => `np.array([  # ${words}`, (row) => `    [${row.map(String).join(", ")}],`, "])\n");
+  const copyCsv = () => copyAs("CSV", (words) => `# ${safeCell(words)}`, (row) => row.map(String).join(","), "");
 
   store.on("hello", () => lengths.replaceChildren(...store.lengths.map((unit) =>
     el("option", { value: unit, selected: unit === store.fine }, unit === store.unit("length") ? "by size" : unit))));
@@ -249,11 +249,6 @@ export function matrixPanel(store) {
   store.on("numbers", update);
   store.on("rows", update);
   return { copyNumpy, update };
-}
-
-function blockWords(store) {
-  const [[a, b], [c, d]] = store.blockUnits();
-  return `order rotation, translation; blocks [[${a}, ${b}], [${c}, ${d}]]`;
 }
 
 function reason(store, symbol) {

@@ -120,26 +120,15 @@ export function numbersPanel(store) {
     showMeters(numbers.singularity);
   }
 
-  function showMeters(list) {
-    if (meters.childElementCount !== list.length) {
-      meters.replaceChildren(...list.map(() => el("div", { class: "singular" },
-        el("span", { class: "label" }), el("span", { class: "meter wide", role: "meter", "aria-valuemin": 0, "aria-valuemax": 1 }, el("i")), el("span", { class: "num" }))));
-    }
-    list.forEach((entry, i) => {
-      const [label, meter, value] = meters.children[i].children;
-      const words = entry.kind === "serial" ? "Distance to serial singularity" : "Distance to type-2 singularity";
-      label.textContent = words;
-      const near = entry.ratio < NEAR;
-      meters.children[i].dataset.level = entry.ratio < RANK ? "bad" : near ? "warning" : "good";
-      // Logarithmic from 0.0001 to 1.
-      const share = entry.ratio > 0 ? clamp(1 + Math.log10(entry.ratio) / 4, 0, 1) : 0;
-      meter.firstChild.style.width = `${100 * share}%`;
-      meter.setAttribute("aria-label", words);
-      meter.setAttribute("aria-valuenow", entry.ratio);
-      value.textContent = entry.ratio < RANK ? "singular" : short(entry.ratio, 3);
-      meters.children[i].title = `smallest over largest singular value ${short(entry.smallest)} / ${short(entry.largest)}, lengths over ${short(entry.length)} ${store.unit("length")}; below ${NEAR} is near`;
-    });
-  }
+  const showMeters = (list) => meters.replaceChildren(...list.map(({ kind, ratio, smallest, largest, length }) => {
+    const words = `Distance to ${kind} singularity`;
+    const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
+    return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR ? "warning" : "good",
+      title: `smallest over largest singular value ${short(smallest)} / ${short(largest)}, lengths over ${engineering(length, store.unit("length"))}; below ${NEAR} is near` },
+    el("span", { class: "label" }, words),
+    el("span", { class: "meter wide", role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1, "aria-valuenow": ratio }, el("i", { style: `width: ${100 * share}%` })),
+    el("span", { class: "num" }, ratio < RANK ? "singular" : short(ratio, 3)));
+  }));
 
   store.on("numbers", update);
   store.on("units", update);

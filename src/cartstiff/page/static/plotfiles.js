@@ -1,6 +1,6 @@
 // A plot as a file: SVG, PNG of one to four times its size, CSV; each says what it shows and of what.
 
-import { download, full, toast } from "./dom.js";
+import { download, toast } from "./dom.js";
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
 // What a style sheet says of a line or a word, which a file must say itself.
@@ -63,7 +63,7 @@ export const safeCell = (text) => text.replace(/\s+/g, " ").replace(/(^|[,;])(\s
 /** Rows of numbers, every digit, under comments and a line of names. */
 export function table(lines, names, rows) {
   const words = (text) => (/[",;]/.test(text) ? `"${safeCell(text).replaceAll('"', '""')}"` : safeCell(text));
-  const cell = (x) => (x === null || x === undefined ? "" : typeof x === "string" ? words(x) : full(x).replace("\u2212", "-"));
+  const cell = (x) => (x === null || x === undefined ? "" : typeof x === "string" ? words(x) : String(x));
   return [...lines.map((line) => `# ${safeCell(line)}`), names.map(words).join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
 }
 

@@ -67,30 +67,26 @@ export function fromHash(hash, first) {
 export function sharing(store) {
   const actions = byId("actions");
   const button = (text, title, onclick) => el("button", { type: "button", title, onclick }, text);
-  const html = button("HTML", "This page as one file that opens without a network", async () => {
+  /** A button whose answer becomes a file; what prevents it is said. */
+  const saved = (text, title, ask) => {
+    const node = button(text, title, async () => {
+      node.disabled = true;
+      await ask().then((made) => download(...made), (error) => store.tell("error", error.message));
+      node.disabled = false;
+    });
+    return node;
+  };
+  const html = saved("HTML", "This page as one file that opens without a network", async () => {
     toast("Writing the page …");
-    html.disabled = true;
-    try {
-      const { name, text } = await store.ask({ do: "export", address: toHash(store) });
-      download(name, text, "text/html");
-    } catch (error) {
-      store.tell("error", error.message);
-    } finally {
-      html.disabled = false;
-    }
+    const { name, text } = await store.ask({ do: "export", address: toHash(store) });
+    return [name, text, "text/html"];
   });
   html.id = "export";
   actions.append(
     button("Link", "Copy the address of this state", () => copy(location.href.split("#")[0] + "#" + toHash(store), "Address")),
     pictureFile(store, () => file(store)),
-    button("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () => {
-      try {
-        const { result } = await store.ask({ do: "result" });
-        download(`${file(store)}.json`, `${JSON.stringify(result, null, 1)}\n`, "application/json");
-      } catch (error) {
-        store.tell("error", error.message);
-      }
-    }),
+    saved("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () =>
+      [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`, "application/json"]),
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
 

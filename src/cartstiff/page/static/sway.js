@@ -28,7 +28,7 @@ function along(program, m, share) {
 /** A button that plays it, and words that say how much is enlarged. */
 export function sway(store) {
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const button = el("button", { type: "button", class: "quiet", hidden: true, "aria-pressed": "false", onclick: () => (playing ? stop() : start()) }, "▶ Show it move");
+  const button = el("button", { type: "button", class: "quiet", hidden: true, "aria-pressed": "false", onclick: () => (playing ? stop() : own() && !store.state.deflection ? start() : store.change({ deflection: !store.state.deflection })) });
   let playing = null;
 
   const own = () => store.source.local ?? (store.source.program ? store.source : null);
@@ -67,13 +67,16 @@ export function sway(store) {
     cancelAnimationFrame(playing.frame);
     playing.put(0);
     playing = null;
-    button.textContent = "▶ Show it move";
-    button.setAttribute("aria-pressed", "false");
+    offer();
   }
 
   function offer() {
     const { moved } = store.numbers ?? {};
-    button.hidden = !own() || !moved?.resisted || !moved.displacement.some((x) => x);
+    button.hidden = (!own() && !store.source.live) || !moved?.resisted || !moved.displacement.some((x) => x);
+    if (playing) return;
+    // What the page cannot move it draws.
+    button.textContent = store.shown?.deflection ? "◼ deflection drawn" : "▶ Show it move";
+    button.setAttribute("aria-pressed", String(Boolean(store.shown?.deflection)));
   }
   store.on("state", stop);
   store.on("numbers", () => {
