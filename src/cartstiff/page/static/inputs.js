@@ -24,14 +24,14 @@ export function fields(names, onchange, blank = null, called = "") {
 }
 
 /** A slider and a number of a length, or of an angle in degrees or radians; `limited`: its ends are limits. */
-export function sliderRow(store, { index, id = `slider-${index}`, name, lower, upper, unit, is_length: isLength, limited, value, move }) {
+export function sliderRow(store, { index, id = `slider-${index}`, name, label = name, lower, upper, unit, is_length: isLength, limited, value, move }) {
   const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
   const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`, id: id.replace("slider", "number") });
   const shownUnit = el("span", { class: "unit" });
   const low = el("span", { class: "limit" });
   const high = el("span", { class: "limit" });
   const node = el("div", { class: "slider" },
-    el("label", { for: id, title: name }, name), number, shownUnit, low, range, high);
+    el("label", { for: id, title: name }, label), number, shownUnit, low, range, high);
   const factor = () => (isLength || store.angle === "rad" ? 1 : DEGREES);
 
   range.addEventListener("input", () => {
