@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "images" / "page.png"
 REPORT_TARGET = TARGET.with_name("report.png")
 
-#: A UR5 that carries a weight of 100 N, posture A pinned before the elbow was bent.
+#: A UR5 that carries a weight of 100 N, a state kept before the elbow was bent.
 MECHANISM = "ur5"
 STATE = (
     "#q=0.3,-1.1,1.65,-0.7,0.9,0.2&ghost=0.3,-1.1,1.4,-0.7,0.9,0.2"

@@ -16,7 +16,7 @@ import cartstiff
 from cartstiff.page.server import Background
 from cartstiff.page.source import Source
 from tests.browser.conftest import VIEWPORT, heard, setup, short, unfold
-from tests.read_units import si
+from tests.support.read_units import si
 
 #: Cells show three digits at least.
 SHOWN = 5.1e-3

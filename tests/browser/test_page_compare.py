@@ -11,7 +11,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.page.server import Background
 from cartstiff.page.source import Source
-from tests.read_units import si
+from tests.support.read_units import si
 
 LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
 

@@ -16,7 +16,7 @@ MEAN = 7.0
 COLUMN = 14.0
 SQUARE = 16
 #: Columns of the layout, in dots: posture, picture, matrices.
-COLUMNS = {"left": (0, 266), "picture": (267, 855), "right": (856, 1280)}
+COLUMNS = {"left": (0, 280), "picture": (281, 855), "right": (856, 1280)}
 
 
 def squares(image: Image.Image) -> np.ndarray:

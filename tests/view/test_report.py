@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.read_units import read, si
+from tests.support.read_units import read, si
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture

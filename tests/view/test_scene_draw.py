@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.read_units import read, si
 from tests.support import twist_matrix
+from tests.support.read_units import read, si
 from tests.view.viewer import Viewer
 
 import cartstiff
