@@ -16,7 +16,7 @@ from cartstiff.choices import LEVELS
 from cartstiff.errors import check_name, joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
-from cartstiff.mechanisms.contract import SI, Units
+from cartstiff.mechanisms.contract import SI, Units, engineering
 from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.report.layout import (
@@ -322,13 +322,11 @@ def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
         largest = e["eigenvalues"][2]
         if not largest > 0:
             continue
+        stiff = engineering(1.0 / largest, u.stiffness[freedom])
         if largest - e["eigenvalues"][0] <= numerics.CLOSE * largest:
-            lines.append(
-                f"  softest: a {load} any axis alike, {number(1 / largest)} {u.stiffness[freedom]}"
-            )
+            lines.append(f"  softest: a {load} any axis alike, {stiff}")
             continue
         axis = vector(_upright([r[2] for r in e["axes"]]), size=COSINES)
-        stiff = f"{number(1.0 / largest)} {u.stiffness[freedom]}"
         lines.append(f"  softest: a {load} {axis} {moves}, {stiff}")
     return lines
 
