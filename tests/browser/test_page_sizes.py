@@ -68,7 +68,11 @@ def test_an_answer_that_is_late_leaves_the_last_valid_posture(ur5):
         const { source } = window.cartstiff;
         source.between = null;
         const ask = source.ask.bind(source);
-        source.ask = (message) => { window.go = () => { source.ask = ask; ask(message); }; };
+        source.ask = (message) => {
+            if (message.do !== "draw") return ask(message);
+            source.ask = ask;
+            window.go = () => ask(message);
+        };
         window.cartstiff.move(2, 0.5);
     }""")
     ur5.wait_for_selector("body.late")
