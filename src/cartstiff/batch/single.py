@@ -32,7 +32,7 @@ from cartstiff.lazily import cached_property
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.limits import force_notes, limit_notes
+from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
 from cartstiff.potentials.contract import Evaluation, Potential
@@ -191,6 +191,7 @@ class QuickPosture(PostureStiffness):
             *self._diagnostics,
             *limit_notes(mechanism, self),
             *self._forces,
+            *deflection_notes(self.elastic, self.q),
             *self._code.notes_on_weight,
         )
 

@@ -833,8 +833,8 @@ class UnitsCommand(Command):
             return
         from cartstiff.mechanisms.contract import Units, convert_length
 
-        read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
-        read += ("springs",)
+        read = ["mechanism", "frame", "gravity", "springs"]
+        read += ["xacro_args", "package_path", "parameters"]
         robot = Robot(**{k: v for k, v in ctx.params.items() if k in read})
         elastic, by = robot.bare(robot.frame), Factors(angle=math.pi / 180.0)
         if units.get("angle") != "deg":

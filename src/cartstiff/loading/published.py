@@ -38,7 +38,7 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     InputError
         For a set that is not to be used, or of an arm with other joints; UnknownNameError.
     """
-    virtual = getattr(elastic.mechanism, "virtual", frozenset())
+    virtual: frozenset[int] = getattr(elastic.mechanism, "virtual", frozenset())
     joints = [c for j, c in enumerate(elastic.mechanism.coordinates) if j not in virtual]
     if elastic.spring_names != elastic.names:
         raise InputError("is for mechanisms with joints", where="--springs", expected="--stiffness")

@@ -37,7 +37,13 @@ TORSIONAL = {
     for r, c in ANGLES.items()
 }
 # Signs in units: of degrees, minutes, and two that stand for micro; what may stand in a product.
-_SIGNS = {"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u", "'": "arcmin", "\u2032": "arcmin"}
+_SIGNS: dict[str, str | None] = {
+    "\u00b0": "deg",
+    "\u00b5": "u",
+    "\u03bc": "u",
+    "'": "arcmin",
+    "\u2032": "arcmin",
+}
 _SIGNS |= dict.fromkeys(" \t*.\u00b7\u22c5\u00a0")
 _AMOUNT = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\[?([^\d\[\]][^\[\]]*)\]?\s*"

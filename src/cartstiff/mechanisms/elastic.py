@@ -470,8 +470,8 @@ class ElasticMechanism(ShownInLines):
             raise InputError(
                 f"{self.name} has no joint springs", expected="legs or line springs in its file"
             )
-        undriven, stiffness = self.mechanism.undriven, self._own_stiffness(stiffness)
-        springs = with_values(self.springs, self.spring_names, stiffness, rest, undriven)
+        undriven, given = self.mechanism.undriven, self._own_stiffness(stiffness)
+        springs = with_values(self.springs, self.spring_names, given, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
         # What was measured is not known of springs that are given anew.
         identified = self.identified if stiffness is None else None

@@ -22,9 +22,12 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, RodLimits
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
 
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.
 _SLACK = numerics.LIMIT_SLACK
+# What springs of joints give no further under their loads: rad, and a share of the reach.
+_WOUND, _MOVED = float(np.radians(5.0)), 0.1
 # Angles beyond their limits by this much, or beyond twice this where there is no limit, look like
 # degrees; those of a pose beyond this.
 _TURN = 2.0 * np.pi
@@ -264,6 +267,49 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
         for i in np.flatnonzero(forces_beyond(bounds, tensions))
     ]
     return [_note_beyond("", beyond, code="force-limits")] if beyond else []
+
+
+def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
+    """Doubts joints that wind up by more than 5 deg, and a tip that moves by a tenth of the reach.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With the rest positions that are used.
+    q : ndarray (n,)
+        Where it is.
+    """
+    springs, chain, units = elastic.springs, elastic.mechanism, elastic.units
+    if not isinstance(springs, JointSprings) or not isinstance(chain, Chain):
+        return []
+    x = np.where(np.isnan(springs.rest), 0.0, q - springs.rest)
+    x[list(chain.undriven)] = 0.0
+    if not chain.has_lengths and np.abs(x).sum() <= _WOUND:
+        return []  # nor does the tip move far
+    wound = np.flatnonzero((np.abs(x) > _WOUND) & ~chain.is_length)
+    wound = wound[np.argsort(-np.abs(x[wound]))]
+    torque = springs.torque(q)
+    parts = [
+        f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
+        f"{abs(torque[j]):.3g} {units.moment}, at {abs(torque[j] / x[j]):.3g} {units.moment}/rad"
+        for j in wound[:3]
+    ]
+    parts += [f"{', '.join(chain.names[j] for j in wound[3:])}: more than 5 deg"] * (len(wound) > 3)
+    values = {"wind_up": {chain.names[j]: float(x[j]) for j in wound}}
+    if chain.kind == "serial":
+        model, body = chain.tree.model, chain.body
+        ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
+        reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
+        moved = float(np.linalg.norm(chain.at(q).motion.jacobian[3:] @ x))
+        if moved > _MOVED * reach > 0.0:
+            parts.append(
+                f"the tip moves by {moved:.3g} {units.length} (linear), its reach is {reach:.3g}"
+            )
+            values |= {"moved": moved, "reach": reach}
+    if not parts:
+        return []
+    words = f"{'; '.join(parts)}. Is the load meant, and the unit of the springs (1 N m/arcmin is "
+    return [Note("implausible-deflection", f"{words}3438 N m/rad)?", values)]
 
 
 def _note_beyond(what: str, beyond: list[_Beyond], more: str = "", *, code: str) -> Note:

@@ -28,7 +28,7 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.elements import Elements, law_of
 from cartstiff.mechanisms.identified import CompliancePattern
-from cartstiff.mechanisms.limits import force_notes, limit_notes, limits_of
+from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes, limits_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.numerics import IDLE
@@ -173,6 +173,7 @@ def state_of_rest(
     if not len(system.limits) or len(beside) > len(system.limits):
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
     notes += force_notes(system.elastic, point.posture)
+    notes += deflection_notes(system.elastic, point.posture.q)
     notes += system.elastic.diagnostics(point.posture)
     if system.elastic.gravity is not None:
         notes += gravity_loads(system.elastic).notes

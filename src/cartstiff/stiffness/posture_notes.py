@@ -10,7 +10,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.limits import force_notes, limit_notes
+from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
@@ -30,6 +30,7 @@ def notes_on_posture(
         *elastic.diagnostics(posture),
         *limit_notes(elastic.mechanism, posture),
         *force_notes(elastic, posture),
+        *deflection_notes(elastic, posture.q),
         *(() if elastic.gravity is None else gravity_loads(elastic).notes),
     )
 

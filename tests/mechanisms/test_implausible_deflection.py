@@ -1,0 +1,79 @@
+"""Answers that no arm gives are doubted, with numbers found here by hand and by finite turns."""
+
+import numpy as np
+import pytest
+from tests.support.commands import answer
+
+import cartstiff
+from cartstiff.geometry import se3
+from cartstiff.potentials.loads import DeadForce
+
+POSTURE = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]
+CODE = "implausible-deflection"
+
+
+def doubt(result):
+    return next((note for note in result.notes if note.code == CODE), None)
+
+
+def torques(arm, force):
+    """J^T W by finite differences of the tip's position."""
+    h = 1e-6
+
+    def place(q):
+        return arm.mechanism.at(q).pose[:3, 3]
+
+    steps = np.eye(6) * h
+    J = np.array([(place(POSTURE + s) - place(POSTURE - s)) / (2 * h) for s in steps]).T
+    return J, J.T @ force
+
+
+def test_a_joint_that_winds_up():
+    """Springs a hundred times too soft: torque over stiffness, also from the recorded program."""
+    arm = cartstiff.load("ur5").with_springs(300.0)
+    force = np.array([0.0, 0.0, -100.0])
+    J, torque = torques(arm, force)
+    R = arm.mechanism.at(POSTURE).pose[:3, :3]
+    for _ in range(4):
+        note = doubt(cartstiff.analyse(arm, POSTURE, wrench=[0, 0, 0, *(R.T @ force)]))
+        turned = np.abs(torque / 300.0)
+        for name, value in note.values["wind_up"].items():
+            expected = turned[arm.names.index(name)]
+            assert abs(value) == pytest.approx(expected, rel=1e-6)
+            assert expected > np.radians(5)
+        assert len(note.values["wind_up"]) == (turned > np.radians(5)).sum()
+        moved = np.linalg.norm(J @ torque) / 300.0
+        assert note.values["moved"] == pytest.approx(moved, rel=1e-6)
+        assert "N m/arcmin" in note.message
+    # The links of a UR5: 0.13585, 0.425, 0.1197, 0.39225, 0.093, 0.09465, 0.0823 m.
+    links = [np.hypot(0, 0.13585), np.hypot(0.425, 0.1197), 0.39225, 0.093, 0.09465, 0.0823]
+    assert note.values["reach"] == pytest.approx(sum(links), rel=1e-3)
+
+
+def test_plain_answers_are_not_doubted():
+    """The bundled springs under 100 N, unloaded, and where rest positions were given."""
+    arm = cartstiff.load("ur5")
+    for wrench in (None, [0, 0, 0, 0, 0, -100.0]):
+        assert doubt(cartstiff.analyse(arm, wrench=wrench)) is None
+    assert doubt(cartstiff.equilibrium(arm, DeadForce([0, 0, -100]))) is None
+
+
+def test_a_mega_newton_on_a_ur5():
+    """In analyse and in equilibrium, text of the note with the joint, its torque and its angle."""
+    for command in ("analyse", "equilibrium"):
+        data = answer(f"{command} ur5 --load 0,0,0,0,0,-1000000")
+        note = next(note for note in data["notes"] if note["code"] == CODE)
+        assert "winds up by" in note["message"]
+        assert "the tip moves by" in note["message"]
+
+
+def test_equilibrium_says_how_far():
+    """From the rest position, which is the start, to where it comes to rest."""
+    arm = cartstiff.load("ur5").with_springs(1500.0)
+    state = cartstiff.equilibrium(arm, DeadForce([0, 0, -400]), q0=POSTURE)
+    note = doubt(state)
+    moved = state.posture.q - np.array(POSTURE)
+    for name, value in note.values["wind_up"].items():
+        assert value == pytest.approx(moved[arm.names.index(name)], abs=1e-9)
+    turned = se3.inverse(arm.mechanism.at(POSTURE).pose) @ state.posture.pose
+    assert np.linalg.norm(turned[:3, 3]) == pytest.approx(note.values["moved"], rel=0.3)
