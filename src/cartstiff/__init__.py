@@ -6,4 +6,15 @@ package costs nothing.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """A public name, loaded now."""
+    try:
+        return _public(name)
+    except AttributeError:
+        if not name.startswith("analyze"):
+            raise
+        hint = f"{__name__} has no attribute {name!r}; it is called {name.replace('yze', 'yse')!r}"
+        raise AttributeError(hint) from None

@@ -24,6 +24,14 @@ def search_path(folders: Iterable[Path | str] = ()) -> list[str]:
     return [str(Path(f).expanduser()) for f in (*folders, *named("ROS_PACKAGE_PATH"), *shares)]
 
 
+def where_packages_are(package: str) -> str:
+    """How to get a package that is not found."""
+    return (
+        f"the folder {package} (from the maker's repository) beside the file's package, or "
+        "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder it is in"
+    )
+
+
 def own_folder(file: Path) -> Path:
     """Folder of the package that a file lies in: the nearest with a package.xml, or its own."""
     parents = file.resolve().parents

@@ -147,6 +147,7 @@ def poses_command(
     commanded = rows.names is not None and set(commands) <= set(rows.names)
     if before and not commanded:
         raise InputError("the table has no columns taught_JOINT", where="--before", got=table.name)
+    rows = rows.with_undeflected(elastic.mechanism)
     _, q, unused = rows.arranged(commands if commanded else elastic.names)
     text = robot_table(elastic, q, controller)
     known = (

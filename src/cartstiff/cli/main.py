@@ -69,11 +69,16 @@ _COMMANDS = {
 }
 
 
+#: Other spellings of commands.
+_SPELLINGS = {"analyze": "analyse"}
+
+
 class _LazyGroup(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
+        name = _SPELLINGS.get(name, name)
         if name not in _COMMANDS:
             return None
         values = vars(import_module(_COMMANDS[name][0])).values()

@@ -248,14 +248,19 @@ class Values:
     option: str
     numbers: list[float] | dict[str, float]
 
-    def of(self, names: tuple[str, ...], broadcast: bool = False) -> Any:
-        """The numbers, as many as `names` (or one for all), or those of some names."""
+    def of(
+        self, names: tuple[str, ...], broadcast: bool = False, joints: tuple[str, ...] = ()
+    ) -> Any:
+        """The numbers, as many as `names` (or one for all), or those of some names: `joints`."""
         if isinstance(self.numbers, dict):
             for name in self.numbers:
                 check_name("joint", name, names, self.option)
         elif broadcast and len(self.numbers) == 1:
             return self.numbers[0]
+        elif len(self.numbers) == len(joints) != len(names):
+            return dict(zip(joints, self.numbers, strict=True))
         elif len(self.numbers) != len(names):
+            names = joints or names
             raise InputError(
                 "wrong count",
                 where=self.option,
@@ -296,6 +301,8 @@ class JointValues(OptionType):
             by_name = {n: _times(x, sizes.get(n, 1.0)) for n, x in numbers.items()}
             return replace(value, numbers=by_name)
         names = elastic.spring_names if self.springs else elastic.names
+        if names == elastic.names and len(numbers) not in (1, len(names)):
+            names = elastic.mechanism.joint_names
         if self.broadcast and len(numbers) == 1:
             numbers = numbers * len(names)
         if len(numbers) != len(names):  # refused where it is used
@@ -634,16 +641,18 @@ class Robot(Shown, File, Tool, Posture):
         elastic = self.in_frame(self.frame)
         q, notes = self._coordinates(elastic)
         elastic = elastic.with_notes(*notes)
-        names = elastic.spring_names
+        names, joints = elastic.spring_names, elastic.mechanism.joint_names
         are_lines = names != elastic.names
+        if are_lines:
+            joints = ()
         stiffness = rest = None
         if self.stiffness is not None:
             _check_range(self.stiffness, "above zero" if are_lines else "zero or more", are_lines)
-            stiffness = self.stiffness.of(names, broadcast=True)
+            stiffness = self.stiffness.of(names, True, joints)
         if self.rest is not None:
             if are_lines:
                 _check_range(self.rest, "zero or more")
-            rest = self.rest.of(names)
+            rest = self.rest.of(names, joints=joints)
         return elastic.with_springs(stiffness, rest), q
 
     def command(self, elastic: Any) -> dict[str, float]:
@@ -744,7 +753,8 @@ class Robot(Shown, File, Tool, Posture):
                 return at_pose(elastic, self.pose, tool, self.pose_of)
             except InputError as error:
                 raise error.moved_to("--pose") from None
-        return None if self.q is None else self.q.of(elastic.names), ()
+        joints = mechanism.joint_names
+        return None if self.q is None else self.q.of(elastic.names, joints=joints), ()
 
 
 def _check_range(values: Values, expected: str, finite: bool = False) -> None:

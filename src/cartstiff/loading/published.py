@@ -38,8 +38,8 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     InputError
         For a set that is not to be used, or of an arm with other joints; UnknownNameError.
     """
-    virtual: frozenset[int] = getattr(elastic.mechanism, "virtual", frozenset())
-    joints = [c for j, c in enumerate(elastic.mechanism.coordinates) if j not in virtual]
+    known = elastic.mechanism.joint_names
+    joints = [c for c in elastic.mechanism.coordinates if c.name in known]
     if elastic.spring_names != elastic.names:
         raise InputError("is for mechanisms with joints", where="--springs", expected="--stiffness")
     is_table = Path(name).suffix.lower() == ".csv"

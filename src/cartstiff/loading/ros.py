@@ -13,7 +13,7 @@ from pathlib import Path
 from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError, one_line
 from cartstiff.notes import Note
-from cartstiff.ros_packages import own_folder, search_path
+from cartstiff.ros_packages import own_folder, search_path, where_packages_are
 
 #: Endings of robot descriptions.
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -81,7 +81,10 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
         file = Path(answer.get("file", path)).name
         inside = "" if file == path.name else f", in {file}"
         expected = None
-        if answer.get("package") or answer.get("outside"):
+        lost = re.search(r"package '([^']*)' is not found", words)
+        if lost and answer.get("package"):
+            expected = where_packages_are(lost[1])
+        elif answer.get("package") or answer.get("outside"):
             expected = (
                 "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder"
             )

@@ -27,6 +27,7 @@ from cartstiff.mechanisms.contract import (
     LINEAR,
     SI,
     TORSIONAL,
+    Mechanism,
     Units,
     convert_length,
     plain_unit,
@@ -53,6 +54,28 @@ class Rows(NamedTuple):
     names: tuple[str, ...] | None
     place: str
     factors: Mapping[str, float] = MappingProxyType({})
+
+    def with_undeflected(self, mechanism: Mechanism, more: int = 0) -> Rows:
+        """The rows with zeros for deflections of compliant links, if they have only joints.
+
+        Parameters
+        ----------
+        mechanism : Mechanism
+            Whose coordinates they are.
+        more : int
+            Columns that may follow, where they have no names.
+        """
+        lacking = tuple(n for n in mechanism.names if n not in mechanism.joint_names)
+        count = len(mechanism.joint_names)
+        if self.names is not None:
+            if not lacking or set(lacking) & set(self.names):
+                return self
+            zeros = np.zeros((len(self.values), len(lacking)))
+            names = (*self.names, *lacking)
+            return self._replace(names=names, values=np.hstack([self.values, zeros]))
+        if self.values.shape[1] not in (count, count + more):
+            return self
+        return self._replace(values=mechanism.undeflected(self.values))
 
     def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
         """The layout that fits, the columns in its order, and the names of what is not needed.

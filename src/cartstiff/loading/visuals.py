@@ -22,7 +22,7 @@ from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.ros_packages import package_folders, search_path
+from cartstiff.ros_packages import package_folders, search_path, where_packages_are
 
 Kind = Literal["visual", "collision"]
 _TYPES: dict[Kind, Any] = {
@@ -216,7 +216,8 @@ def _resolve_urdf(
                 file = _mesh_file(name, path, packages)
                 if file is None:
                     link.remove(child)
-                    missing.append(f"link {link.get('name')}: mesh {one_line(name)} is missing")
+                    words = f"link {link.get('name')}: mesh {one_line(name)} is missing"
+                    missing.append(f"{words}{_how_to_get(name, path, packages)}")
                     continue
                 files[f"{link.get('name')}_{count}"] = MeshFile(file, _scale(mesh))
                 geometry.remove(mesh)
@@ -248,6 +249,16 @@ def _scale(mesh: ET.Element) -> tuple[float, float, float]:
     except ValueError:
         return 1.0, 1.0, 1.0
     return x, y, z
+
+
+def _how_to_get(name: str, path: Path, packages: Sequence[Path]) -> str:
+    """What to do about a mesh of a package that is not found; nothing if it is another one."""
+    package = name.partition("://")[2].lstrip("/").partition("/")[0]
+    if not name.startswith("package://"):
+        return ""
+    if next(package_folders(package, path, search_path(packages)), None) is not None:
+        return f"; package {package} is there and lacks it"
+    return f"; package {package} is not found; expected {where_packages_are(package)}"
 
 
 def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:

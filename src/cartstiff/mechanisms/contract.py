@@ -410,6 +410,8 @@ class Mechanism(ABC):
     rigid: frozenset[int] = frozenset()
     #: Coordinates without an actuator: one stiffness for all joints is not for them.
     undriven: frozenset[int] = frozenset()
+    #: Coordinates that are no joints: deflections of compliant links.
+    virtual: frozenset[int] = frozenset()
 
     def with_rigid(self, rigid: frozenset[int]) -> Mechanism:
         """The same mechanism with other coordinates held.
@@ -492,15 +494,28 @@ class Mechanism(ABC):
         """Names of the coordinates."""
         return tuple(c.name for c in self.coordinates)
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the coordinates without the deflections of compliant links."""
+        return tuple(name for j, name in enumerate(self.names) if j not in self.virtual)
+
+    def undeflected(self, rows: Array) -> Array:
+        """Coordinates (..., n) of joint positions (..., m), with links that are not deflected."""
+        at = [j - k for k, j in enumerate(sorted(self.virtual))]
+        return np.insert(rows, at, 0.0, axis=-1)
+
     def checked(self, q: ArrayLike, what: str = "q") -> Array:
-        """Coordinates as a finite (n,) array.
+        """Coordinates as a finite (n,) array; positions of the joints alone are enough.
 
         Raises
         ------
         InputError
             For a wrong count, text, NaN or infinity.
         """
-        return checked_input(q, (len(self.coordinates),), what)
+        n, joints = len(self.coordinates), len(self.coordinates) - len(self.virtual)
+        if self.virtual and np.shape(q) == (joints,):
+            return self.undeflected(checked_input(q, (joints,), what))
+        return checked_input(q, (n,), what)
 
 
 def named_values(

@@ -9,6 +9,7 @@ posture, and what the engine cannot express.
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -83,7 +84,12 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
         )
     if "error" in data:
         message = str(data["error"]).replace(str(path.resolve()), path.name)
-        raise InputError("not a usable MJCF", where=where, got=one_line(message, 400))
+        expected = None
+        if lost := re.search(r"Error opening file '([^']*)'", message):
+            expected = f"{lost[1]} beside it, as in the repository of the model: fetch its folder"
+        raise InputError(
+            "not a usable MJCF", where=where, expected=expected, got=one_line(message, 400)
+        )
     # Included files, and meshes where a mass depends on them, are in what was compiled.
     numbers = {key: value for key, value in data.items() if key != "meshes"}
     was_read(f"{path.name} with all that it includes", fingerprint(numbers).encode())

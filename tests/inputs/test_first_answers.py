@@ -1,0 +1,107 @@
+"""What a user types on the first day: joints of an arm with soft links, other spellings, files."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from tests.packaging.environment import ROOT
+from tests.support.commands import answer, run
+
+import cartstiff
+
+LINKS = """kind: serial
+model: ur5
+frame: tool0
+springs: {shoulder_pan_joint: {stiffness: 3.0e4}, shoulder_lift_joint: {stiffness: 3.0e4},
+  elbow_joint: {stiffness: 2.0e4}, wrist_1_joint: {stiffness: 5.0e3},
+  wrist_2_joint: {stiffness: 5.0e3}, wrist_3_joint: {stiffness: 4.0e3}}
+flexible:
+  upper_arm_link: {stiffness: [[4.0e4, 0, 0, 0, 0, 0], [0, 4.0e4, 0, 0, 0, 0],
+    [0, 0, 4.0e4, 0, 0, 0], [0, 0, 0, 2.0e6, 0, 0], [0, 0, 0, 0, 2.0e6, 0], [0, 0, 0, 0, 0, 2.0e6]]}
+"""
+JOINTS = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]
+
+
+@pytest.fixture
+def soft(tmp_path):
+    (path := tmp_path / "soft.yaml").write_text(LINKS)
+    return path
+
+
+def test_joints_alone_are_a_posture_of_an_arm_with_soft_links(soft, tmp_path):
+    """Six numbers in --q, degrees, Python and tables: the same as all twelve with zeros."""
+    arm = cartstiff.load(soft)
+    whole = np.zeros(12)
+    whole[[arm.names.index(name) for name in cartstiff.load("ur5").names]] = JOINTS
+    wanted = answer("analyse", soft, "--analysis none", f"--q={','.join(map(str, whole))}")
+    K = wanted["stiffness"]["B"]
+    six = ",".join(map(str, JOINTS))
+    degrees = ",".join(map(str, np.degrees(JOINTS)))
+    for more in ([f"--q={six}"], [f"--q={degrees}", "--units", "deg"]):
+        found = answer("analyse", soft, "--analysis none", *more)
+        assert found["q"] == pytest.approx(wanted["q"], abs=1e-12)
+        np.testing.assert_allclose(found["stiffness"]["B"], K, rtol=1e-9, atol=1e-4)
+    python = cartstiff.analyse(arm, JOINTS).as_dict()
+    np.testing.assert_allclose(python["stiffness"]["B"], K, rtol=1e-12)
+    by_joint = f"--stiffness={','.join(['3e4', '3e4', '2e4', '5e3', '5e3', '4e3'])}"
+    found = answer("analyse", soft, "--analysis none", f"--q={six}", by_joint)
+    np.testing.assert_allclose(found["stiffness"]["B"], K, rtol=1e-9, atol=1e-4)
+    # The compliance is that of the rigid arm and of the link in series: softer along each axis.
+    rigid = answer("analyse ur5 --analysis none", f"--q={six}")["compliance"]["B"]
+    assert np.linalg.eigvalsh(np.array(found["compliance"]["B"]) - rigid).min() > -1e-12
+    tables = {"plain": six, "named": f"{','.join(cartstiff.load('ur5').names)}\n{six}"}
+    load = "--load 0,0,0,0,0,-50 --path"
+    whole_table = tmp_path / "whole.csv"
+    whole_table.write_text(",".join(map(str, whole)))
+    expected = answer("equilibrium", soft, load, whole_table)
+    for name, text in tables.items():
+        (table := tmp_path / f"{name}.csv").write_text(text)
+        found = answer("equilibrium", soft, load, table)
+        assert found["before"] == pytest.approx(expected["before"])
+        assert run("poses", soft, table, "--for kuka")
+    refusal = run("analyse", soft, "--q=1,2,3", code=2)
+    assert "6 numbers (shoulder_pan_joint, " in refusal
+
+
+def test_american_spelling():
+    """A command is understood; in Python the name is told."""
+    assert run("analyze ur5") == run("analyse ur5")
+    with pytest.raises(AttributeError, match="'analyse'"):
+        cartstiff.analyze  # noqa: B018
+    with pytest.raises(AttributeError, match="nothing"):
+        cartstiff.nothing  # noqa: B018
+
+
+def test_the_extra_all_is_all_the_others():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    extras = tomllib.loads(text)["project"]["optional-dependencies"]
+    others = {one for name, extra in extras.items() if name != "all" for one in extra}
+    assert set(extras["all"]) == others
+
+
+def test_missing_packages_are_named_with_what_to_do(tmp_path):
+    """Of xacro, of meshes of a URDF, and the file that an MJCF file includes."""
+    (xacro := tmp_path / "arm.xacro").write_text(
+        '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find maker_description)/urdf/x.xacro"/></robot>'
+    )
+    words = run("analyse", xacro, code=2)
+    assert "folder maker_description (from the maker's repository)" in words
+    assert "--package-path" in words
+    (mjcf := tmp_path / "arm.xml").write_text(
+        '<mujoco><include file="common/shared.xml"/><worldbody><body><joint/>'
+        '<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    assert "expected common/shared.xml beside it" in run("analyse", mjcf, code=2)
+    from cartstiff.loading.visuals import visuals_of
+
+    (urdf := tmp_path / "arm.urdf").write_text(
+        '<robot name="a"><link name="base"/><link name="tip"><visual><geometry>'
+        '<mesh filename="package://maker_description/meshes/x.stl"/></geometry></visual></link>'
+        '<joint name="j" type="revolute"><parent link="base"/><child link="tip"/>'
+        '<axis xyz="0 0 1"/><origin xyz="1 0 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    _, missing = visuals_of(cartstiff.load(urdf).mechanism)
+    assert "maker_description is not found" in missing[0]
+    assert "--package-path" in missing[0]
