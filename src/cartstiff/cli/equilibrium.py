@@ -231,7 +231,6 @@ def _compensate(
     rows = read_rows(
         path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
     )
-    rows = rows.with_undeflected(elastic.mechanism, len(WRENCH))
     _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
     say_unused(path, unused)
     postures, wrenches = table[:, :n], [wrench] * len(table)

@@ -55,16 +55,8 @@ class Rows(NamedTuple):
     place: str
     factors: Mapping[str, float] = MappingProxyType({})
 
-    def with_undeflected(self, mechanism: Mechanism, more: int = 0) -> Rows:
-        """The rows with zeros for deflections of compliant links, if they have only joints.
-
-        Parameters
-        ----------
-        mechanism : Mechanism
-            Whose coordinates they are.
-        more : int
-            Columns that may follow, where they have no names.
-        """
+    def with_undeflected(self, mechanism: Mechanism) -> Rows:
+        """The rows with zeros for deflections of compliant links, if they have only joints."""
         lacking = tuple(n for n in mechanism.names if n not in mechanism.joint_names)
         count = len(mechanism.joint_names)
         if self.names is not None:
@@ -73,7 +65,7 @@ class Rows(NamedTuple):
             zeros = np.zeros((len(self.values), len(lacking)))
             names = (*self.names, *lacking)
             return self._replace(names=names, values=np.hstack([self.values, zeros]))
-        if self.values.shape[1] not in (count, count + more):
+        if self.values.shape[1] != count:
             return self
         return self._replace(values=mechanism.undeflected(self.values))
 

@@ -300,11 +300,9 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         model, body = chain.tree.model, chain.body
         ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
         reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
-        moved = float(np.linalg.norm(chain.at(q).motion.jacobian[3:] @ x))
+        moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
         if moved > _MOVED * reach > 0.0:
-            parts.append(
-                f"the tip moves by {moved:.3g} {units.length} (linear), its reach is {reach:.3g}"
-            )
+            parts.append(f"the tip moves by {moved:.3g} {units.length}, its reach is {reach:.3g}")
             values |= {"moved": moved, "reach": reach}
     if not parts:
         return []
