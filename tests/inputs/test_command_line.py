@@ -45,7 +45,7 @@ def test_bad_options_are_refused(case: str, refused: Refused) -> None:
     ("arguments", "word"),
     [
         ([], "--help"),
-        (["analyze", "ur5"], "analyze"),
+        (["analise", "ur5"], "analise"),
         (["--json"], "--json"),
         (["ur5"], "ur5"),
         (["models", "ur5"], "ur5"),
