@@ -36,7 +36,7 @@ def main(picture: Path | None = None) -> dict[str, object]:
     real = []  # the same commands, given to an arm that is a tenth softer
     for q, rest, acting, pose in zip(result.q, result.commands, loads, poses, strict=True):
         softer = arm.with_springs(0.9 * arm.springs.stiffness, rest)
-        real.append(equilibrium(softer, *acting, q0=q).pose[:3, 3] - pose[:3, 3])
+        real.append(equilibrium(softer, q, *acting).pose[:3, 3] - pose[:3, 3])
     left = 1e3 * np.linalg.norm(real, axis=1)
     if picture is not None:
         draw(result, left, picture)

@@ -181,7 +181,7 @@ def _off_at_rest(state: Any, force: Any, step: Any, C: Any) -> float | None:
 
     # The rest positions that were chosen stay; without them new ones would carry gravity.
     ends = [
-        cartstiff.equilibrium(state.elastic, DeadForce(force + sign * step), q0=state.q)
+        cartstiff.equilibrium(state.elastic, state.q, DeadForce(force + sign * step))
         for sign in (1, -1)
     ]
     slack = any(note.code == "slack" for end in (state, *ends) for note in end.notes)

@@ -52,7 +52,7 @@ def _at_rest(inputs, folder):
             cartstiff.DeadWrench(share * np.array(wrench), frame_b=f"node{node}")
             for node, wrench in zip(inputs["loaded"], inputs["loads"], strict=True)
         ]
-        rest = cartstiff.equilibrium(frame, *loads, q0=q)
+        rest = cartstiff.equilibrium(frame, q, *loads)
         q = rest.q
     return [
         rest.posture.relative("world", f"node{n}")[0][:3, 3] - inputs["nodes"][n - 1]

@@ -34,6 +34,8 @@ _WORDS: dict[Any, str] = {
     str: "text",
     ArrayLike: "numbers",
 }
+#: Arguments that had other words once.
+_RENAMED = {"q0": "q", "axes": "load_axes", "wrench_at": "load_at"}
 
 
 def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -77,7 +79,9 @@ def _wrong_kind(
         if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in takes.values()):
             for name in kwargs:
                 if name not in takes:
-                    return UnknownArgumentError(f"argument of {function.__name__}", name, takes)
+                    new = _RENAMED.get(name)
+                    known = [new] if new in takes else takes
+                    return UnknownArgumentError(f"argument of {function.__name__}", name, known)
         return None  # an argument too many or too few: Python's own words say which
     for name, value in given.items():
         hint = _resolved(signature.parameters[name].annotation, function)

@@ -93,9 +93,9 @@ def test_the_file_holds_the_whole_covariance(known):
 
 def test_the_displacement_at_rest_is_as_uncertain_as_by_hand(known):
     elastic = load(known)
-    state = cartstiff.equilibrium(elastic, DeadForce(FORCE[3:] * 1e-2), q0=Q)  # small, and large
+    state = cartstiff.equilibrium(elastic, Q, DeadForce(FORCE[3:] * 1e-2))  # small, and large
     assert state.displacement_deviation[3:].max() < 1e-5
-    state = cartstiff.equilibrium(elastic, DeadForce(FORCE[3:]), q0=Q)
+    state = cartstiff.equilibrium(elastic, Q, DeadForce(FORCE[3:]))
     by_hand = _deviation(elastic)
     # The arm turns by up to a hundredth under the load, which is not in the formula by hand.
     assert state.displacement_deviation[3:] == pytest.approx(by_hand, rel=0.05)
@@ -107,7 +107,7 @@ def test_the_displacement_at_rest_is_as_uncertain_as_by_hand(known):
     # Exactly: equilibria of mechanisms with other coefficients.
     variance = 0.0
     for more, less, per in neighbours(elastic):
-        ends = [cartstiff.equilibrium(m, DeadForce(FORCE[3:]), q0=Q).pose for m in (more, less)]
+        ends = [cartstiff.equilibrium(m, Q, DeadForce(FORCE[3:])).pose for m in (more, less)]
         variance += (per * (ends[0] - ends[1])[:3, 3]) ** 2
     assert state.displacement_deviation[3:] == pytest.approx(np.sqrt(variance), rel=1e-5)
 
@@ -138,9 +138,9 @@ def test_frequencies_under_the_weight(known):
 
 def test_other_units_change_nothing(known):
     elastic = load(known)
-    here = cartstiff.equilibrium(elastic, DeadForce(FORCE[3:]), q0=Q)
+    here = cartstiff.equilibrium(elastic, Q, DeadForce(FORCE[3:]))
     small = in_units(elastic, "mm")
-    there = cartstiff.equilibrium(small, DeadForce(FORCE[3:]), q0=Q)
+    there = cartstiff.equilibrium(small, Q, DeadForce(FORCE[3:]))
     assert there.displacement_deviation == pytest.approx(
         here.displacement_deviation * [1, 1, 1, 1e3, 1e3, 1e3], rel=1e-6
     )

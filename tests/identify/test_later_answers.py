@@ -46,7 +46,7 @@ def test_commands_along_a_path_leave_what_the_springs_leave(known):
         variance = 0.0
         for more, less, per in neighbours(commanded):
             ends = [
-                cartstiff.equilibrium(m, DeadWrench(FORCE), q0=q, limits=False).pose
+                cartstiff.equilibrium(m, q, DeadWrench(FORCE), limits=False).pose
                 for m in (more, less)
             ]
             variance += (per * displacement_between(ends[1], ends[0])) ** 2
@@ -59,8 +59,8 @@ def test_another_unit_of_length_changes_no_interval(known):
     elastic = load(known)
     small = in_units(elastic, "mm")
     q = PLACES[0]
-    here = equilibrium(elastic, wrench=FORCE, load_axes="world", q0=q)
-    there = equilibrium(small, wrench=FORCE, load_axes="world", q0=q)
+    here = equilibrium(elastic, wrench=FORCE, load_axes="world", q=q)
+    there = equilibrium(small, wrench=FORCE, load_axes="world", q=q)
     sizes = np.array([1, 1, 1, 1e3, 1e3, 1e3])
     np.testing.assert_allclose(
         there.displacement_deviation, here.displacement_deviation * sizes, rtol=1e-6

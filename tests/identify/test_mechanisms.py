@@ -90,7 +90,7 @@ def test_legs_and_motors_of_loops_come_back(name, rows, axes):
             springs = springs.replaced(truth, rest)
         else:
             springs = springs.replaced(truth, elastic.mechanism.at(one).lines.lengths)
-        state = equilibrium(replace(true, springs=springs), DeadForce(w[3:]), q0=one, limits=False)
+        state = equilibrium(replace(true, springs=springs), one, DeadForce(w[3:]), limits=False)
         moved.append(state.pose[:3, 3] - elastic.mechanism.at(one).pose[:3, 3])
     values = dict(zip(("dx", "dy", "dz"), np.array(moved).T, strict=True))
     if axes == 2:
@@ -142,7 +142,7 @@ def test_large_loads_need_the_equilibrium(tmp_path):
     for one, m in zip(q, mass, strict=True):
         told = true.with_springs(rest=one)
         weight = DeadForce([0, 0, -9.81 * m])
-        state = equilibrium(told, weight, q0=one, limits=False)
+        state = equilibrium(told, one, weight, limits=False)
         moved.append(state.pose[:3, 3] - elastic.mechanism.at(one).pose[:3, 3])
     moved = np.array(moved) + rng.normal(size=(12, 3)) * 2e-5
     values = dict(zip(("dx", "dy", "dz"), moved.T, strict=True))

@@ -167,7 +167,7 @@ def _pulled(elastic, rows, seed, force):
         step[motors] = rng.uniform(-0.25, 0.25, 2)
         q.append(elastic.mechanism.closed(elastic.q + step).q)
         told = elastic.with_springs(rest={elastic.names[j]: q[-1][j] for j in motors})
-        state = cartstiff.equilibrium(told, DeadForce(w[3:]), q0=q[-1], limits=False)
+        state = cartstiff.equilibrium(told, q[-1], DeadForce(w[3:]), limits=False)
         moved.append((state.pose - elastic.mechanism.at(q[-1]).pose)[:2, 3])
     moved, nothing = np.array(moved), np.zeros(rows)
     values = {"dx": moved[:, 0], "dy": moved[:, 1]}
@@ -255,7 +255,7 @@ def test_an_arm_s_polynomial_under_large_loads(tmp_path):
     moved = []
     for one, w in zip(q, W, strict=True):
         state = cartstiff.equilibrium(
-            true.with_springs(rest=one), DeadForce(w[3:]), q0=one, limits=False
+            true.with_springs(rest=one), one, DeadForce(w[3:]), limits=False
         )
         moved.append((state.pose - true.mechanism.at(one).pose)[:3, 3])
     nothing = np.zeros(14)

@@ -287,7 +287,7 @@ def test_world_means_every_wrench_and_direction(analysis):
     assert data["deflection"]["wrench"][3:] == pytest.approx(-10.0 * down, abs=1e-12)
     before, after = (
         cartstiff.equilibrium(
-            result.elastic, LoadKind().acting(np.add(load, x), result.pose, "world"), q0=result.q
+            result.elastic, result.q, LoadKind().acting(np.add(load, x), result.pose, "world")
         ).pose[:3, 3]
         for x in (np.multiply(-1e-3, push), np.multiply(1e-3, push))
     )

@@ -123,13 +123,73 @@ def test_a_potential_with_an_old_name_of_a_method_is_refused():
         (lambda arm: cartstiff.analyse(arm, load_king="dead"), "load_kind"),
         (lambda arm: cartstiff.equilibrium(arm, wrench=[0] * 6, limit=False), "limits"),
         (lambda arm: cartstiff.equilibrium(arm, hold={"z": 0.0}), "held"),
+        (lambda arm: cartstiff.equilibrium(arm, q0=arm.q), r"q\b"),
+        (lambda arm: cartstiff.load_curve(arm, wrench=[1.0] * 6, q0=arm.q), r"q\b"),
+        (lambda arm: cartstiff.compensate(arm, [arm.q], [0] * 6, axes="world"), r"load_axes\b"),
+        (
+            lambda arm: cartstiff.analyse_posture(
+                cartstiff.analyse(arm), wrench=[1.0] * 6, wrench_at=[0, 0, 0]
+            ),
+            r"load_at\b",
+        ),
     ],
 )
 def test_a_mistyped_keyword_is_answered_with_the_nearest(call, nearest):
     """Also for those that wait for Python's own error."""
     arm = cartstiff.load("ur5")
     for kind in (InputError, TypeError):
-        with pytest.raises(kind, match=rf"unknown argument of \w+; .*closest: {nearest}"):
+        with pytest.raises(kind, match=rf"unknown argument of \w+; .*(closest:|one of) {nearest}"):
             call(arm)
     with pytest.raises(TypeError, match="positional"):
         cartstiff.analyse(arm, None, None, None, None)
+
+
+#: Words that public functions share, in the order in which they have them.
+SHARED = (
+    *("elastic", "command", "q", "wrench", "load_kind", "load_at", "load_axes"),
+    *("held", "tolerances", "starts", "seed", "level", "progress"),
+)
+
+
+def public_functions() -> dict[str, list[str]]:
+    """Names of the parameters of every function of the package."""
+    values = {name: getattr(cartstiff, name) for name in cartstiff.__all__}
+    return {
+        name: list(inspect.signature(value).parameters)
+        for name, value in values.items()
+        if inspect.isfunction(value)
+    }
+
+
+@pytest.mark.parametrize(("name", "takes"), public_functions().items())
+def test_functions_have_the_same_words_in_the_same_order(name, takes):
+    shared = [word for word in takes if word in SHARED]
+    assert shared == sorted(shared, key=SHARED.index)
+    assert not {"q0", "axes", "wrench_at", "start", "mechanism", "robot"} & set(takes)
+    load = [word for word in takes if word in ("wrench", "load_kind", "load_at", "load_axes")]
+    whole = ["wrench", "load_kind", "load_at", "load_axes"]
+    # A wrench alone is an addition or a sign of it; a path's loads have their own words.
+    assert load in ([], whole, ["wrench"], ["wrench", "load_at"], whole[1:], whole[1:3])
+
+
+def test_equilibrium_takes_q_and_wrench_as_analyse_does():
+    """Under a small load it moves by compliance times wrench, from the posture that was given."""
+    arm = cartstiff.load("ur5")
+    q, W = arm.q + 0.1, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.02])
+    start = cartstiff.analyse(arm, q)
+    moved = np.array(start.compliance) @ W
+    load = cartstiff.DeadForce(start.pose[:3, :3] @ W[3:])
+    for state in (
+        cartstiff.equilibrium(arm, q, wrench=W),
+        cartstiff.equilibrium(arm, wrench=W, q=q),
+        cartstiff.equilibrium(arm, q, load),
+    ):
+        np.testing.assert_allclose(state.start.pose, start.pose, atol=1e-12)
+        T = np.linalg.inv(start.pose) @ state.pose
+        twist = [T[2, 1], T[0, 2], T[1, 0], *T[:3, 3]]
+        np.testing.assert_allclose(twist, moved, rtol=1e-3, atol=1e-11)
+    curve = cartstiff.load_curve(arm, q, load)
+    np.testing.assert_allclose(curve.q[-1], state.q, atol=1e-9)
+    # A load in the place of q is a load, and the start the file's posture.
+    default = cartstiff.equilibrium(arm, load).start.q
+    np.testing.assert_array_equal(default, arm.q)

@@ -192,8 +192,8 @@ def test_an_added_force_acts_where_it_is_said() -> None:
     result, p = arm(6, wrench=None), [0.0, 0.0, 0.25]
     at = se3.pose(translation=p)
     force = [0.0, 0.0, 0.0, 300.0, 0.0, 0.0]
-    origin = analyse_posture(result, wrench=force, wrench_at=[0, 0, 0], at=at)["deflection"]
-    here = analyse_posture(result, wrench=force, wrench_at=p)["deflection"]
+    origin = analyse_posture(result, wrench=force, load_at=[0, 0, 0], at=at)["deflection"]
+    here = analyse_posture(result, wrench=force, load_at=p)["deflection"]
     both = analyse_posture(result, wrench=force, at=at, direction=[1, 0, 0])
     assert origin["displacement"][0] == pytest.approx(here["displacement"][0], rel=1e-12)
     # With the force at the point, its displacement is the force over the free stiffness there.
@@ -201,7 +201,7 @@ def test_an_added_force_acts_where_it_is_said() -> None:
     assert both["deflection"]["displacement"][0] == pytest.approx(300.0 / free, rel=1e-9)
     assert abs(origin["displacement"][0] - both["deflection"]["displacement"][0]) > 1e-4
     with pytest.raises(InputError, match="point of an added wrench needs the wrench"):
-        analyse_posture(result, wrench_at=p)
+        analyse_posture(result, load_at=p)
 
 
 @pytest.mark.parametrize("connection", ["A", "B", "K", "load"])

@@ -60,13 +60,13 @@ def test_the_way_back_to_a_limit_is_no_deflection(
     elastic, start = arm(limit), np.array(q)
     expected = by_hand(start, size * FORCE)
     wrench = [0, 0, 0, *(size * FORCE)]
-    state = cartstiff.equilibrium(elastic, wrench=wrench, load_axes="world", q0=q)
+    state = cartstiff.equilibrium(elastic, wrench=wrench, load_axes="world", q=q)
     np.testing.assert_allclose(state.displacement[3:], expected, rtol=1e-6, atol=1e-15)
     # The same where the rest positions are given, and the arm rests there beyond its limits.
     given = elastic.with_springs(rest=list(q))
-    state = cartstiff.equilibrium(given, wrench=wrench, load_axes="world", q0=q)
+    state = cartstiff.equilibrium(given, wrench=wrench, load_axes="world", q=q)
     np.testing.assert_allclose(state.displacement[3:], expected, rtol=1e-6, atol=1e-15)
-    curve = cartstiff.load_curve(elastic, wrench=wrench, load_axes="world", q0=q)
+    curve = cartstiff.load_curve(elastic, wrench=wrench, load_axes="world", q=q)
     np.testing.assert_allclose(curve.displacement[-1, 3:], expected, rtol=1e-6, atol=1e-15)
 
 
@@ -75,7 +75,7 @@ def test_it_is_said_first() -> None:
     from cartstiff.report.statics import describe_equilibrium
 
     elastic = arm(LIMITED.format(-1, 0.1))
-    state = cartstiff.equilibrium(elastic, wrench=[0, 0, 0, *FORCE], q0=[0.2, 0.3])
+    state = cartstiff.equilibrium(elastic, wrench=[0, 0, 0, *FORCE], q=[0.2, 0.3])
     head = describe_equilibrium(state).splitlines()[:4]
     assert any("beyond limits: j1 is at 0.2 rad" in line and "without" in line for line in head)
     assert "Beyond limits: j1" in describe(cartstiff.analyse(elastic, [0.2, 0.3])).splitlines()[1]
@@ -85,7 +85,7 @@ def test_other_bounds_go_on_holding() -> None:
     """Beyond the upper bound of j1; j2 comes to rest on its own lower one."""
     elastic = arm(LIMITED.format(-0.001, 0.1))
     state = cartstiff.equilibrium(
-        elastic, wrench=[0, 0, 0, 0, 0, 500], load_axes="world", q0=[0.2, 0.0]
+        elastic, wrench=[0, 0, 0, 0, 0, 500], load_axes="world", q=[0.2, 0.0]
     )
     assert state.q[1] == pytest.approx(-0.001)
     assert set(state.reactions.limits) == {"j2"}

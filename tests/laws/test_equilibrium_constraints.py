@@ -85,7 +85,7 @@ def test_a_pose_held_wholly(name):
     assert np.abs(state.pose - T).max() < 1e-12 * max(1.0, length)
     assert relative_error(state.reactions.wrench, state.elastic_stiffness.wrench) < 1e-9
     # The environment's wrench is what the springs need to be in balance there.
-    free = equilibrium(elastic, DeadWrench(_in_world(state)), q0=state.q)
+    free = equilibrium(elastic, state.q, DeadWrench(_in_world(state)))
     assert np.abs(free.q - state.q).max() < 1e-9
 
 
@@ -164,7 +164,7 @@ def test_a_stop_that_is_left_again():
     elastic = limited(ur5(), elbow_joint=(1.0, 1.41))
     q = elastic.q.copy()
     q[2] = 1.6  # beyond the stop: put back onto it, and then released
-    state = equilibrium(elastic, DeadForce([0.0, 0.0, 50.0]), q0=q)
+    state = equilibrium(elastic, q, DeadForce([0.0, 0.0, 50.0]))
     assert state.reactions.limits == {}
     assert 1.0 < state.q[2] < 1.41
     free = equilibrium(ur5(), DeadForce([0.0, 0.0, 50.0]))

@@ -186,7 +186,7 @@ def test_curves_as_text():
     ("call", "error", "match"),
     [
         (lambda: load_curve(column(1)), InputError, "needs a load"),
-        (lambda: load_curve(column(1), [1, 0, 0]), InputError, "a load is not a potential"),
+        (lambda: load_curve(column(1), None, [1, 0, 0]), InputError, "a load is not a potential"),
         (lambda: load_curve(column(1), DeadForce([1, 0, 0]), to=0.0), InputError, "load factor"),
         (
             lambda: load_curve(column(1), DeadForce([1, 0, 0]), resolution=-1.0),
@@ -228,14 +228,14 @@ def wrenches(m):
 def test_compensation_puts_the_loaded_tool_on_the_path(axes, gravity):
     robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = replace(cartstiff.load("ur5"), gravity=gravity)
-    path = compensate(elastic, paths(), wrenches(6), axes=axes)
+    path = compensate(elastic, paths(), wrenches(6), load_axes=axes)
     assert np.abs(path.after).max() < 1e-11
     assert np.linalg.norm(path.before[:, 3:], axis=1).min() > 1e-4
     report = path.summary()
     assert report["before"]["translation_max"] > 1e6 * report["after"]["translation_max"]
     assert np.abs(path.offsets).max() < 0.1
     # The poses alone give the same commands.
-    by_pose = compensate(elastic, path.poses, wrenches(6), axes=axes, q0=paths()[0])
+    by_pose = compensate(elastic, path.poses, wrenches(6), load_axes=axes, q=paths()[0])
     assert np.abs(by_pose.commands - path.commands).max() < 1e-10
 
 
@@ -314,7 +314,7 @@ def unsprung():
             "loads and path differ in number",
         ),
         (
-            lambda: compensate(column(2), [[0.3, 0.4]], np.zeros(6), axes="tool"),
+            lambda: compensate(column(2), [[0.3, 0.4]], np.zeros(6), load_axes="tool"),
             InputError,
             "unknown axes",
         ),
@@ -374,7 +374,7 @@ def test_an_equilibrium_says_what_its_load_passes_on_the_way():
     straight = equilibrium(column(2), DeadForce([-0.9 * CRITICAL, 0.0, 0.0]))
     assert straight.stable
     assert _on_the_way(straight) == {}
-    mirrored = equilibrium(column(2), DeadForce([-1.5 * CRITICAL, 0.0, 0.0]), q0=-buckled.q)
+    mirrored = equilibrium(column(2), -buckled.q, DeadForce([-1.5 * CRITICAL, 0.0, 0.0]))
     assert mirrored.stable
     assert mirrored.q == pytest.approx(-buckled.q, abs=1e-9)
 

@@ -297,8 +297,8 @@ def test_result_is_plain_data():
         (lambda: FollowerWrench([np.inf] * 6), "wrench must be finite"),
         (lambda: payload(-1.0, [0, 0, -9.81]), "payload mass"),
         (lambda: payload(1.0, [0, -9.81]), "acceleration has the wrong count"),
-        (lambda: equilibrium(mechanism("ur5"), q0=[0.0]), "q0 has the wrong count"),
-        (lambda: equilibrium(mechanism("ur5"), np.ones(6)), "a load is not a potential"),
+        (lambda: equilibrium(mechanism("ur5"), q=[0.0]), "q has the wrong count"),
+        (lambda: equilibrium(mechanism("ur5"), None, np.ones(6)), "a load is not a potential"),
         (lambda: equilibrium(mechanism("ur5"), iterations=0), "bound on the steps"),
     ],
 )

@@ -143,7 +143,7 @@ def test_every_command_has_the_forces_of_statics(tmp_path, kind, acting):
 
     # At rest the load has the axes of the start, and the legs their lengths there.
     chosen = elastic.with_rest_balancing(Q, wrench=W if kind == "cables" and not weighs else None)
-    rest = cartstiff.equilibrium(chosen, q0=Q, wrench=W, limits=False)
+    rest = cartstiff.equilibrium(chosen, q=Q, wrench=W, limits=False)
     at_rest = chosen.springs.tensions(rest.posture.lines.lengths)
     assert at_rest == pytest.approx(
         _forces(elastic, rest.pose, in_room, weighs), rel=1e-6, abs=1e-5

@@ -70,15 +70,15 @@ def test_legs_out_of_reach_are_named_by_every_command(tmp_path):
     for i, (name, found) in enumerate(note.values.items()):
         assert found["value"] == pytest.approx(lengths[i], rel=1e-14), name
         assert [found["lower"], found["upper"]] == shared
-    start = notes_of(equilibrium(elastic, q0=far))["beyond-limits"]
+    start = notes_of(equilibrium(elastic, q=far))["beyond-limits"]
     assert start.message.startswith("at the start: ")
-    free = equilibrium(elastic, q0=far, limits=False)
+    free = equilibrium(elastic, q=far, limits=False)
     assert [n.message[:8] for n in free.notes if n.code == "beyond-limits"] == [
         "at the s",
         "at rest:",
     ]
     load = DeadForce([0.0, 0.0, -1.0])
-    curve = load_curve(elastic, load, to=0.01, q0=[0.0, 0.0, 1.25, 0.0, 0.0, 0.0])
+    curve = load_curve(elastic, [0.0, 0.0, 1.25, 0.0, 0.0, 0.0], load, to=0.01)
     assert "beyond-limits" in notes_of(curve)
     path = compensate(elastic, [far, far, elastic.q, far], [load] * 4)
     assert {"beyond-limits", "command-beyond-limit"} <= set(notes_of(path))

@@ -189,7 +189,7 @@ def _motions(acting, result, reaches):
             added = DeadForce(R @ unit[3:]) if i > 2 else moment
             try:
                 state = equilibrium(
-                    result.elastic, *acting, added, q0=result.q, limits=False, settle=False
+                    result.elastic, result.q, *acting, added, limits=False, settle=False
                 )
             except ConvergenceError as error:
                 if not REFUSED.search(str(error)):

@@ -229,7 +229,7 @@ def test_equilibria(machine):
     seen = 0
     for q in machine.q[:8]:
         try:
-            rest = cartstiff.equilibrium(machine.elastic, q0=q, wrench=machine.load, limits=False)
+            rest = cartstiff.equilibrium(machine.elastic, q=q, wrench=machine.load, limits=False)
         except ConvergenceError:
             continue
         seen += bool(rest.notes)

@@ -202,7 +202,7 @@ def test_one_posture_stacks_and_recorded_numbers_agree(name):
                 length=LENGTH,
                 direction=DIRECTION,
                 wrench=deflect,
-                wrench_at=None if deflect is None else (0.0, 0.0, 0.0),
+                load_at=None if deflect is None else (0.0, 0.0, 0.0),
                 springs=False,
             )
             own = analyse_posture(result, connection=settings.connection, springs=False)["length"]

@@ -71,7 +71,7 @@ def test_the_weight_itself(arm):
 
 def test_gravity_is_the_same_for_one_posture_and_for_a_path(arm):
     """Open rest positions carry gravity in both: only the load moves the body."""
-    state = equilibrium(arm, LOAD, q0=Q, limits=False)
+    state = equilibrium(arm, Q, LOAD, limits=False)
     path = compensate(arm, [Q], [LOAD])
     assert path.before[0] == pytest.approx(state.displacement, rel=1e-9, abs=1e-14)
     assert np.abs(path.after).max() < 1e-12
@@ -86,7 +86,7 @@ def test_gravity_is_the_same_for_one_posture_and_for_a_path(arm):
 def test_springs_with_rest_positions_sag_under_gravity_in_both(arm):
     """With the rest positions at the posture, gravity is part of the way in both modes."""
     given = arm.with_springs(rest=Q)
-    state = equilibrium(given, LOAD, q0=Q, limits=False)
+    state = equilibrium(given, Q, LOAD, limits=False)
     path = compensate(given, [Q], [LOAD])
     assert path.before[0] == pytest.approx(state.displacement, rel=1e-9)
     assert np.linalg.norm(path.before[0, 3:]) > 0.005
@@ -96,8 +96,8 @@ def test_every_report_says_what_was_weighed(arm):
     hung = payload(2.0, GRAVITY)
     results = [
         (cartstiff.analyse(arm, Q), describe),
-        (equilibrium(arm, hung, q0=Q), describe_equilibrium),
-        (load_curve(arm, hung, q0=Q), describe_curve),
+        (equilibrium(arm, Q, hung), describe_equilibrium),
+        (load_curve(arm, Q, hung), describe_curve),
         (compensate(arm, [Q], [hung]), describe_path),
     ]
     for result, text in results:

@@ -167,6 +167,28 @@ def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
         assert done.sum() == 6 * (files >= 5)
 
 
+@pytest.mark.parametrize("files", [6, 9, 14])
+def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files):
+    """Each life writes a few objects; nothing is lost, and the map is that of one life."""
+    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    kills, done = 0, 0
+    job, made = prepare_map(*asked, chunk=2, length=0.2)
+    while len(made.done()) < 10:
+        with monkeypatch.context() as patch:
+            _killed_after(patch, files)
+            try:
+                run_map(job, made, threads=1)
+            except _Killed:
+                kills += 1
+        now = int((_plain(asked[3])["state"].values != 255).sum())
+        assert now >= done
+        done = now
+    assert kills >= 20 // files
+    found = compute_map(*asked, chunk=2, length=0.2)
+    assert found.attrs["chunks_done"] == 10
+    _same(found, expected)
+
+
 def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
     from zarr.storage import LocalStore
 

@@ -383,7 +383,7 @@ def test_a_wrench_given_to_a_parallel_mechanism_is_in_balance(name):
     assert np.abs(result.pose - unloaded.pose).max() > 1e-7
     start = result.q + 1e-3 * (np.arange(result.q.size) % 3 - 1)
     start = result.elastic.mechanism.assembled(start)
-    state = equilibrium(result.elastic, FollowerWrench(W), q0=start)
+    state = equilibrium(result.elastic, start, FollowerWrench(W))
     assert np.abs(state.pose - result.pose).max() <= SUM
 
 

@@ -67,7 +67,7 @@ def test_equilibrium_goes_to_the_same_place() -> None:
     """The load put on after the command: that of springs at rest before."""
     machine = cartstiff.load("6-pus")
     told, start = commanded(machine, TOLD)
-    state = cartstiff.equilibrium(told, wrench=LOAD, q0=start)
+    state = cartstiff.equilibrium(told, wrench=LOAD, q=start)
     T = machine.mechanism.at(machine.q).pose
     rest = slides(T) + STEPS
     R = state.pose[:3, :3].T @ T[:3, :3]

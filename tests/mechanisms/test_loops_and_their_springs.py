@@ -168,7 +168,7 @@ def test_a_named_joint_is_held(tmp_path: Path, source: str, name: str, sign: int
     # The pose by hand, and the same from everybody who is asked.
     place = [L * np.sin(0.4 * sign), 0, L * np.cos(0.4 * sign)]
     np.testing.assert_allclose(result.pose[:3, 3], place, atol=1e-10)
-    state = cartstiff.equilibrium(elastic, q0={name: 0.4})
+    state = cartstiff.equilibrium(elastic, q={name: 0.4})
     np.testing.assert_allclose(state.q, result.q, atol=1e-9)
     row = elastic.q.copy()
     row[j] = 0.4

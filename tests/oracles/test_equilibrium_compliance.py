@@ -44,7 +44,7 @@ def test_dead_load_compliance_is_the_derivative_of_the_solution(name):
     def displaced(direction):
         def at(t):
             load = DeadForce(force + t * direction)
-            pose = equilibrium(elastic, load, q0=state.q).pose
+            pose = equilibrium(elastic, state.q, load).pose
             return displacement_between(state.pose, pose)
 
         return slope(at, 0.05 * size)
@@ -81,6 +81,6 @@ def test_reactions_of_a_held_displacement_are_the_slope_of_the_energy():
     state = equilibrium(elastic, held=held(0.0))
 
     def energy(t):
-        return np.array(equilibrium(elastic, held=held(t), q0=state.q).energy)
+        return np.array(equilibrium(elastic, held=held(t), q=state.q).energy)
 
     assert slope(energy, 2e-3) == pytest.approx(state.reactions.held["z"], rel=1e-8)

@@ -70,13 +70,13 @@ def test_the_tangent_there_is_that_of_analyse(name, kind):
     """Balanced by the springs, the load moves nothing: both stand at the same posture."""
     load = {"wrench": 0.2 * WRENCH, "load_kind": kind, "load_at": AT, "load_axes": "world"}
     here = cartstiff.analyse(cartstiff.load(name), **load)
-    state = equilibrium(here.elastic, **load, q0=here.q, limits=False, settle=False)
+    state = equilibrium(here.elastic, **load, q=here.q, limits=False, settle=False)
     assert np.abs(state.q - here.q).max() < 1e-9
     size = np.repeat([here.posture.length, 1.0], 3)
 
     def motion(t, unit):
         more = cartstiff.potentials.loads.FollowerWrench(t * unit)
-        there = equilibrium(here.elastic, more, **load, q0=here.q, limits=False, settle=False)
+        there = equilibrium(here.elastic, here.q, more, **load, limits=False, settle=False)
         return se3.log(se3.inverse(state.pose) @ there.pose)
 
     C = np.column_stack([slope(lambda t, u=unit: motion(t, u), 0.5) for unit in np.diag(size)])
@@ -104,7 +104,7 @@ def test_a_semitangential_wrench_is_dead_forces_on_crossed_bars():
 @pytest.mark.parametrize("kind", KINDS)
 def test_compensation_under_each_kind(kind):
     arm = cartstiff.load("hexapod")
-    path = compensate(arm, arm.q[None], WRENCH, axes="body", load_kind=kind, load_at=AT)
+    path = compensate(arm, arm.q[None], WRENCH, load_axes="body", load_kind=kind, load_at=AT)
     loads = _one_by_one(kind, arm.mechanism.at(arm.q).pose[:3, :3], "body")
     by_loads = compensate(arm, arm.q[None], [loads])
     assert np.abs(path.commands - by_loads.commands).max() < 1e-12

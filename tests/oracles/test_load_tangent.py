@@ -65,7 +65,7 @@ def _motion_per_wrench(elastic, loads, state, T, size):
         def motion(t, unit=unit):
             # To first order it does not matter what the small added wrench does.
             added = [DeadForce(R @ unit[3:] * t, n), DeadWrench([*(R @ unit[:3] * t), 0, 0, 0])]
-            there = equilibrium(elastic, *loads, *added, q0=state.q, limits=False, settle=False)
+            there = equilibrium(elastic, state.q, *loads, *added, limits=False, settle=False)
             return log_reference(np.linalg.inv(pose) @ there.pose @ T)
 
         columns.append(slope(motion, size if i > 2 else size * 0.1))
@@ -89,7 +89,7 @@ def test_the_tangent_is_the_derivative_of_the_equilibrium(name, load):
     w = np.array(shares) * force * np.repeat([length, 1.0], 3)
     result = cartstiff.analyse(elastic, wrench=w, load_kind=kind, load_at=p)
     loads = _loads(kind, w, p, result.pose[:3, :3], length)
-    state = equilibrium(result.elastic, *loads, q0=result.q, limits=False, settle=False)
+    state = equilibrium(result.elastic, result.q, *loads, limits=False, settle=False)
     assert np.abs(state.q - result.q).max() < 1e-9
     sizes = np.repeat([length, 1.0], 3)
     for point in (np.zeros(3), length * np.array([-0.2, 0.5, 0.3])):
@@ -142,7 +142,7 @@ def test_a_load_that_is_a_spring_in_the_room_belongs_to_the_mechanism():
     for name in ("A", "K"):
         difference = np.abs(result.matrices[name] - result.tangent).max()
         assert difference < 1e-9 * np.abs(result.tangent).max()
-    state = equilibrium(result.elastic, q0=result.q, limits=False)
+    state = equilibrium(result.elastic, q=result.q, limits=False)
     C = _motion_per_wrench(result.elastic, [], state, np.eye(4), 5.0)
     assert np.abs(C - result.tangent_compliance).max() < 1e-8 * np.abs(C).max()
 
@@ -157,7 +157,7 @@ def test_the_compliance_exists_at_singular_postures(name):
     if result.tangent is not None:
         pytest.skip("regular")
     loads = _loads("dead", w, p, result.pose[:3, :3], 0.1)
-    state = equilibrium(result.elastic, *loads, q0=result.q, limits=False, settle=False)
+    state = equilibrium(result.elastic, result.q, *loads, limits=False, settle=False)
     C = _motion_per_wrench(result.elastic, loads, state, np.eye(4), 2.0)
     assert np.abs(C - result.tangent_compliance).max() < 1e-8 * np.abs(C).max()
 

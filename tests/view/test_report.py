@@ -63,7 +63,7 @@ def test_the_answer_is_that_of_the_commands(arm):
         arm, Q, wrench=W, load_axes="world", load_at=[0, 0, 0.1], command="cartstiff <&>"
     )
     said = words(text)
-    at_rest = equilibrium(arm, q0=Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
+    at_rest = equilibrium(arm, q=Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
     moved = 1e3 * np.linalg.norm(at_rest.displacement[3:])
     assert f"The tip moves {moved:.4g} mm" in said
     assert "The equilibrium is stable." in said
@@ -87,7 +87,7 @@ def test_the_answer_is_that_of_the_commands(arm):
 
 
 def moved_by(elastic, q, W):
-    state = equilibrium(elastic, q0=q, wrench=W, load_axes="world")
+    state = equilibrium(elastic, q=q, wrench=W, load_axes="world")
     return np.linalg.norm(state.displacement[3:])
 
 
@@ -277,10 +277,10 @@ def test_every_number_is_that_of_the_commands(name, more, size):
     # Of parts that are rounding beside the rest nothing is shown.
     assert np.abs(np.array(shown) - K).max() <= 1e-5 * np.abs(K).max()
     mm = {"m": 1e3, "cm": 10.0, "mm": 1.0}[elastic.units.length]
-    before = equilibrium(elastic, *hold, q0=q, settle=False)
+    before = equilibrium(elastic, q, *hold, settle=False)
     at_rest = before
     if W is not None:
-        at_rest = equilibrium(elastic, DeadWrench(R @ whole), q0=q)
+        at_rest = equilibrium(elastic, q, DeadWrench(R @ whole))
         moved = (at_rest.pose - before.pose)[:3, 3]
         shown = re.search(r"The tip moves (\S+ \S+) \(", said).group(1)
         assert read(shown) == pytest.approx(1e-3 * mm * np.linalg.norm(moved), rel=6e-4)

@@ -106,7 +106,7 @@ def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(a
     assert moved["acts_at"] == list(point)
     free = cartstiff.analyse(arm)
     R = free.pose[:3, :3]
-    settled = equilibrium(free.elastic, DeadForce(R @ force, point), q0=free.q, limits=False)
+    settled = equilibrium(free.elastic, free.q, DeadForce(R @ force, point), limits=False)
     p = np.append(point, 1.0)
     expected = np.linalg.norm((settled.pose @ p - free.pose @ p)[:3])
     assert moved["displacement"] == pytest.approx(expected, rel=1e-4)

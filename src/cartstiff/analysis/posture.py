@@ -542,7 +542,7 @@ def analyse_posture(
     at: ArrayLike | None = None,
     direction: ArrayLike | None = None,
     wrench: ArrayLike | None = None,
-    wrench_at: ArrayLike | None = None,
+    load_at: ArrayLike | None = None,
     target: ArrayLike | None = None,
     tolerances: Tolerances | None = None,
     samples: int = 0,
@@ -574,7 +574,7 @@ def analyse_posture(
     wrench : array_like, shape (6,), optional
         Wrench (moment, force) in the axes of M added to the load, whose linear deflection is
         given; default the load itself, if there is one.
-    wrench_at : array_like, shape (3,), optional
+    load_at : array_like, shape (3,), optional
         Point in M at which the wrench acts; default the origin of N.
     target : array_like, shape (6, 6), optional
         Desired K^B in M, for which joint (or leg) stiffnesses are given.
@@ -609,7 +609,7 @@ def analyse_posture(
     if samples < 0 or samples == 1:
         raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
     added = None if wrench is None else checked_input(wrench, (6,), "wrench")
-    acts_at = None if wrench_at is None else checked_vector(wrench_at, 3, "point of the wrench")
+    acts_at = None if load_at is None else checked_vector(load_at, 3, "point of the wrench")
     if acts_at is not None and added is None:
         raise InputError("the point of an added wrench needs the wrench", expected="both, or none")
 

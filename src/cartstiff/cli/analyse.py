@@ -123,7 +123,7 @@ class Analysis(Reading):
                     at=None if self.report_at is None else pose(translation=self.report_at),
                     direction=in_body(self.direction),
                     wrench=in_body(self.added_load),
-                    wrench_at=self.added_load_at,
+                    load_at=self.added_load_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
                     samples=self.samples or 0,

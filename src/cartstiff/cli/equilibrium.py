@@ -46,6 +46,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
         *(f"{name} path" for name in ("hold", "q", "pose", "actuate")),
         "follower load_kind",
     ),
+    rare="lengths sensitivities tolerance",
 )
 def command(
     robot: Robot,
@@ -169,10 +170,10 @@ def command(
                 raise InputError("there is no other gravity", where="--against-gravity")
             first = elastic.with_gravity(against_gravity, where="--against-gravity")
             under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
-            before = equilibrium(first, *under, q0=start, limits=not no_limits)
+            before = equilibrium(first, start, *under, limits=not no_limits)
             elastic = before.elastic.with_gravity(elastic.gravity).with_notes(_since(before))
             start = before.q
-        state = equilibrium(elastic, *loads, q0=start, held=held, limits=not no_limits)
+        state = equilibrium(elastic, start, *loads, held=held, limits=not no_limits)
         data = state.as_dict()
         more = parameters.add(state, bare, data, lambda e: moved(weighing(e))[0])
         out.show(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
@@ -183,7 +184,7 @@ def command(
     from cartstiff.report.statics import describe_curve, draw_load_curve
     from cartstiff.statics.continuation import load_curve
 
-    result = load_curve(elastic, *loads, to=curve, q0=start, held=held)
+    result = load_curve(elastic, start, *loads, to=curve, held=held)
     out.show(
         result.as_dict(),
         elastic.name,

@@ -217,7 +217,7 @@ class Response:
         "damping rayleigh csv plot": "response lobes",
         "feed normal tip": "lobes",
     },
-    rare="lengths sensitivities tolerance",
+    rare="lengths rest load_at sensitivities tolerance",
 )
 def command(
     robot: Annotated[Robot, Overrides("actuate")],

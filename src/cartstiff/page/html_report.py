@@ -225,7 +225,7 @@ class _Load:
         added = self.added
         if self.axes == "world":
             added = _turned(self.pose[:3, :3].T, added)
-        return analyse_posture(result, wrench=added, wrench_at=self.kind.at)
+        return analyse_posture(result, wrench=added, load_at=self.kind.at)
 
 
 def _turned(rotation: Array, wrench: Array) -> Array:
@@ -246,10 +246,10 @@ def _answer(
     notes = {str(note): None for note in result.notes}
     try:
         # The posture before the load, which is not left even where it is unstable.
-        state = before = equilibrium(elastic, *load.terms(load.held), q0=start, settle=False)
+        state = before = equilibrium(elastic, start, *load.terms(load.held), settle=False)
         if load.added is not None:
             settle = before.stable is not False
-            state = equilibrium(elastic, *load.terms(load.whole), q0=start, settle=settle)
+            state = equilibrium(elastic, start, *load.terms(load.whole), settle=settle)
     except CartstiffError as error:
         lines.append(f"No equilibrium was found: {error}")
     else:
@@ -393,7 +393,7 @@ def _less(elastic: ElasticMechanism, start: Array, there: Array, load: _Load) ->
     for q in (start, there):
         term = load.kind.acting(load.in_room, elastic.mechanism.at(q).pose, "world")
         try:
-            state = equilibrium(elastic, term, q0=q)
+            state = equilibrium(elastic, q, term)
         except CartstiffError:
             return ""
         if state.stable is False:

@@ -111,7 +111,7 @@ def at_rest_with(
         moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]
         elastic = elastic.with_springs(rest=at_home.rest + moved)  # type: ignore[union-attr]
     try:
-        return equilibrium(elastic, q0=q, iterations=_STEPS).stiffness, ()
+        return equilibrium(elastic, q=q, iterations=_STEPS).stiffness, ()
     except (ConvergenceError, UndefinedError):
         message = "flexures hold the platform in no balance near this pose: it is ideal joints'"
         return analyse(elastic, q), (Note("struts-not-in-equilibrium", message, {"q": q.tolist()}),)
@@ -319,13 +319,13 @@ def assemble(
     lengths: ArrayLike | None = None,
     *,
     q: ArrayLike | Mapping[str, float] | None = None,
-    starts: int | None = None,
-    seed: int | None = None,
-    every: bool = True,
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
+    starts: int | None = None,
+    seed: int | None = None,
+    every: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> AssemblyModes:
     """All assembly modes of a mechanism, with the stiffness in each.

@@ -123,7 +123,7 @@ def after_command(
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     loads = () if wrench is None else (kind.acting(wrench, before.pose, load_axes),)
     shifted, start = commanded(before.elastic, command, before.q)
-    return equilibrium(shifted, *loads, q0=start, limits=limits)
+    return equilibrium(shifted, start, *loads, limits=limits)
 
 
 def analyse_commanded(

@@ -531,9 +531,17 @@ _SMALLEST = numerics.NEGLIGIBLE_STEP
 _COSINE = 0.9
 
 
+def start_and_loads(
+    q: ArrayLike | Mapping[str, float] | Potential | None, loads: tuple[Potential, ...]
+) -> tuple[ArrayLike | Mapping[str, float] | None, tuple[Potential, ...]]:
+    """Coordinates and loads of a call that may have a load in the place of coordinates."""
+    return (None, (q, *loads)) if isinstance(q, Potential) else (q, loads)
+
+
 @checked
 def load_curve(
     elastic: ElasticMechanism,
+    q: ArrayLike | Mapping[str, float] | Potential | None = None,
     *loads: Potential,
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
@@ -542,7 +550,6 @@ def load_curve(
     to: float = 1.0,
     fixed: Sequence[Potential] = (),
     held: Held | Mapping[str, float] | None = None,
-    q0: ArrayLike | Mapping[str, float] | None = None,
     resolution: float = 0.05,
     points: int = 400,
     back: float = 1.0,
@@ -553,6 +560,9 @@ def load_curve(
     ----------
     elastic : ElasticMechanism
         From `cartstiff.load`.
+    q : array_like or mapping, optional
+        Where the search for the unloaded equilibrium starts; default the file's posture. A
+        potential in its place is the first of `loads`.
     *loads : Potential
         What the factor multiplies; factor 1 is the load as given.
     wrench, load_kind, load_at, load_axes
@@ -563,8 +573,6 @@ def load_curve(
         What acts besides, whatever the factor.
     held : Held or mapping, optional
         Displacement prescribed partly; see `equilibrium`.
-    q0 : array_like or mapping, optional
-        Where the search for the unloaded equilibrium starts; default the file's posture.
     resolution : float
         Largest distance of neighbouring points, in rad and characteristic lengths and in shares of
         `to`.
@@ -581,13 +589,14 @@ def load_curve(
         If there is no equilibrium without the load.
     """
     checked_elastic(elastic)
+    q, loads = start_and_loads(q, loads)
     if not loads and wrench is None:
         raise InputError("a load-deflection curve needs a load")
     if not (np.isfinite(to) and to != 0.0):
         raise InputError("last load factor cannot be used", expected="a number not 0", got=to)
     if not (np.isfinite(resolution) and resolution > 0.0):
         raise InputError("resolution cannot be used", expected="a positive number", got=resolution)
-    elastic, posture = elastic.placed(q0, "q0")
+    elastic, posture = elastic.placed(q)
     refuse_springs_far_apart(elastic)
     limits = contact_limits(elastic, posture)
     elastic, q = elastic.with_rest_balancing(posture), posture.q

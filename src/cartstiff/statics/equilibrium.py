@@ -24,7 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load, Scaled, SemitangentialWrench
-from cartstiff.statics.continuation import load_curve
+from cartstiff.statics.continuation import load_curve, start_and_loads
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import (
@@ -63,7 +63,7 @@ def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
     """
     start = elastic.mechanism.closed(elastic.q if q is None else q)
     held = Held.from_pose(start.pose)
-    return equilibrium(elastic, q0=start.q, held=held, limits=False).q
+    return equilibrium(elastic, q=start.q, held=held, limits=False).q
 
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
@@ -75,12 +75,12 @@ _POINTS = 200
 @checked
 def equilibrium(
     elastic: ElasticMechanism,
+    q: ArrayLike | Mapping[str, float] | Potential | None = None,
     *loads: Potential,
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
-    q0: ArrayLike | Mapping[str, float] | None = None,
     held: Held | Mapping[str, float] | None = None,
     limits: bool = True,
     settle: bool = True,
@@ -92,15 +92,16 @@ def equilibrium(
     ----------
     elastic : ElasticMechanism
         Mechanism and potentials, from `cartstiff.load`. Springs without a rest position carry
-        gravity at `q0`, where the mechanism is then at rest without load.
+        gravity at `q`, where the mechanism is then at rest without load.
+    q : array_like (n,) or mapping, optional
+        Start, in rad and length units, in joint order or by name; default the file's posture. A
+        potential in its place is the first of `loads`.
     *loads : Potential
         What acts besides: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload`, or any energy.
     wrench, load_kind, load_at, load_axes
         Load (moment, force) on the body, what it does while the body moves, the point of the body,
         in M, at which it acts, and the axes of its components, those of M at the start or of F: as
         in `cartstiff.analyse`.
-    q0 : array_like (n,) or mapping, optional
-        Start, in rad and length units, in joint order or by name; default the file's posture.
     held : Held or mapping, optional
         Displacement of a frame prescribed partly or wholly. A mapping such as ``{"z": -0.005}``
         counts from the pose at the start, along the body's axes there.
@@ -140,7 +141,8 @@ def equilibrium(
     if not (isinstance(iterations, Integral) and iterations >= 1):
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
     limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
-    original, start = checked_elastic(elastic).placed(q0, "q0")
+    q, loads = start_and_loads(q, loads)
+    original, start = checked_elastic(elastic).placed(q)
     refuse_springs_far_apart(original)
     q = start.q
     elastic = original.with_rest_balancing(start)
@@ -250,7 +252,7 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
         ratio = system.at(q).stiffness_ratio
         if not (system.loads and ratio > numerics.STIFF):
             return None
-        curve = load_curve(system.elastic, *system.loads, held=system.held, q0=q, points=_POINTS)
+        curve = load_curve(system.elastic, q, *system.loads, held=system.held, points=_POINTS)
         if curve.reason != "factor-reached" or curve.critical:
             return None
         return solve(system, curve.q[-1], iterations=iterations, settle=settle)

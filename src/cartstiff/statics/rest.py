@@ -426,7 +426,7 @@ class Equilibrium(Result, ShownInLines):
         try:
             with bounded(self.elastic):
                 curve = load_curve(
-                    self.elastic, *self.loads, held=system.held, q0=self.start.q, points=_POINTS
+                    self.elastic, self.start.q, *self.loads, held=system.held, points=_POINTS
                 )
         except (ConvergenceError, UndefinedError):
             return []

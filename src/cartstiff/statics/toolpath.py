@@ -175,10 +175,10 @@ def compensate(
     path: ArrayLike,
     wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]],
     *,
-    axes: Literal["world", "body"] = "world",
+    q: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] | None = None,
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    q0: ArrayLike | None = None,
+    load_axes: Literal["world", "body"] = "world",
     against: Literal["load", "all"] | None = None,
 ) -> CompensatedPath:
     """Commands that put the loaded end-effector on a path.
@@ -192,15 +192,15 @@ def compensate(
     wrenches : array_like (m, 6) or (6,), or a sequence of potentials
         (moment, force) of the process on the body at `load_at`, at each point or the same at all;
         or what acts at each point as potentials.
-    axes : {"world", "body"}
-        Whether wrenches are given in axes of F or of the body at each posture.
+    q : array_like (n,), optional
+        Start of the search for the first pose; default the file's posture.
     load_kind : {"dead", "follower", "conservative"}, optional
         What the wrenches do while the body gives way, as in `cartstiff.analyse`; default they keep
         their components in their axes: "dead" in those of F, "follower" in those of the body.
     load_at : array_like (3,)
         The point of the body, in M, at which wrenches act.
-    q0 : array_like (n,), optional
-        Start of the search for the first pose; default the file's posture.
+    load_axes : {"world", "body"}
+        Whether wrenches are given in axes of F or of the body at each posture.
     against : {"load", "all"}, optional
         What is compensated: the loads, as the program was taught under the weight, which its
         positions carry already; or the weight (and whatever else acts without the loads) as well.
@@ -221,10 +221,10 @@ def compensate(
     against = against or ("all" if springs.is_complete else "load")
     if against not in AGAINST:
         raise UnknownNameError("kind of compensation", against, AGAINST, where="--against")
-    postures = _postures(elastic, path, q0)
-    kind = LoadKind(load_kind or ("dead" if axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
+    postures = _postures(elastic, path, q)
+    kind = LoadKind(load_kind or ("dead" if load_axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
     poses = [elastic.mechanism.at(q).pose for q in postures]
-    loads = _loads(wrenches, poses, kind, axes)
+    loads = _loads(wrenches, poses, kind, load_axes)
     commands, unloaded, weight, before, after, deviation = [], [], [], [], [], []
     stable: list[bool | None] = []
     notes = list(elastic.notes)
@@ -267,12 +267,12 @@ def compensate(
     )
 
 
-def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) -> Array:
+def _postures(elastic: ElasticMechanism, path: ArrayLike, start: ArrayLike | None) -> Array:
     mechanism = elastic.mechanism
     rows = checked_array(path, [("m", len(mechanism.coordinates)), ("m", 4, 4)], "path")
     if rows.ndim == 2:
         return rows
-    q = elastic.q if q0 is None else mechanism.checked(q0, "q0")
+    q = elastic.q if start is None else mechanism.checked(start, "q")
     postures = []
     for index, T in enumerate(rows):
         if not is_pose(T):
@@ -324,7 +324,7 @@ def _refuse_words(kind: LoadKind, axes: str) -> None:
         raise InputError(
             "potentials already say how and where they act",
             where="loads of the path",
-            expected="no axes, load_kind or load_at",
+            expected="no load_kind, load_at or load_axes",
         )
 
 
@@ -380,7 +380,7 @@ def _error(
     notes: list[Note],
 ) -> tuple[Array, Equilibrium | None]:
     try:
-        state = equilibrium(commanded, *loads, q0=q, limits=False)
+        state = equilibrium(commanded, q, *loads, limits=False)
     except CartstiffError as error:
         notes.append(
             Note(
@@ -402,7 +402,7 @@ def _verdict(
     notes: list[Note],
 ) -> bool | None:
     """Whether the mechanism stays at q under the command."""
-    state = equilibrium(_commanded(elastic, rest), *loads, q0=q, limits=False, settle=False)
+    state = equilibrium(_commanded(elastic, rest), q, *loads, limits=False, settle=False)
     if state.stable is False:
         notes.append(
             Note(
