@@ -322,9 +322,9 @@ class PostureCode:
 
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 
-#: Call of `analyse` in which a mechanism is compiled. It pays from the 28th to the 282nd call on as
-#: Python, from the 149th to the 795th as machine code (UR5, Panda, platforms, delta, with and without
-#: a load): here it costs at most about as much as the engine has cost until then.
+#: Call of `analyse` in which a mechanism is compiled. That pays from the 28th to the 282nd call on
+#: as Python, from the 149th to the 795th as machine code (UR5, Panda, platforms, delta, with and
+#: without a load).
 COMPILED_AT = 200
 #: Mechanisms with links that a load bends are compiled in this call, which takes up to a quarter of
 #: a minute, if their programs have no more operations than this.
