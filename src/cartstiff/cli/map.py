@@ -340,8 +340,8 @@ class Shown:
 @declared(
     "map",
     json_of_file=False,
-    rare="lengths pose rest load_at load_kind range added_load actuate above connection damping milling "
-    "single verify chunk progress profile threads dask",
+    rare="lengths pose rest load_at load_kind range added_load actuate above connection "
+    "damping milling single verify chunk progress profile threads dask",
     more=(
         ending(
             "--list-quantities",
