@@ -405,6 +405,7 @@ def test_the_command(tmp_path: Path) -> None:
 
 
 Q = {"quantity": "translation_held_min"}
+OWN = {"objectives": {"x": {"quantity": "own", "of": "max", "goal": "largest"}}}
 REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"mechanism": "ur5"}, "unknown parameter"),
     ({"mechanism": "arm.urdf"}, "a .yaml file"),
@@ -423,6 +424,21 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"objectives": {"x": {"value": "=sz+w", "goal": "largest"}}}, "unknown parameter"),
     ({"objectives": {"x": {"value": "=sz(", "goal": "largest"}}}, "arithmetic cannot be read"),
     ({"objectives": {"x": {"value": "sz", "goal": "largest"}}}, "begins with '='"),
+    ({"quantities": {"own": "=natural_length"}}, "quantity 'own' is not used"),
+    ({"quantities": {"own": "natural_length"}} | OWN, "no arithmetic over quantities"),
+    ({"quantities": {"own": "=2*pi"}} | OWN, "no arithmetic over quantities"),
+    ({"quantities": {"own": "=sz"}} | OWN, "unknown quantity.*'sz'"),
+    (
+        {"quantities": {"own": "=natural_length"}, "objectives": {"x": {"quantity": "own"}}},
+        "neither",
+    ),
+    (
+        {
+            "quantities": {"deflection": "=2*natural_length"},
+            "objectives": {"x": {"quantity": "deflection"}},
+        },
+        "quantity already",
+    ),
     ({"objectives": {"x": Q | {"of": "share"}}}, "share needs above or below"),
     ({"objectives": {"x": Q | {"above": 1}}}, "above is for `of: share`"),
     ({"objectives": {"x": Q | {"of": "reached"}}}, "reached needs `outside: leave-out`"),
@@ -447,6 +463,29 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
 def test_refusals(keys: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         cartstiff.design(study(**keys))
+
+
+def test_a_study_has_quantities_of_its_own() -> None:
+    """Arithmetic over quantities at each pose, and not over their worst or mean."""
+    pair = ("translation_free_max", "translation_free_min")
+    asked = study(
+        poses=POSES,
+        variables={"sz": {"values": [0.4]}},
+        quantities={"spread": "=translation_free_max / translation_free_min"},
+        objectives={"spread": {"quantity": "spread", "of": "mean", "goal": "smallest"}},
+        constraints={"even": {"quantity": "spread", "of": "share", "below": 20, "at_least": 0}},
+    )
+    found = cartstiff.design(asked)
+    elastic = cartstiff.load("inclined-hexapod", parameters={"sz": 0.4})
+    ratios = []
+    for x in (-0.1, 0.0, 0.1):
+        for roll in (-0.1, 0.2):
+            C = np.array(cartstiff.analyse(elastic, moved(elastic, x, roll)).compliances["B"])
+            low, *_, high = np.linalg.eigvalsh(0.5 * (C + C.T)[3:, 3:])
+            ratios.append(high / low)
+    assert found.table("spread") == pytest.approx([np.mean(ratios)], rel=1e-9)
+    assert found.table("even") == pytest.approx([np.mean(np.array(ratios) <= 20)])
+    assert set(pair) == set(found.study.of_maps(found.study.objectives["spread"]))
 
 
 def test_a_number_of_the_analysis_has_its_unit_in_a_study() -> None:

@@ -28,6 +28,7 @@ import numpy as np
 
 from cartstiff.arrays import checked_number, csv_rows
 from cartstiff.batch.kernels import lasting_path
+from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
@@ -152,14 +153,15 @@ class StudyEvaluator:
         self.home = self._made({})
         self._files = self.home.files
         check_names(study, self.home.parameters)
+        if both := study.quantities.keys() & QUANTITIES.keys():
+            raise InputError("is a quantity already", where="quantities", got=min(both))
         self._asked: dict[str, list[str]] = {}
         for measure in study.measures.values():
             if measure.quantity is not None:
                 if (measure.of or "worst") in ("worst", "best"):
                     self._better(measure)
                 names = self._asked.setdefault(study.case_of(measure), [])
-                if measure.quantity not in names:
-                    names.append(measure.quantity)
+                names += [name for name in study.of_maps(measure) if name not in names]
         for name, quantities in self._asked.items():
             # What can be wrong with the study itself is said before any design is made.
             try:
@@ -219,7 +221,7 @@ class StudyEvaluator:
         """Unit of a measure; "" for arithmetic, of which nobody has said it."""
         if measure.of in ("share", "reached"):
             return "1"
-        if measure.quantity is None:
+        if measure.quantity is None or measure.quantity in self.study.quantities:
             return ""
         return quantity_named(measure.quantity).unit_in(self.home.units)
 
@@ -239,7 +241,8 @@ class StudyEvaluator:
         return "largest" if self._better(measure) == "larger" else "smallest"
 
     def _better(self, measure: Measure) -> str:
-        better = quantity_named(measure.quantity or "").better
+        own = measure.quantity in self.study.quantities
+        better = None if own else quantity_named(measure.quantity or "").better
         if better is None:
             raise InputError(
                 f"neither end of {measure.quantity} is better",
@@ -313,7 +316,15 @@ class StudyEvaluator:
                 value = measure.arithmetic(name).value(elastic.parameters)
             else:
                 values, state = maps[self.study.case_of(measure)]
-                value = self._of_poses(measure, values[measure.quantity], state)
+                formula = self.study.formula(measure)
+                row = (
+                    values[measure.quantity]
+                    if formula is None
+                    else np.array(formula.of_rows(values))
+                )
+                if self.study.poses.outside == "refuse" and not np.isfinite(row).all():
+                    raise _NoValueError(f"{name} is not finite")
+                value = self._of_poses(measure, row, state)
             if not np.isfinite(value):
                 raise _NoValueError(f"{name} is not finite")
             measured[name] = float(value)
@@ -544,7 +555,7 @@ class Designs(ShownInLines):
         lengths = [
             name
             for name, m in self.study.measures.items()
-            if m.quantity in ("condition", "isotropy", "minimum")
+            if {"condition", "isotropy", "minimum"} & {*self.study.of_maps(m)}
             and self.study.case(self.study.case_of(m)).length is None
         ]
         if lengths:
@@ -725,6 +736,8 @@ def _one(job: bytes, parameters: Mapping[str, float]) -> Design:
 def identity_of_study(study: Study, elastic: ElasticMechanism) -> dict[str, Any]:
     """What a study's numbers depend on: all but how designs are chosen and named."""
     data = study.model_dump(mode="json", exclude={"method", "description", "mechanism"})
+    if not study.quantities:  # files of studies from before there were any go on
+        del data["quantities"]
     data = {key: value for key, value in data.items() if value is not None}
     # Ends of a range do not change the numbers of a design within it.
     data["variables"] = sorted(data["variables"])
