@@ -46,7 +46,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
         *(f"{name} path" for name in ("hold", "q", "pose", "actuate")),
         "follower load_kind",
     ),
-    rare="lengths sensitivities tolerance",
+    rare="lengths rest follower sensitivities tolerance",
 )
 def command(
     robot: Robot,

@@ -340,7 +340,7 @@ class Shown:
 @declared(
     "map",
     json_of_file=False,
-    rare="lengths pose rest load_at load_kind range added_load actuate above connection "
+    rare="lengths pose rest load_at load_kind ranges direction added_load actuate above connection "
     "damping milling single verify chunk progress profile threads dask",
     more=(
         ending(
