@@ -80,7 +80,7 @@ def _wrong_kind(
             for name in kwargs:
                 if name not in takes:
                     new = _RENAMED.get(name)
-                    known = [new] if new in takes else takes
+                    known: Iterable[str] = [new] if new and new in takes else takes
                     return UnknownArgumentError(f"argument of {function.__name__}", name, known)
         return None  # an argument too many or too few: Python's own words say which
     for name, value in given.items():

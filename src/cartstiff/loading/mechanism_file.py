@@ -317,7 +317,8 @@ def _model(kind: str) -> Any:
 @cache
 def _any_kind() -> TypeAdapter[Any]:
     kinds = reduce(or_, map(_model, _MODELS))
-    return TypeAdapter(Annotated[kinds, Field(discriminator="kind")])
+    chosen: Any = Annotated[kinds, Field(discriminator="kind")]
+    return TypeAdapter(chosen)
 
 
 def json_schema() -> dict[str, Any]:
