@@ -1211,7 +1211,8 @@ def chain_of(
     """
     notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, notes)
-    lines = [*file.lines, *_tendons(facts, joints_that_move(description, frame))]
+    moved = joints_that_move(description, frame)
+    lines = [*file.lines, *(line for line, joints in facts.lines if joints & moved)]
     if not (lines or getattr(file, "floating", False)):
         description = with_base_held(description, frame, notes, file.springs)
     # Springs with rest positions are at home where these are.
@@ -1281,21 +1282,6 @@ def chain_of(
         edit=at_base,
     )
     return elastic.with_notes(*_repeated(elastic, len(closing.joints)))
-
-
-def _tendons(facts: RobotFacts, moving: Collection[str]) -> list[LineModel]:
-    """The tendons of a robot's file that act on these joints, as lines of a mechanism file."""
-    return [
-        LineModel.model_construct(
-            frames=[line.frame_a, line.frame_b],
-            points=[[0.0] * 3] * 2,
-            stiffness=line.stiffness,
-            rest_length=line.rest_length,
-            unilateral=line.unilateral,
-        )
-        for line in facts.lines
-        if not line.joints.isdisjoint(moving)
-    ]
 
 
 def _repeated(elastic: ElasticMechanism, own: int) -> list[Note]:

@@ -19,7 +19,7 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import RobotFacts
@@ -27,8 +27,17 @@ from cartstiff.loading.schema import DHJoint, DHModel
 from cartstiff.loading.tables import UNITS, head_of, read_cells
 from cartstiff.parsing import parse_numbers
 
-_NUMBERS = {"a": "length", "d": "length", "alpha": "angle", "theta": "angle"}
-_COLUMNS = ("joint", "type", *_NUMBERS, "lower", "upper")
+#: Columns of a table, and the kinds of their units.
+_COLUMNS: dict[str, tuple[str, ...]] = {
+    "joint": (),
+    "type": (),
+    "a": ("length",),
+    "alpha": ("angle",),
+    "d": ("length",),
+    "theta": ("angle",),
+    "lower": ("angle", "length"),
+    "upper": ("angle", "length"),
+}
 
 
 def read_dh_table(path: Path) -> list[DHJoint]:
@@ -46,14 +55,12 @@ def read_dh_table(path: Path) -> list[DHJoint]:
     cells, heads = read_cells(path, "rows of the DH table"), list[tuple[str, str | None, float]]()
     for cell in cells.names:
         name, kind, size = head_of(cell, cells.place)
-        wanted = {"joint": (None,), "type": (None,), "lower": ("angle", "length")}
-        kinds = wanted.get(name.replace("upper", "lower"), (_NUMBERS.get(name),))
-        if name not in _COLUMNS or kind not in kinds:
-            units = ", ".join(str(u) for k in kinds if k for u in list(UNITS[k])[:5])
+        check_name("column", name, _COLUMNS, cells.place)
+        if kind not in (kinds := _COLUMNS[name] or (None,)):
+            units = ", ".join(str(unit) for k in kinds for unit in UNITS.get(str(k), ()))
+            expected = f"{name} [unit], one of {units}" if units else name
             raise InputError(
-                f"column {cell!r} cannot be used",
-                where=cells.place,
-                expected=f"{name} [unit], such as {units}" if units else ", ".join(_COLUMNS),
+                f"column {cell!r} cannot be used", where=cells.place, expected=expected
             )
         heads.append((name, kind, size))
     rows = []
@@ -61,16 +68,14 @@ def read_dh_table(path: Path) -> list[DHJoint]:
         row: dict[str, Any] = {}
         limits: dict[str, tuple[str, float]] = {}
         for (name, kind, size), text in zip(heads, line, strict=True):
-            if not text:
-                continue
             if kind is None:
-                row["name" if name == "joint" else name] = text
-                continue
-            value = float(parse_numbers(text, f"{place}, column {name}", 1)[0]) * size
-            if name in _NUMBERS:
-                row[name] = value
-            else:
-                limits[name] = kind, value
+                row["name" if name == "joint" else name] = text or None
+            elif text:
+                value = float(parse_numbers(text, f"{place}, column {name}", 1)[0]) * size
+                if name in ("lower", "upper"):
+                    limits[name] = kind, value
+                else:
+                    row[name] = value
         slides = row.get("type") == "prismatic"
         if limits:
             given = {kind for kind, _ in limits.values()}
@@ -82,7 +87,7 @@ def read_dh_table(path: Path) -> list[DHJoint]:
                 )
             row["limits"] = [limits["lower"][1], limits["upper"][1]]
         try:
-            rows.append(DHJoint.model_validate(row))
+            rows.append(DHJoint.model_validate({k: v for k, v in row.items() if v is not None}))
         except ValidationError as error:
             problem = error.errors(include_url=False)[0]
             words = f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.leg_shapes import frame_along
 from cartstiff.notes import Note
+
+if TYPE_CHECKING:
+    from cartstiff.loading.schema import LineModel
 
 
 @dataclass(frozen=True)
@@ -28,30 +31,6 @@ class FileSpring:
 
     coefficients: tuple[float, ...]
     rest: float
-
-
-@dataclass(frozen=True)
-class FileLine:
-    """A straight tendon between the origins of two frames, with a spring.
-
-    Attributes
-    ----------
-    frame_a, frame_b : str
-        Frames of the model.
-    stiffness, rest_length : float
-        N/m, m.
-    unilateral : bool
-        Whether it cannot push.
-    joints : frozenset of str
-        Coordinates that change its length.
-    """
-
-    frame_a: str
-    frame_b: str
-    stiffness: float
-    rest_length: float
-    unilateral: bool
-    joints: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -147,8 +126,8 @@ class RobotFacts:
         Free-flying joints that no closure holds, as joints of the model.
     actuated : tuple of str
         Coordinates that an actuator drives.
-    lines : tuple of FileLine
-        Tendons that are line springs.
+    lines : tuple of (LineModel, frozenset of str)
+        Tendons that are line springs, and coordinates that change their lengths.
     actuators : dict of str to float
         Stiffness that the control of position actuators gives a coordinate, N m/rad or N/m.
     followers : dict of str to (str, float, float)
@@ -181,7 +160,7 @@ class RobotFacts:
     passive: tuple[str, ...] = ()
     loose: frozenset[str] = frozenset()
     actuated: tuple[str, ...] = ()
-    lines: tuple[FileLine, ...] = ()
+    lines: tuple[tuple[LineModel, frozenset[str]], ...] = ()
     actuators: dict[str, float] = field(default_factory=dict)
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)

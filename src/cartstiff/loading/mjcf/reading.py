@@ -26,7 +26,6 @@ from cartstiff.geometry import se3
 from cartstiff.loading.mjcf import worker
 from cartstiff.loading.robot_facts import (
     FileClosure,
-    FileLine,
     FileSpring,
     Followers,
     Lifted,
@@ -34,6 +33,7 @@ from cartstiff.loading.robot_facts import (
     RobotFacts,
     on_leaders,
 )
+from cartstiff.loading.schema import LineModel
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.identity import fingerprint, was_read
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
@@ -630,14 +630,16 @@ def _actuators(compiled: Compiled) -> tuple[dict[str, float], list[str]]:
     return driven, [f"actuators ({_listed(names)})"] if names else []
 
 
-def _tendons(compiled: Compiled) -> tuple[list[FileLine], list[Obstacle]]:
+def _tendons(
+    compiled: Compiled,
+) -> tuple[list[tuple[LineModel, frozenset[str]]], list[Obstacle]]:
     """Tendons with stiffness: straight ones between two sites are lines, others obstacles.
 
     Within a range of spring lengths a tendon is slack; one that begins at 0 pulls and never pushes.
     """
     data = compiled.data
     further = data["tendon_stiffnesspoly"] or [[]] * len(data["tendon_names"])
-    lines: list[FileLine] = []
+    lines: list[tuple[LineModel, frozenset[str]]] = []
     others: list[Obstacle] = []
     for t, name in enumerate(data["tendon_names"]):
         k, joints = data["tendon_stiffness"][t], tendon_joints(compiled, t)
@@ -648,8 +650,14 @@ def _tendons(compiled: Compiled) -> tuple[list[FileLine], list[Obstacle]]:
         shortest, rest = data["tendon_lengthspring"][t]
         plain = k > 0.0 and not any(further[t]) and (shortest in (0.0, rest))
         if plain and kinds == ["mjWRAP_SITE"] * 2:
-            a, b = (compiled.sites[s] for s in data["wrap_objid"][part])
-            lines.append(FileLine(a, b, k, rest, shortest < rest, joints))
+            line = LineModel.model_construct(
+                frames=[compiled.sites[s] for s in data["wrap_objid"][part]],
+                points=[[0.0] * 3] * 2,
+                stiffness=k,
+                rest_length=rest,
+                unilateral=shortest < rest,
+            )
+            lines.append((line, joints))
         else:
             others.append(Obstacle(f"stiffness of tendon {name or t + 1!r}", joints))
     return lines, others
