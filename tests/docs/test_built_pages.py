@@ -57,7 +57,7 @@ def test_every_module_is_in_the_reference(built):
 
 
 def test_schema_page_has_every_key(built):
-    from cartstiff.loading.schema import json_schema
+    from cartstiff.loading.mechanism_file import json_schema
 
     text = re.sub(r"<[^>]+>", "", _page(built, "reference/mechanism-file.html").text)
     for model in json_schema()["$defs"].values():
