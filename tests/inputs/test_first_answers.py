@@ -101,3 +101,71 @@ def test_missing_packages_are_named_with_what_to_do(tmp_path):
     _, missing = visuals_of(cartstiff.load(urdf).mechanism)
     assert "maker_description is not found" in missing[0]
     assert "--package-path" in missing[0]
+
+
+#: Joint origins of a UR20 as its maker prints them (DH): xyz, rpy of each joint in the one before.
+UR20 = (
+    ("0 0 0.2363", "0 0 0"),
+    ("0 0 0", "1.5707963267948966 0 0"),
+    ("-0.862 0 0", "0 0 0"),
+    ("-0.7287 0 0.201", "0 0 0"),
+    ("0 -0.1593 0", "1.5707963267948966 0 0"),
+    ("0 0.1543 0", "1.5707963267948966 3.141592653589793 3.141592653589793"),
+)
+
+
+def urdf_of(origins):
+    links = "".join(f'<link name="l{i}"/>' for i in range(len(origins) + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-6.28" upper="6.28" effort="1" velocity="1"/></joint>'
+        for i, (xyz, rpy) in enumerate(origins, start=1)
+    )
+    return f'<robot name="arm">{links}{joints}</robot>'
+
+
+def heights(origins, q):
+    """Of the joints' origins, by products of matrices written here."""
+    T, found = np.eye(4), []
+    for (xyz, rpy), angle in zip(origins, q, strict=True):
+        x, y, z = (float(word) for word in rpy.split())
+        turn = np.eye(4)
+        for axis, a in ((2, z), (1, y), (0, x)):  # fixed axes
+            R, i, j = np.eye(4), (axis + 1) % 3, (axis + 2) % 3
+            R[i, i] = R[j, j] = np.cos(a)
+            R[i, j], R[j, i] = -np.sin(a), np.sin(a)
+            turn = turn @ R
+        turn[:3, 3] = [float(word) for word in xyz.split()]
+        about = np.eye(4)
+        about[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        T = T @ turn @ about
+        found.append(T[2, 3])
+    return np.array(found)
+
+
+def test_the_default_posture_is_not_through_the_floor():
+    """The elbow of a UR20 was 0.41 m below its base; an arm that hangs keeps its posture."""
+    old = [0.3, 0.85, -1.45, -0.4, 0.85, -0.8]
+    assert heights(UR20, old)[2] == pytest.approx(0.2363 - 0.862 * np.sin(0.85), abs=1e-9)
+    arm = cartstiff.load(urdf_of(UR20))
+    assert [note.code for note in arm.notes].count("default-posture") == 1
+    assert heights(UR20, arm.q).min() >= -1e-9
+    values = np.linalg.svd(arm.mechanism.at(arm.q).motion.jacobian)[1]
+    assert values[-1] / values[0] > 0.02
+    hung = [("0 0 0", "3.141592653589793 0 0"), *UR20[1:]]
+    assert cartstiff.load(urdf_of(hung)).q.tolist() == old
+
+
+def test_the_default_frame_is_no_finger_whatever_its_name():
+    """Two jaws on one link at the end of an arm are a hand; one more joint in line is none."""
+    jaw = (
+        '<joint name="joint{0}" type="prismatic"><parent link="l6"/><child link="tip_{0}"/>'
+        '<axis xyz="0 1 0"/><limit lower="0" upper="0.04" effort="1" velocity="1"/></joint>'
+        '<link name="tip_{0}"/>'
+    )
+    jaws = [jaw.format(i) for i in (7, 8)]
+    text = urdf_of(UR20)
+    hand = text.replace("</robot>", f"{jaws[0]}{jaws[1]}</robot>")
+    assert cartstiff.load(hand).mechanism.frame == "l6"
+    assert cartstiff.load(text.replace("</robot>", f"{jaws[0]}</robot>")).mechanism.frame == "tip_7"

@@ -141,6 +141,22 @@ def _rank(name: str) -> int:
     return next((i for i, words in enumerate(_TOOLS) if words.search(name)), len(_TOOLS))
 
 
+# A link so many joints from the ground that branches into chains of at most so many is a hand.
+_WRIST, _FINGER = 4, 4
+
+
+def _hand_joints(model: Any) -> set[str]:
+    """Joints of fingers by the tree alone: all chains from one link at an arm's end are short."""
+    names, depths = list(model.names), [len(support) - 1 for support in model.supports]
+    found: set[str] = set()
+    for wrist, depth in enumerate(depths):
+        beyond = [j for j, support in enumerate(model.supports) if j > wrist and wrist in support]
+        branches = sum(model.parents[j] == wrist for j in beyond)
+        if branches > 1 and depth >= _WRIST and max(depths[j] for j in beyond) - depth <= _FINGER:
+            found |= {names[j] for j in beyond}
+    return found
+
+
 def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str]:
     """Frame of interest where none is named, and the words that say so.
 
@@ -158,10 +174,14 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
     if longest == 0:
         raise InputError("robot has no movable joints")
 
+    hands = _hand_joints(model)
     free = [
         (name, way)
         for name, way in moving
-        if way and not any(map(_is_finger, [*way, name])) and not _is_sensor(name)
+        if way
+        and hands.isdisjoint(way)
+        and not any(map(_is_finger, [*way, name]))
+        and not _is_sensor(name)
     ]
     reach = max((len(way) for _, way in free), default=0)
     usable = max((len(way) for _, way in free if barred.isdisjoint(way)), default=reach)
@@ -252,6 +272,8 @@ _LOOKS = 16
 # Of the candidates with twice the ratio that counts as near a singularity the one closest to zero
 # is taken.
 _ENOUGH = 2.0 * NEAR
+# An arm no deeper below its base at zero, in characteristic lengths, stands on a floor.
+_SUNK = 0.1
 # Candidates are rounded so that they can be typed (rad; lengths in shares of their range).
 _STEP = 0.05
 
@@ -281,14 +303,26 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR:
         return q, []
-    best, largest = q, max(NEAR, float(at_zero))
-    for few in _candidates(chain, q, sizes, free).reshape(-1, _LOOKS, q.size):
-        ratio = ratios(_jacobians(chain, few))
-        i = int(np.argmax(ratio >= _ENOUGH if ratio.max() >= _ENOUGH else ratio))
-        if ratio[i] > largest:
-            best, largest = few[i], float(ratio[i])
-        if largest >= _ENOUGH:
-            break
+    candidates = _candidates(chain, q, sizes, free).reshape(-1, _LOOKS, q.size)
+
+    def search(floor: float) -> tuple[Array, float]:
+        best, largest = q, max(NEAR, float(at_zero))
+        for few in candidates:
+            ratio = ratios(_jacobians(chain, few))
+            if np.isfinite(floor):
+                ratio = ratio * [_lowest(chain, one) > floor for one in few]
+            i = int(np.argmax(ratio >= _ENOUGH if ratio.max() >= _ENOUGH else ratio))
+            if ratio[i] > largest:
+                best, largest = few[i], float(ratio[i])
+            if largest >= _ENOUGH:
+                break
+        return best, largest
+
+    best, largest = q, NEAR
+    if (lowest := _lowest(chain, q)) > -_SUNK * posture.length:  # it stands on a floor
+        best, largest = search(min(lowest, 0.0) - numerics.CLOSE)
+    if best is q:
+        best, largest = search(-np.inf)
     if best is q:
         return q, []
     conditions = {
@@ -307,6 +341,18 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
             {"q": best.tolist(), **conditions},
         )
     ]
+
+
+def _lowest(chain: Chain, q: Array) -> float:
+    """Height of the lowest joint, or of the body, over the base."""
+    tree, body = chain.tree, chain.body
+    with tree.workspace() as data:
+        pin.forwardKinematics(
+            tree.model, data, q if tree.mimic is None else tree.mimic @ q + tree.offset
+        )
+        ways = [data.oMi[int(j)] for j in tree.model.supports[body.joint] if j]
+    tip = ways[-1] * pin.SE3(body.T_j_f)
+    return float(min(T.translation[2] for T in [*ways, tip]))
 
 
 def _jacobians(chain: Chain, postures: Array) -> Array:
