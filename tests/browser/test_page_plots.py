@@ -11,7 +11,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.page.export import export_page
 from cartstiff.page.messages import ViewState
-from cartstiff.page.shown import series_row
+from cartstiff.page.shown import series_row, swept_range
 from cartstiff.page.source import Source
 
 LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
@@ -164,7 +164,7 @@ def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
 
 def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
     page = pages.open(serve("cubic").url + "#and=3&plot=condition&along=sweep:2")
-    page.wait_for_function("() => document.querySelectorAll('.plot.heat rect').length > 31 * 21")
+    page.wait_for_function("() => document.querySelectorAll('.plot.heat rect').length > 40 * 40")
     settled(page)
     _, names, table = saved(page, "csv", tmp_path / "map.csv")
     assert [name.split(" ")[0] for name in names] == ["z", "roll", "value"]
@@ -187,3 +187,118 @@ def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
     assert page.inner_text(".reading").split(":")[0] == said.split(":")[0]  # stays where it was
     page.click("#strip button[title*=whole]")
     assert page.locator(".plot.heat g rect").count() == before
+
+
+def lines_of(page, kind: str = "curve-0") -> np.ndarray:
+    """Points (n, 2) of a curve, in dots; gaps are left out."""
+    path = page.get_attribute(f"#strip .plot .curve.{kind}:not(.key)", "d")
+    return np.array(
+        [[float(x) for x in p.split(",")] for p in path[1:].replace("M", "L").split("L")]
+    )
+
+
+def test_cursor_slider_ticks_and_key(serve, pages):
+    """A shoulder that turns twice is swept over one turn, with parts of it below."""
+    page = pages.shared(serve("ur5", curves=True).url)
+    page.select_option(ALONG, "sweep:0")
+    page.wait_for_selector("#strip .plot .curve-2")
+    settled(page)
+    ticks = page.eval_on_selector_all(
+        "#strip .plot:not(.heat) text", "(all) => all.map((t) => t.textContent)"
+    )
+    degrees = [float(t[:-1].replace("\u2212", "-")) for t in ticks if t.endswith("°")]
+    assert degrees[0] == -180
+    assert degrees[-1] == 180
+    assert set(np.diff(degrees)) <= {30.0, 45.0, 60.0, 90.0}
+    assert ticks[-3:] == ["largest", "middle", "least"] or set(ticks) > {
+        "largest",
+        "middle",
+        "least",
+    }
+    assert any(t.endswith(", log") for t in ticks)
+    for q in (0.3, -2.5, 3.0):
+        page.evaluate(
+            "(x) => window.cartstiff.change({ q: window.cartstiff.state.q.with(0, x) })", q
+        )
+        settled(page)
+        x, thumb = page.evaluate(
+            """() => {
+            const time = document.querySelector("#time");
+            const box = time.getBoundingClientRect();
+            const share = (time.value - time.min) / (time.max - time.min);
+            return [document.querySelector(".cursor").getBoundingClientRect().x,
+                box.left + 8 + share * (box.width - 16)];
+        }"""
+        )
+        assert x == pytest.approx(thumb, abs=0.6)
+
+
+def test_values_by_equal_steps_or_equal_factors(serve, pages, tmp_path):
+    """Heights of a curve on the screen are the values of the file, or their logarithms."""
+    page = pages.shared(serve("ur5", curves=True).url)
+    page.select_option(ALONG, "sweep:2")
+    page.wait_for_selector("#strip .plot .curve-2")
+    for kind, law in (("log", np.log), ("linear", np.asarray)):
+        page.select_option("select[aria-label='Values by']", kind)
+        settled(page)
+        _, _, table = saved(page, "csv", tmp_path / "plot.csv")
+        assert table[[0, -1], 0] == pytest.approx([-np.pi, np.pi])
+        table = table[~np.isnan(table[:, 1])]  # singular ones have none
+        dots = lines_of(page)
+        slope, start = np.polyfit(law(table[:, 1]), dots[:, 1], 1)
+        assert slope < 0
+        assert dots[:, 1] == pytest.approx(slope * law(table[:, 1]) + start, abs=0.2)
+    assert page.evaluate("() => window.cartstiff.plot.values") == "linear"
+    page.wait_for_function("() => location.hash.includes('values=linear')")
+
+
+def test_a_curve_of_another_state_is_dimmed(serve, pages):
+    page = pages.shared(serve("ur5", curves=True).url)
+    page.wait_for_selector("#strip .plot .curve-2")
+    settled(page)
+    stale = "() => document.querySelector('#strip .plot').classList.contains('stale')"
+    page.evaluate(
+        """() => {
+        const { source } = window.cartstiff;
+        const { ask } = source;
+        source.between = null;
+        window.cartstiff.ask = ((own) => (what) => (what.do === "sweep"
+            ? new Promise((done) => { window.free = () => done(own.call(window.cartstiff, what)); })
+            : own.call(window.cartstiff, what)))(window.cartstiff.ask);
+    }"""
+    )
+    try:
+        page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -100] })")
+        page.wait_for_function("() => window.free")
+        assert page.evaluate(stale)
+    finally:
+        page.evaluate("() => { delete window.cartstiff.ask; window.free(); }")
+    page.wait_for_function(
+        "() => !document.querySelector('#strip .plot').classList.contains('stale')"
+    )
+
+
+def test_where_another_drive_has_to_move_is_a_gap_that_says_so(serve, pages, tmp_path):
+    """A delta's arm: between two of its ends the closures hold with other motors moved only."""
+    page = pages.open(serve("delta", curves=True).url, viewport={"width": 1440, "height": 700})
+    page.wait_for_selector("#strip .plot .curve-2")
+    settled(page)
+    page.evaluate("() => window.cartstiff.tell('replot')")
+    with page.expect_download() as download:
+        page.select_option("select[aria-label='Save the plot']", "csv")
+    download.value.save_as(tmp_path / "plot.csv")
+    rows = list(csv.reader((tmp_path / "plot.csv").read_text("utf-8").splitlines()))
+    reasons = [row[-1] for row in rows if row[-1] and not row[0].startswith("#")][1:]
+    assert any("leg" in reason for reason in reasons)
+    assert page.locator("#strip .plot .gap").count() >= len(reasons) > 0
+
+
+def test_a_sweep_of_an_angle_is_one_turn_at_most():
+    for ends, expected in (
+        ((-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)),
+        ((-1.0, 2.0), (-1.0, 2.0)),
+        ((0.0, 4 * np.pi), (0.0, 2 * np.pi)),
+        ((-5 * np.pi, -np.pi), (-3 * np.pi, -np.pi)),
+    ):
+        assert swept_range(*ends, is_length=False) == pytest.approx(expected)
+    assert swept_range(-9.0, 9.0, is_length=True) == (-9.0, 9.0)

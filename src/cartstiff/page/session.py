@@ -49,6 +49,7 @@ from cartstiff.page.shown import (
     shown_numbers,
     slider_coordinates,
     slider_ranges,
+    swept_range,
 )
 from cartstiff.page.source import Source, changed
 from cartstiff.report.analysis import summary_text
@@ -367,7 +368,9 @@ class Session:
         if i >= n:
             raise InputError("no such coordinate", where="sweep", expected=f"below {n}", got=i)
         base = self._placed(message.state)[1]
-        values = np.linspace(*slider_ranges(self._elastic, self._q)[i], message.steps)
+        ends = slider_ranges(self._elastic, self._q)[i]
+        is_length = self._elastic.mechanism.coordinates[i].is_length
+        values = np.linspace(*swept_range(*ends, is_length), message.steps)
         follow = message.state.command is None
         row = partial(self._row, message.state, moved=i)
         asked = message.model_copy(update={"id": 0, "refined": False})

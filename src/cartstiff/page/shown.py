@@ -155,6 +155,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
             "unit": units.coordinate(c.is_length),
             "lower": lower,
             "upper": upper,
+            "swept": swept_range(lower, upper, c.is_length),
             "limited": bool(np.isfinite(c.lower) and np.isfinite(c.upper)),
         }
         for c, (lower, upper) in zip(mechanism.coordinates, ranges, strict=True)
@@ -250,6 +251,14 @@ def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, floa
         is_platform, size = True, float(np.mean(mechanism.leg_lengths(q)))
     pairs = zip(mechanism.coordinates, q, strict=True)
     return [_range(c, float(x), size, is_platform) for c, x in pairs]
+
+
+def swept_range(lower: float, upper: float, is_length: bool) -> tuple[float, float]:
+    """Ends of a sweep: those of the slider, of an angle one turn at most, about 0 where it can."""
+    if is_length or upper - lower <= 2.0 * _TURN:
+        return lower, upper
+    start = min(max(lower, -_TURN), upper - 2.0 * _TURN)
+    return start, start + 2.0 * _TURN
 
 
 def _range(coordinate: Coordinate, x: float, size: float, is_platform: bool) -> tuple[float, float]:

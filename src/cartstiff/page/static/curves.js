@@ -52,6 +52,6 @@ export function plotted(store, key, state) {
     values: (row) => row?.[key]?.map((x) => (x === null ? null : x * curve.scale(store, state))) ?? null,
     why: (row) => row.reason ?? curve.nothing?.(row)
       ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here"),
-    legend: [`${lines.length > 1 ? `line: ${lines[0]}${lines === THREE ? " value" : ""}; dashes: ${lines[1]}; dots: ${lines[2]}; ` : ""}grey: no value; hatched: a value is negative`],
+    legend: ["grey: no value; hatched: a value is negative"],
   };
 }

@@ -5,12 +5,14 @@ import { between } from "./drawing.js";
 import { lettered, sized } from "./grid.js";
 import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 
-// Values of the second coordinate, and steps of each sweep.
-const COLUMNS = 31;
-const LINES = 21;
+// Values of the second coordinate, and steps of each sweep: of a whole turn 7.5 degrees each; an even
+// number, so that no cell is the middle of the range, where many a singularity lies. Rows are computed
+// in this order, and the one before stands for a row until it has come.
+const CELLS = 48;
+const ORDER = [4, 2, 1].flatMap((step, pass) => Array.from({ length: CELLS }, (_, k) => k).filter((k) => k % step === 0 && (pass === 0 || k % (2 * step) !== 0)));
 // Ratio of largest to smallest from which colours go by logarithms.
 const WIDE = 20;
-const EDGE = { left: 62, right: 76, top: 8, bottom: 18 };
+export const EDGE = { left: 62, right: 76, top: 8, bottom: 18 };
 // Time (ms) without a change after which it is computed anew.
 const CALM = 700;
 // Cells that are seen at least, and the factor of one step towards that.
@@ -57,7 +59,7 @@ export function heat(store, what) {
   }
 
   /** Whether all values are here, and of what is shown. */
-  const current = () => map !== null && map.rows.length === LINES && map.key === wanted();
+  const current = () => map !== null && map.rows.every(Boolean) && map.key === wanted();
 
   function request() {
     if (!on() || !store.numbers) return;
@@ -70,20 +72,19 @@ export function heat(store, what) {
   async function compute(key) {
     asked = key;
     const [i, j] = [what.along(), second()];
-    const { lower, upper } = store.hello.mechanism.coordinates[j];
-    const ys = Array.from({ length: LINES }, (_, k) => lower + ((upper - lower) * k) / (LINES - 1));
-    const { lower: low, upper: high } = store.hello.mechanism.coordinates[i];
-    const xs = Array.from({ length: COLUMNS }, (_, k) => low + ((high - low) * k) / (COLUMNS - 1));
+    const { coordinates } = store.hello.mechanism;
+    const [xs, ys] = [i, j].map((one) => coordinates[one].swept).map(([low, high]) => Array.from({ length: CELLS }, (_, k) => low + ((high - low) * k) / (CELLS - 1)));
     const from = structuredClone({ ...store.state, ...store.given() });
-    const found = { key, state: from, first: i, second: j, ys, xs, rows: [] };
-    const own = store.source.local ?? (store.source.row ? store.source : null);
-    for (const y of ys) {
+    const found = { key, state: from, first: i, second: j, ys, xs, rows: ys.map(() => null) };
+    for (const k of ORDER) {
+      const y = ys[k];
       const state = { ...from, q: from.q.with(j, y), moved: j };
+      const own = store.source.local ?? (store.source.row ? store.source : null);
       // By the page's own arithmetic; what that does not cover the server answers, if there is one.
       let line = own?.row ? found.xs.map((x) => own.row(state.q.with(i, x), state)) : null;
       if (line) await new Promise((done) => setTimeout(done));
       if (!line || store.source.live && line.some((row) => row.reason)) line = await swept(i, state, key) ?? line ?? found.xs.map(() => NOTHING);
-      found.rows.push(line);
+      found.rows[k] = line;
       if (asked !== key) return;
       map = found;
       draw();
@@ -99,7 +100,7 @@ export function heat(store, what) {
       if (what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
       else {
         try {
-          return (await store.ask({ do: "sweep", coordinate, steps: COLUMNS, refined: false, state })).rows;
+          return (await store.ask({ do: "sweep", coordinate, steps: CELLS, refined: false, state })).rows;
         } catch ({ message }) {
           if (message !== SUPERSEDED) return null;
         }
@@ -111,7 +112,9 @@ export function heat(store, what) {
   /** Why a cell has no colour. */
   const why = (row) => (valueOf(row) === null ? what.shown(map.state).why(row) : "not above zero");
 
-  const values = () => map.rows.map((line) => line.map((row) => {
+  /** Which row stands for a place: its own, or one before it while that has not come. */
+  const standsFor = (j) => [j, j - 1, j - 2, j - 3].find((k) => map.rows[k]);
+  const values = () => map.rows.map((_, j) => map.rows[standsFor(j)]?.map((row) => {
     const x = valueOf(row);
     return x !== null && x > 0 ? x : null;
   }));
@@ -143,7 +146,7 @@ export function heat(store, what) {
     const { width, height } = size;
     if (!on() || !map || width < 120 || height < 50) return;
     const grid = values();
-    const all = grid.flat().filter((x) => x !== null);
+    const all = grid.flat().filter((x) => Number.isFinite(x));
     const [low, high] = [Math.min(...all), Math.max(...all)];
     const isLog = high > WIDE * low;
     const share = (x) => (high === low ? 0.5 : isLog ? Math.log(x / low) / Math.log(high / low) : (x - low) / (high - low));
@@ -155,7 +158,7 @@ export function heat(store, what) {
     const cells = svg("g", { "clip-path": "url(#seen-cells)" });
     plot.append(cells);
     const text = (x, y, words, anchor = "start", kind = "") => plot.append(lettered(x, y, words, anchor, kind));
-    grid.forEach((line, j) => line.forEach((x, i) => {
+    grid.forEach((line, j) => line?.forEach((x, i) => {
       if (i + 1 <= x0 || i >= x1 || j + 1 <= y0 || j >= y1) return;
       const cell = svg("rect", { x: EDGE.left + (i - x0) * across, y: height - EDGE.bottom - (j + 1 - y0) * down, width: across + 0.4, height: down + 0.4 });
       if (x === null) cell.setAttribute("class", "gap");
@@ -193,8 +196,8 @@ export function heat(store, what) {
     const across = (event.clientX - box.left - EDGE.left) / (width - EDGE.left - EDGE.right);
     const up = (box.bottom - event.clientY - EDGE.bottom) / (height - EDGE.top - EDGE.bottom);
     if (!(across >= 0 && across <= 1 && up >= 0 && up <= 1)) return null;
-    const [i, j] = [Math.floor(x0 + across * (x1 - x0)), Math.floor(y0 + up * (y1 - y0))];
-    return i in map.xs && map.rows[j] ? { row: map.rows[j][i], x: map.xs[i], y: map.ys[j], across, up } : null;
+    const [i, j] = [Math.floor(x0 + across * (x1 - x0)), standsFor(Math.floor(y0 + up * (y1 - y0)))];
+    return i in map.xs && j in map.ys ? { row: map.rows[j][i], x: map.xs[i], y: map.ys[j], across, up } : null;
   }
 
   plot.addEventListener("wheel", (event) => {

@@ -126,7 +126,7 @@ export class ComputingSource extends FileSource {
   }
 
   sweep(coordinate, state) {
-    const { lower, upper } = this.data.hello.mechanism.coordinates[coordinate];
+    const { swept: [lower, upper] } = this.data.hello.mechanism.coordinates[coordinate];
     const at = Array.from({ length: STEPS }, (_, k) => lower + ((upper - lower) * k) / (STEPS - 1));
     return { coordinate, at, rows: at.map((x) => this.row(state.q.with(coordinate, x), state)) };
   }

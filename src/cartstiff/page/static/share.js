@@ -19,7 +19,7 @@ const WORDS = {
   load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["root", "linear", "log"],
 };
 // Of the plot: names in an address, and in `store.plot`.
-const PLOT = [["plot", "of"], ["along", "along"], ["and", "and"], ["seen", "seen"]];
+const PLOT = [["plot", "of"], ["along", "along"], ["and", "and"], ["values", "values"], ["seen", "seen"]];
 const COUNTS = { point: 3, load: 6, load_at: 3, gravity: 3, payload: 4 };
 
 /** What of a state differs from the first one. */

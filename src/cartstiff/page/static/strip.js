@@ -2,13 +2,17 @@
 
 import { CURVES, plotted } from "./curves.js";
 import { LOST, SUPERSEDED, byId, clamp, download, el, short, toast } from "./dom.js";
-import { CLOSER, heat } from "./heat.js";
+import { CLOSER, EDGE, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
-import { grid, lettered, sized, through } from "./grid.js";
+import { grid, lettered, sized, through, ticks } from "./grid.js";
 import { player } from "./player.js";
 import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 
-export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
+export const MARGIN = { left: 52, right: 12, top: 20, bottom: 18 };
+// Length of a line in the key, and width of a letter in a gap, in dots.
+const [SAMPLE, LETTERS] = [26, 6];
+// Half the width of the slider's thumb: its middle runs below the plot.
+const THUMB = 8;
 // What of a state curves depend on, besides the posture.
 const OF = ["connection", "quantity", "point", "axes", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 // Share of a curve that is seen at least (a step of a sweep is 1/60).
@@ -16,6 +20,18 @@ const LEAST_SEEN = 0.02;
 // Where this many sweeps in succession took longer than that (s), they are not repeated by themselves: the
 // first of all may wait for machine code to be made, and the next ones are quick.
 const [SLOW_SWEEPS, QUICK] = [2, 1];
+
+/** Ends of an axis, in what its lines are even in. */
+function range(list, isLog) {
+  const high = Math.max(...list);
+  // Twelve decades at most: what is below is as good as zero.
+  const low = Math.max(Math.min(...list), isLog ? high - 12 : -Infinity);
+  const half = Math.max(isLog ? 0.15 : 0.02 * Math.max(Math.abs(high), Math.abs(low)), 0.54 * (high - low));
+  return [(high + low) / 2 - half, (high + low) / 2 + half];
+}
+
+/** Why nothing is drawn, in few words. */
+const gapWords = (row, why) => (row.reason?.includes(" moves from ") ? "another drive moves" : row.reason ? "not reached" : why(row));
 
 export function strip(store) {
   let series = null; // {kind, coordinate, at, rows, key, others}
@@ -25,7 +41,7 @@ export function strip(store) {
   let slow = 0; // sweeps in succession that took long
   let keeping = null; // the kind of a file that waits for its values
   // What is plotted, which an address holds: the quantity, along what, against what else, and the ends of what is seen.
-  const usual = { of: "translation", along: "", and: "", seen: null };
+  const usual = { of: "translation", along: "", and: "", values: "log", seen: null };
   store.plot = { ...usual };
   store.usualPlot = usual;
   // Words, units and values are of the state that the rows are of, whatever is wished meanwhile.
@@ -34,11 +50,13 @@ export function strip(store) {
   const what = el("select", { "aria-label": "Along what", onchange: () => showPlot({ along: what.value, seen: null }) });
   const quantity = el("select", { "aria-label": "Values of", title: "What the curves show", onchange: () => showPlot({ of: quantity.value }) },
     ...CURVES.map(({ key, words }) => el("option", { value: key }, words)));
+  const axis = el("select", { "aria-label": "Values by", title: "Equal steps of the values, or equal factors", onchange: () => showPlot({ values: axis.value }) },
+    el("option", { value: "log" }, "log"), el("option", { value: "linear" }, "linear"));
   const map = heat(store, {
     shown: now, zoom: (seen) => showPlot({ seen }), choose: (and) => showPlot({ and, seen: null }),
     along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
     key: (state) => OF.map((name) => state[name]), busy: () => asked !== null,
-    toggle: (on) => { plot.style.display = on ? "none" : ""; }, computed: () => write(),
+    toggle: (on) => { axis.hidden = on; plot.style.display = on ? "none" : ""; setSlider(); }, computed: () => write(),
     read: (event, words) => tell(event, words),
   });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
@@ -52,9 +70,9 @@ export function strip(store) {
   const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, again, whole),
+    el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, axis, again, whole, label, save),
     el("div", { class: "plots" }, plot, map.plot), reading,
-    el("div", { class: "row time-row" }, play, time, label, save));
+    el("div", { class: "time-row" }, play, time));
 
   time.addEventListener("input", () => go(closest(time.valueAsNumber)));
   time.addEventListener("keydown", ({ key: pressed }) => {
@@ -104,7 +122,7 @@ export function strip(store) {
   function showPlot(change) {
     if (store.numbers && Object.entries(change).some(([key, value]) => String(store.plot[key]) !== String(value))) store.remember(`plot ${Object.keys(change)}`);
     Object.assign(store.plot, change);
-    [what.value, quantity.value, map.select.value] = [store.plot.along, store.plot.of, store.plot.and];
+    [what.value, quantity.value, map.select.value, axis.value] = [store.plot.along, store.plot.of, store.plot.and, store.plot.values];
     whole.hidden = !store.plot.seen;
     store.tell("plot");
     request(true);
@@ -204,11 +222,13 @@ export function strip(store) {
   function request(now = false) {
     if (!store.state || !what.value || !store.source.moves) return;
     const wanted = key();
+    if (series?.key === wanted) plot.classList.remove("stale");
     if (series?.key === wanted || asked?.wanted === wanted) {
       again.hidden = true;
       return showCursor();
     }
     clearTimeout(timer);
+    plot.classList.toggle("stale", series !== null);
     const waits = slow >= SLOW_SWEEPS && !now;
     again.hidden = !waits;
     if (isPlaying() || waits) return;
@@ -230,7 +250,7 @@ export function strip(store) {
         if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) showPlot({ seen: null });
         seconds += answer.seconds;
         again.hidden = true;
-        [time.min, time.max] = [series.at[0], series.at.at(-1)];
+        plot.classList.remove("stale");
         draw();
       }
       slow = seconds > QUICK ? slow + 1 : 0;
@@ -269,20 +289,41 @@ export function strip(store) {
     return store.hello.trajectory.timed ? `${short(x)} s` : `posture ${Math.round(x) + 1}`;
   }
 
+  /** The slider's ends are those of what is seen, below it. */
+  function setSlider() {
+    const { left, right } = map.on() ? EDGE : MARGIN;
+    [time.style.marginLeft, time.style.width] = [`${left - THUMB}px`, `calc(100% - ${left + right - 2 * THUMB}px)`];
+    if (series) [time.min, time.max] = map.on() ? [series.at[0], series.at.at(-1)] : ends();
+  }
+
   function showCursor() {
     if (!series) return;
     if (series.kind === "sweep" && !isPlaying()) position = closest(store.state.q[series.coordinate]);
-    time.value = series.at[position];
-    time.setAttribute("aria-valuetext", atText(series.at[position]));
-    const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
-    label.textContent = atText(exact);
     const [first, last] = ends();
+    setSlider();
+    const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
+    time.value = exact;
+    time.setAttribute("aria-valuetext", atText(series.at[position]));
+    label.textContent = atText(exact);
     const x = placeX(clamp(exact, first, last), size.width);
     cursor.style.display = exact < first || exact > last ? "none" : "";
     cursor.setAttribute("x1", x);
     cursor.setAttribute("x2", x);
     cursor.setAttribute("y1", MARGIN.top);
     cursor.setAttribute("y2", size.height - MARGIN.bottom);
+  }
+
+  /** What each line is, above the plot's right end. */
+  function lineKey(names, isCompared, width) {
+    let x = width - MARGIN.right;
+    const kinds = names.map((name, k) => [name, `${store.plot.of} curve-${k}`]);
+    for (const [name, kind] of [...kinds, ...(isCompared ? [["compared", "other"]] : [])].toReversed()) {
+      const text = lettered(x, MARGIN.top - 8, name, "end", "unit key");
+      plot.append(text);
+      x -= text.getComputedTextLength() + 4;
+      plot.append(svg("path", { class: `curve key ${kind}`, d: `M${x - SAMPLE},${MARGIN.top - 12}h${SAMPLE}` }));
+      x -= SAMPLE + 12;
+    }
   }
 
   function placeX(x, width) {
@@ -300,26 +341,26 @@ export function strip(store) {
     const [first, last] = ends();
     // With the next one on either side, to which the curves go on.
     const isSeen = (at, i) => (at[i + 1] ?? at[i]) >= first && (at[i - 1] ?? at[i]) <= last;
-    const positive = [...curves.map((values) => [series.at, values]), ...overlaid.map(({ at, values }) => [at, values])]
-      .flatMap(([at, values]) => values.filter((x, i) => x !== null && x > 0 && isSeen(at, i)));
+    const isLog = store.plot.values !== "linear";
+    const found = [...curves.map((values) => [series.at, values]), ...overlaid.map(({ at, values }) => [at, values])]
+      .flatMap(([at, values]) => values.filter((x, i) => Number.isFinite(x) && (x > 0 || !isLog) && isSeen(at, i)));
     plot.replaceChildren();
-    if (!positive.length) {
+    if (!found.length) {
       plot.append(lettered(width / 2, height / 2, why(series.rows.find((row) => row.q) ?? series.rows[0]), "middle", "nothing"));
       plot.append(cursor);
       return showCursor();
     }
-    // Twelve decades at most: what is below is as good as zero.
-    const high = Math.log10(Math.max(...positive));
-    const least = Math.max(Math.log10(Math.min(...positive)), high - 12);
-    const middle = (high + least) / 2;
-    const half = Math.max(0.15, (high - least) / 2 + 0.06);
-    const [bottom, top] = [middle - half, middle + half];
-    const placeY = (x) => MARGIN.top + ((top - Math.log10(x)) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
-    grid(plot, { width, height, margin: MARGIN }, [bottom, top], placeY, [first, last], (x) => placeX(x, width), atText, unit);
+    const [to, from] = isLog ? [Math.log10, (x) => 10 ** x] : [(x) => x, (x) => x];
+    const [bottom, top] = range(found.map(to), isLog);
+    const placeY = (x) => MARGIN.top + ((top - to(x)) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
+    const turn = isAngle() ? 180 / Math.PI : 1;
+    const places = ticks(first * turn, last * turn, Math.max(2, (width - MARGIN.left - MARGIN.right) / 75), isAngle()).map((x) => [placeX(x / turn, width), atText(x / turn)]);
+    grid(plot, { width, height, margin: MARGIN }, { bottom: from(bottom), top: from(top), isLog }, placeY, places, `${unit === "1" ? "" : `${unit}, `}${isLog ? "log" : "linear"}`);
     plot.append(svg("defs", {}, svg("pattern", { id: "hatching", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
       svg("line", { class: "hatch", x1: 0, x2: 0, y1: 0, y2: 6 })),
     svg("clipPath", { id: "seen" }, svg("rect", { x: MARGIN.left, y: 0, width: width - MARGIN.left - MARGIN.right, height }))));
     // Where nothing exists, or a value is negative, the ground is marked.
+    const stretches = [];
     series.rows.forEach((row, i) => {
       const values = valuesOf(row);
       if (values && !(values[0] < -BLANK * Math.max(...values.map(Math.abs)))) return;
@@ -327,14 +368,22 @@ export function strip(store) {
       const x = middle(i, i - 1);
       plot.append(svg("rect", { class: values ? "gap negative" : "gap", x, y: MARGIN.top,
         width: middle(i, i + 1) - x, height: height - MARGIN.top - MARGIN.bottom }));
+      const before = stretches.at(-1);
+      if (values) return;
+      if (before?.end === i - 1 && before.reason === gapWords(row, why)) [before.end, before.to] = [i, middle(i, i + 1)];
+      else stretches.push({ end: i, from: x, to: middle(i, i + 1), reason: gapWords(row, why) });
     });
+    for (const { from: x, to: end, reason } of stretches) {
+      if (end - x > LETTERS * reason.length) plot.append(lettered((x + end) / 2, height - MARGIN.bottom - 6, reason, "middle"));
+    }
     const line = (values, at, kind) => {
-      const points = values.map((x, i) => (x === null || x <= 0 || !isSeen(at, i) ? null
+      const points = values.map((x, i) => (x === null || (isLog && x <= 0) || !isSeen(at, i) ? null
         : [placeX(at[i], width), clamp(placeY(x), MARGIN.top, height - MARGIN.bottom)]));
       plot.append(svg("path", { d: through(points), class: `curve ${kind}`, "clip-path": "url(#seen)" }));
       return points.findLast(Boolean);
     };
     curves.forEach((values, k) => line(values, series.at, `${store.plot.of} curve-${k}`));
+    lineKey(names, overlaid.length > 0, width);
     for (const { title, at, values } of overlaid) {
       const end = line(values, at, "other");
       if (!end) continue;
@@ -343,7 +392,7 @@ export function strip(store) {
       plot.append(lettered(x, end[1] - 4, title, "end", "unit name"));
     }
     plot.setAttribute("aria-label", `${heading} [${unit}] along ${along()}`);
-    plot.append(plot.querySelector(".unit"), cursor); // over the curves
+    plot.append(...plot.querySelectorAll(".unit, .key"), cursor); // over the curves
     showCursor();
   }
 
@@ -366,7 +415,7 @@ export function strip(store) {
     const wishes = { ...usual, ...store.wishedPlot };
     const has = (select, value) => [...select.options].some((option) => option.value === value);
     showPlot({ ...wishes, of: has(quantity, wishes.of) ? wishes.of : usual.of, along: has(what, wishes.along) ? wishes.along : usual.along,
-      and: has(map.select, wishes.and) ? wishes.and : "" });
+      and: has(map.select, wishes.and) ? wishes.and : "", values: has(axis, wishes.values) ? wishes.values : usual.values });
   }
   store.on("replot", replot);
   store.on("units", () => {
