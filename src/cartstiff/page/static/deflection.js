@@ -50,8 +50,6 @@ export function deflectionPanel(store) {
     doubt.title = assumed ? "" : source;
   }
 
-  const wrenchText = (wrench) => [wrench.slice(0, 3), wrench.slice(3)].map((part, i) => together(part, store.unit(i ? "force" : "moment"))).join(";  ");
-
   store.on("numbers", () => {
     const { moved, result } = store.numbers;
     const { wrench } = result;
@@ -78,7 +76,7 @@ export function deflectionPanel(store) {
     detail.append(
       row("tool axes", together(moved.displacement, store.unit("length")), "along the axes of M"),
       row("room axes", together(moved.in_room, store.unit("length")), "along the axes of F"),
-      ...(moved.acts_at.some((x) => x) ? [row("wrench at M", wrenchText(wrench), "moment and force about the origin of M, along its axes")] : []),
+      ...(moved.acts_at.some((x) => x) ? [row("wrench at M", [0, 3].map((i) => together(wrench.slice(i, i + 3), store.unit(i ? "force" : "moment"))).join(";  "), "moment and force about the origin of M, along its axes")] : []),
       row("energy", engineering(moved.energy, store.unit("moment")), "that the load puts into the springs"));
     const says = assumptions(store, moved);
     line.textContent = says;

@@ -10,15 +10,11 @@ export function shortcuts(store, parts) {
   byId("actions").append(theme, question);
 
   function flip() {
-    setTheme(store.state.theme === "dark" ? "light" : "dark");
+    const theme = store.state.theme === "dark" ? "light" : "dark";
+    document.documentElement.dataset.theme = theme;
+    store.change({ theme });
   }
 
-  function setTheme(name) {
-    document.documentElement.dataset.theme = name;
-    store.change({ theme: name });
-  }
-
-  const connection = (name) => () => store.change({ connection: name });
   const keys = [
     ["?", "this list", () => showHelp()],
     ["h", "home posture", () => toHome(store)],
@@ -26,12 +22,7 @@ export function shortcuts(store, parts) {
     ["0", "all coordinates zero", () => store.source.moves && !store.hello.mechanism.platform && toZero(store)],
     ["a", "keep this state to compare with", () => store.keep()],
     ["b", "back to state 1", () => store.goToKept()],
-    ["1", "connection A", connection("A")],
-    ["2", "connection B", connection("B")],
-    ["3", "connection K", connection("K")],
-    ["4", "connection F", connection("F")],
-    ["5", "connection +", connection("+")],
-    ["6", "tangent under the load", connection("load")],
+    ...["A", "B", "K", "F", "+", "load"].map((name, i) => [String(i + 1), name === "load" ? "tangent under the load" : `connection ${name}`, () => store.change({ connection: name })]),
     ["g", "handles at the tool stay", () => parts.hands.toggle()],
     ["u", "undo", () => store.undo()],
     ["U", "redo", () => store.redo()],

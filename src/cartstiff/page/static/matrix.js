@@ -16,46 +16,9 @@ const VIEWS = [
   ["difference", "− …", "Difference from another connection, or from a state that was kept"],
 ];
 
-/** Which matrix, as what: [choices, update]; `+` is put where the parts are. */
-function connectionChoice(store, parts) {
-  const meaning = el("p", { class: "meaning" });
-  const badge = el("span", { class: "badge" });
-  const [connections, choose] = choice("Connection",
-    [["load", "load"], ["A", "A"], ["B", "B"], ["K", "K"], ["F", "F"], ["+", "+"]],
-    (value) => store.change({ connection: value }));
-  connections.classList.add("connections");
-  const [quantities, chooseQuantity] = choice("Quantity",
-    [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]],
-    (value) => store.change({ quantity: value }));
-  parts.prepend(connections.lastChild);
-
-  store.on("hello", ({ mechanism }) => {
-    for (const { name, title, meaning: words } of mechanism.connections) {
-      document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${title}: ${words}`;
-    }
-  });
-  store.on("state", () => {
-    const { connection, quantity } = store.state;
-    choose(connection);
-    chooseQuantity(quantity);
-    const words = store.hello.mechanism.connections.find(({ name }) => name === connection);
-    meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
-  });
-  store.on("numbers", () => {
-    const { numbers, shown } = store;
-    const found = numbers.symmetric[shown.connection];
-    for (const button of connections.children) {
-      button.classList.toggle("absent", numbers.symmetric[button.dataset.value] === null);
-    }
-    const [words, level] = found === null ? ["no matrix", "none"] : found === 0 ? ["✓ symmetric", "good"] : ["≠ asymmetric", "warning"];
-    badge.textContent = words;
-    badge.dataset.level = level;
-    badge.title = found ? `largest entry of its difference from the transpose: ${short(found)}` : "";
-  });
-  return { meaning, badge, choices: el("div", { class: "row choices" }, connections, el("span", { class: "grow" }), quantities) };
-}
-
 const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
+
+const six = (make) => Array.from({ length: 6 }, (_, i) => make(i));
 
 export function matrixPanel(store) {
   let view = "whole";
@@ -72,44 +35,27 @@ export function matrixPanel(store) {
     other = select.value;
     update();
   } });
-  const cells = [];
-  const units = [];
-  const rowHeads = [];
-  const columnHeads = [];
-  const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" });
-  const space = () => el("td", { class: "space", "aria-hidden": "true" });
-  const headRow = el("tr", {}, el("td"));
-  for (let j = 0; j < 6; j++) {
-    columnHeads.push(el("th", { scope: "col" }));
-    if (j === 3) headRow.append(space());
-    headRow.append(columnHeads[j]);
-  }
-  const body = el("tbody");
-  for (let i = 0; i < 6; i++) {
-    if (i % 3 === 0) {
-      const pair = [0, 1].map(() => el("td", { colspan: 3, class: "block-unit" }));
-      units.push(pair);
-      body.append(el("tr", {}, el("td"), pair[0], space(), pair[1]));
-    }
-    rowHeads.push(el("th", { scope: "row" }));
-    const row = el("tr", {}, rowHeads[i]);
-    cells.push([]);
-    for (let j = 0; j < 6; j++) {
-      const cell = el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j });
-      cells[i].push(cell);
-      if (j === 3) row.append(space());
-      row.append(cell);
-    }
-    body.append(row);
-  }
-  table.append(el("thead", {}, headRow), body);
+  const [columnHeads, rowHeads] = ["col", "row"].map((scope) => six(() => el("th", { scope })));
+  const cells = six((i) => six((j) => el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j })));
+  const units = [0, 1].map(() => [0, 1].map(() => el("td", { colspan: 3, class: "block-unit" })));
+  const row = (head, one, other) => el("tr", {}, head, ...one, el("td", { class: "space", "aria-hidden": "true" }), ...other);
+  const halves = (list) => [list.slice(0, 3), list.slice(3)];
+  const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" }, el("thead", {}, row(el("td"), ...halves(columnHeads))),
+    el("tbody", {}, ...cells.flatMap((line, i) => [...(i % 3 ? [] : [row(el("td"), ...units[i / 3].map((unit) => [unit]))]), row(rowHeads[i], ...halves(line))])));
   const readout = el("div", { class: "readout", role: "status" });
   const lengths = el("select", { "aria-label": "Unit of translations", class: "units", title: "Unit in which translations are read",
     onchange: () => { store.remember("units"); store.readIn(lengths.value); } });
   const absent = el("p", { class: "absent-words", hidden: true });
   const differs = el("p", { class: "differs small", role: "status" });
   const parts = el("div", { class: "row parts" }, views, select);
-  const { meaning, badge, choices } = connectionChoice(store, parts);
+  const [meaning, badge] = [el("p", { class: "meaning" }), el("span", { class: "badge" })];
+  const [connections, chooseConnection] = choice("Connection", ["load", "A", "B", "K", "F", "+"].map((name) => [name, name]), (value) => store.change({ connection: value }));
+  connections.classList.add("connections");
+  const [quantities, chooseQuantity] = choice("Quantity",
+    [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]],
+    (value) => store.change({ quantity: value }));
+  const choices = el("div", { class: "row choices" }, connections, el("span", { class: "grow" }), quantities);
+  parts.prepend(connections.lastChild);
   const fold = el("details", { class: "parts-fold" }, el("summary", {}, "Parts and transpose"), parts);
   byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices, table, absent,
     el("div", { class: "row" }, readout, lengths,
@@ -206,7 +152,13 @@ export function matrixPanel(store) {
 
     absent.hidden = shown !== null;
     table.classList.toggle("empty", shown === null);
-    if (shown === null) absent.textContent = reason(store, symbol);
+    const { verdict, has_compliance: hasCompliance, result } = store.numbers;
+    absent.textContent = `${symbol} does not exist here${stiff ? `: ${verdict.title}` : ""}.${stiff && hasCompliance && !result.stiffness.B ? " The compliance does." : ""}`;
+    const { symmetric } = store.numbers;
+    const apart = symmetric[connection];
+    for (const button of connections.children) button.classList.toggle("absent", symmetric[button.dataset.value] === null);
+    [badge.textContent, badge.dataset.level] = apart === null ? ["no matrix", "none"] : apart === 0 ? ["✓ symmetric", "good"] : ["≠ asymmetric", "warning"];
+    badge.title = apart ? `largest entry of its difference from the transpose: ${short(apart)}` : "";
     const unsplit = scaled(store.matrix(connection));
     paint(cells, shown, unsplit, sizes);
     mark(unsplit);
@@ -240,8 +192,19 @@ export function matrixPanel(store) {
   const copyNumpy = () => copyAs("NumPy array", (words) => `np.array([  # ${words}`, (row) => `    [${row.map(String).join(", ")}],`, "])\n");
   const copyCsv = () => copyAs("CSV", (words) => `# ${safeCell(words)}`, (row) => row.map(String).join(","), "");
 
-  store.on("hello", () => lengths.replaceChildren(...store.lengths.map((unit) =>
-    el("option", { value: unit, selected: unit === store.fine }, unit === store.unit("length") ? "by size" : unit))));
+  store.on("hello", ({ mechanism }) => {
+    for (const { name, title: words, meaning: more } of mechanism.connections) {
+      document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${words}: ${more}`;
+    }
+    lengths.replaceChildren(...store.lengths.map((unit) => el("option", { value: unit, selected: unit === store.fine }, unit === store.unit("length") ? "by size" : unit)));
+  });
+  store.on("state", () => {
+    const { connection, quantity } = store.state;
+    chooseConnection(connection);
+    chooseQuantity(quantity);
+    const words = store.hello.mechanism.connections.find(({ name }) => name === connection);
+    meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
+  });
   store.on("units", () => {
     lengths.value = store.fine ?? store.unit("length");
     update();
@@ -251,48 +214,23 @@ export function matrixPanel(store) {
   return { copyNumpy, update };
 }
 
-function reason(store, symbol) {
-  const { numbers, shown } = store;
-  if (shown.quantity === "stiffness") {
-    const instead = numbers.has_compliance && !numbers.result.stiffness.B;
-    return `${symbol} does not exist here: ${numbers.verdict.title}.${instead ? " The compliance does." : ""}`;
-  }
-  return `${symbol} does not exist here.`;
-}
-
 /** Numbers and colours: square roots of the entries over the largest of their unit. */
 function paint(cells, matrix, unsplit, sizes) {
-  const largest = [[0, 0], [0, 0]];
-  const noise = [[0, 0], [0, 0]];
-  if (matrix) {
-    for (let i = 0; i < 6; i++) {
-      for (let j = 0; j < 6; j++) {
-        const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
-        largest[a][b] = Math.max(largest[a][b], Math.abs(matrix[i][j]));
-        noise[a][b] = Math.max(noise[a][b], UNCOUPLED * Math.sqrt(Math.abs(unsplit[i][i] * unsplit[j][j])));
-      }
-    }
-  }
-  for (let i = 0; i < 6; i++) {
-    for (let j = 0; j < 6; j++) {
-      const cell = cells[i][j];
-      if (!matrix) {
-        cell.textContent = "–";
-        cell.style.removeProperty("--share");
-        cell.dataset.sign = "zero";
-        continue;
-      }
-      const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
-      const x = matrix[i][j];
-      const vanishes = Math.abs(x) <= noise[a][b];
-      const whole = short(x / sizes[a][b][0]);
-      const text = vanishes ? "0" : whole.length > 8 ? short(x / sizes[a][b][0], 3) : whole;
-      if (cell.textContent !== text) cell.textContent = text;
-      cell.classList.toggle("tight", text.length > 6);
-      const sign = vanishes ? "zero" : x > 0 ? "plus" : "minus";
-      if (cell.dataset.sign !== sign) cell.dataset.sign = sign;
-      const share = vanishes ? 0 : Math.sqrt(Math.abs(x) / largest[a][b]);
-      cell.style.setProperty("--share", `${Math.round(100 * share)}%`);
-    }
-  }
+  const [largest, noise] = [0, 1].map(() => [[0, 0], [0, 0]]);
+  const each = (act) => cells.forEach((line, i) => line.forEach((cell, j) => act(cell, i, j, i < 3 ? 0 : 1, j < 3 ? 0 : 1)));
+  if (matrix) each((_, i, j, a, b) => {
+    largest[a][b] = Math.max(largest[a][b], Math.abs(matrix[i][j]));
+    noise[a][b] = Math.max(noise[a][b], UNCOUPLED * Math.sqrt(Math.abs(unsplit[i][i] * unsplit[j][j])));
+  });
+  each((cell, i, j, a, b) => {
+    const x = matrix ? matrix[i][j] : null;
+    const vanishes = x === null || Math.abs(x) <= noise[a][b];
+    const whole = short(x === null ? null : x / sizes[a][b][0]);
+    const text = x !== null && vanishes ? "0" : whole.length > 8 ? short(x / sizes[a][b][0], 3) : whole;
+    if (cell.textContent !== text) cell.textContent = text;
+    cell.classList.toggle("tight", text.length > 6);
+    const sign = vanishes ? "zero" : x > 0 ? "plus" : "minus";
+    if (cell.dataset.sign !== sign) cell.dataset.sign = sign;
+    cell.style.setProperty("--share", `${vanishes ? 0 : Math.round(100 * Math.sqrt(Math.abs(x) / largest[a][b]))}%`);
+  });
 }

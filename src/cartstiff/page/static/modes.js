@@ -1,7 +1,7 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { SUPERSEDED, byId, el, short } from "./dom.js";
-import { lettered, sized, through } from "./grid.js";
+import { SUPERSEDED, byId, el, engineering, short } from "./dom.js";
+import { grid, lettered, sized, through } from "./grid.js";
 import { svg } from "./plotfiles.js";
 import { CLOSE } from "./numerics.js";
 import { MARGIN } from "./strip.js";
@@ -265,24 +265,12 @@ function responseStrip(store) {
     const [top, bottom] = [log(high) + 0.1, Math.max(log(Math.min(...values)), log(high) - 5)];
     const placeX = (x) => MARGIN.left + ((log(x) - log(f[0])) / (log(f.at(-1)) - log(f[0]))) * (width - MARGIN.left - MARGIN.right);
     const placeY = (x) => MARGIN.top + ((top - Math.max(bottom, log(x))) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
-    for (let d = Math.ceil(bottom); d <= top; d++) {
-      const y = placeY(10 ** d);
-      plot.append(svg("line", { class: "grid", x1: MARGIN.left, x2: width - MARGIN.right, y1: y, y2: y }),
-        lettered(MARGIN.left - 5, y + 3.5, `1e${d}`.replace("-", "\u2212"), "end"));
-    }
-    let last = -Infinity;
-    modes.forEach((x, i) => {
-      const at = placeX(x);
-      plot.append(svg("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: at, x2: at, y1: MARGIN.top, y2: height - MARGIN.bottom }));
-      const words = `${short(x, 3)} Hz`;
-      if (at - last < 52) return;
-      last = at;
-      plot.append(lettered(Math.min(at, width - 30), height - 4, words, "middle"));
-    });
+    grid(plot, { width, height, margin: MARGIN }, [bottom, top], placeY, [log(f[0]), log(f.at(-1))], (x) => placeX(10 ** x),
+      (x) => engineering(10 ** x, "Hz", 3), `${unit}: x solid, y dashed, z dotted`);
+    modes.forEach((x, i) => plot.append(svg("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: placeX(x), x2: placeX(x), y1: MARGIN.top, y2: height - MARGIN.bottom })));
     Object.entries(curves).forEach(([name, sizes], k) => {
       plot.append(svg("path", { d: through(sizes.map((x, i) => (x > 0 ? [placeX(f[i]), placeY(x)] : null))), class: `curve response curve-${k}`, "data-axis": name }));
     });
-    plot.append(lettered(MARGIN.left + 4, MARGIN.top + 10, `${unit}: x solid, y dashed, z dotted`, "start", "unit"));
     let peak = ["", 0, 0];
     for (const [name, sizes] of Object.entries(curves)) sizes.forEach((x, i) => { if (x > peak[1]) peak = [name, x, f[i]]; });
     label.textContent = label.title = `largest ${short(peak[1], 3)} ${unit} along ${peak[0]} at ${short(peak[2], 3)} Hz`;

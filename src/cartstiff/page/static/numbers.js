@@ -50,8 +50,7 @@ export function numbersPanel(store) {
     rows[kind] = { name, cells, ratios, compare };
     body.append(el("tr", { "data-row-of": kind }, name, ...cells), compare);
   }
-  const low = el("th", { scope: "col" });
-  const high = el("th", { scope: "col" });
+  const [low, high] = [0, 1].map(() => el("th", { scope: "col" }));
   const principal = el("table", { class: "principal" },
     el("thead", {}, el("tr", {}, el("td"), low, el("td"), high)), body);
   const [others, chooseOthers] = choice("The other freedoms",
@@ -60,9 +59,7 @@ export function numbersPanel(store) {
     (value) => store.change({ others: value }));
   store.on("state", () => chooseOthers(store.state.others));
 
-  const condition = fact("Condition number");
-  const blocks = fact("… of translation, rotation (held)");
-  const pose = fact("Position");
+  const [condition, blocks, pose] = ["Condition number", "… of translation, rotation (held)", "Position"].map(fact);
   const meters = el("div", { class: "meters" });
   const facts = el("dl", { class: "facts" }, ...condition.nodes, ...blocks.nodes, ...pose.nodes);
   byId("right").append(

@@ -90,10 +90,10 @@ export function strip(store) {
   plot.addEventListener("pointerdown", (event) => {
     if (!series) return;
     plot.setPointerCapture(event.pointerId);
-    follow(event);
+    go(nearest(event));
   });
   plot.addEventListener("pointermove", (event) => {
-    if (plot.hasPointerCapture(event.pointerId)) follow(event);
+    if (plot.hasPointerCapture(event.pointerId)) go(nearest(event));
     read(event);
   });
   plot.addEventListener("pointerleave", () => { reading.hidden = true; });
@@ -187,8 +187,6 @@ export function strip(store) {
   /** The place of the series that is next to a value. */
   const closest = (x) => series.at.reduce((best, value, i) => (Math.abs(value - x) < Math.abs(series.at[best] - x) ? i : best), 0);
   const nearest = (event) => closest(under(event));
-
-  const follow = (event) => go(nearest(event));
 
   /** Take the mechanism to a place of the series. */
   function go(index) {
