@@ -140,13 +140,12 @@ def sized(size: float, unit: str) -> tuple[float, str]:
     if unit == "cm":
         metres, unit = 1e-2, "m"
     first = unit.split("/")[0].split(" ")
+    steps: tuple[tuple[float, str], ...] = ((1.0, unit),)
     if unit == "N/m":
         steps = _STIFF
     elif first[0] in ("N", "J", "Hz", "m", "rad"):
         small = first in (["m"], ["rad"])
         steps = tuple((f, p + unit) for f, p in _PREFIXES if f <= 1.0 or not small)
-    else:
-        steps = ((1.0, unit),)
     reached = abs(size) * metres * _UP
     own = (1.0, unit) if not size else steps[-1]
     factor, name = next((s for s in steps if reached >= s[0]), own)
