@@ -265,8 +265,8 @@ function responseStrip(store) {
     const [top, bottom] = [log(high) + 0.1, Math.max(log(Math.min(...values)), log(high) - 5)];
     const placeX = (x) => MARGIN.left + ((log(x) - log(f[0])) / (log(f.at(-1)) - log(f[0]))) * (width - MARGIN.left - MARGIN.right);
     const placeY = (x) => MARGIN.top + ((top - Math.max(bottom, log(x))) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
-    grid(plot, { width, height, margin: MARGIN }, [bottom, top], placeY, [log(f[0]), log(f.at(-1))], (x) => placeX(10 ** x),
-      (x) => engineering(10 ** x, "Hz", 3), `${unit}: x solid, y dashed, z dotted`);
+    const places = modes.map((x) => [placeX(x), engineering(x, "Hz", 3)]).filter(([x], i, all) => !i || x - all[i - 1][0] > 52);
+    grid(plot, { width, height, margin: MARGIN }, { bottom: 10 ** bottom, top: 10 ** top, isLog: true }, placeY, places, `${unit}, log: x solid, y dashed, z dotted`);
     modes.forEach((x, i) => plot.append(svg("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: placeX(x), x2: placeX(x), y1: MARGIN.top, y2: height - MARGIN.bottom })));
     Object.entries(curves).forEach(([name, sizes], k) => {
       plot.append(svg("path", { d: through(sizes.map((x, i) => (x > 0 ? [placeX(f[i]), placeY(x)] : null))), class: `curve response curve-${k}`, "data-axis": name }));
