@@ -34,6 +34,7 @@ _WORDS: dict[Any, str] = {
     str: "text",
     ArrayLike: "numbers",
 }
+_BY_PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 #: Arguments that had other words once.
 _RENAMED = {"q0": "q", "axes": "load_axes", "wrench_at": "load_at"}
 
@@ -79,9 +80,14 @@ def _wrong_kind(
         if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in takes.values()):
             for name in kwargs:
                 if name not in takes:
-                    new = _RENAMED.get(name)
-                    known: Iterable[str] = [new] if new and new in takes else takes
-                    return UnknownArgumentError(f"argument of {function.__name__}", name, known)
+                    known, new, own = [*takes], _RENAMED.get(name), function.__name__
+                    if new is not None and new in takes:
+                        where, by_place = known.index(new) + 1, takes[new].kind is _BY_PLACE
+                        place = (
+                            f"{', '.join(known[:where])}, ..." if by_place else f"..., {new}=..."
+                        )
+                        known = [f"{own}({place})"]
+                    return UnknownArgumentError(f"argument of {own}", name, known)
         return None  # an argument too many or too few: Python's own words say which
     for name, value in given.items():
         hint = _resolved(signature.parameters[name].annotation, function)

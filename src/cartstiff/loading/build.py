@@ -32,7 +32,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.dh import dh_description
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import (
     RobotDescription,
@@ -600,6 +599,8 @@ def described(
     if file.dh is not None or file.model is None:
         if file.dh is None or file.xacro or file.package_path:
             raise InputError("xacro arguments and package paths belong to robots by model")
+        from cartstiff.loading.dh import dh_description
+
         return dh_description(file.dh, beside or Path(), floating)
     for folder in file.package_path:
         if not _from(beside, folder).is_dir():
