@@ -215,6 +215,8 @@ def test_a_slider_moves_robot_ellipsoid_and_matrix(ur5):
     # It stands around the origin of M; an axis of it is a rod, a dashed one begins at its end.
     columns = {path: np.reshape(elements, (4, 4))[:, :3] for path, elements in after.items()}
     for path, (x, _, _, start) in columns.items():
+        if path.endswith("/cut"):
+            continue  # the mark at the end of an axis that is longer than the picture
         middle = start + x / 2 if path.endswith("minus") else start
         assert np.allclose(middle, result.pose[:3, 3], atol=1e-6), path
     # Half an axis is as long as the square root of its stiffness says.

@@ -134,7 +134,7 @@ function drivesPanel(store, node, offer) {
         const command = (store.state.command ?? springs.map(() => 0)).with(i, Math.abs(x) < most / 200 ? 0 : x);
         store.change({ command: command.some((told) => told) ? command : null });
       };
-      return driven ? [sliderRow(store, { id: `drive-${i}`, name: `command of ${name}`, label: name, lower: -most, upper: most, unit: isLength ? units.length : "rad", is_length: isLength,
+      return driven ? [sliderRow(store, { id: `drive-${i}`, name: `command of ${name}`, label: name, lower: -most, upper: most, unit: isLength ? units.length : "rad", is_length: isLength, digits: 5,
         value: () => store.state.command?.[i] ?? 0, move })] : [];
     });
     node.replaceChildren(el("p", { class: "dim small" }, "How far each drive is commanded to move from the posture; what results under the load is shown."),

@@ -24,7 +24,7 @@ export function fields(names, onchange, blank = null, called = "") {
 }
 
 /** A slider and a number of a length, or of an angle in degrees or radians; `limited`: its ends are limits. */
-export function sliderRow(store, { index, id = `slider-${index}`, name, label = name, lower, upper, unit, is_length: isLength, limited, value, move }) {
+export function sliderRow(store, { index, id = `slider-${index}`, name, label = name, lower, upper, unit, is_length: isLength, limited, digits = 4, value, move }) {
   const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
   const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`, id: id.replace("slider", "number") });
   const shownUnit = el("span", { class: "unit" });
@@ -57,9 +57,9 @@ export function sliderRow(store, { index, id = `slider-${index}`, name, label = 
   });
 
   function shown(x) {
-    const digits = factor() === 1 ? Math.max(4, 4 - Math.floor(Math.log10(upper - lower))) : 2;
-    const text = (x * factor()).toFixed(digits);
-    return Number(text) === 0 ? (0).toFixed(digits) : text;
+    const decimals = factor() === 1 ? digits : 2;
+    const text = (x * factor()).toFixed(decimals);
+    return Number(text) === 0 ? (0).toFixed(decimals) : text;
   }
 
   function set(x) {
