@@ -147,8 +147,10 @@ def poses_command(
     commanded = rows.names is not None and set(commands) <= set(rows.names)
     if before and not commanded:
         raise InputError("the table has no columns taught_JOINT", where="--before", got=table.name)
-    rows = rows.with_undeflected(elastic.mechanism)
-    _, q, unused = rows.arranged(commands if commanded else elastic.names)
+    joints = elastic.mechanism.joint_names
+    _, q, unused = rows.arranged(*((commands,) if commanded else (elastic.names, joints)))
+    if q.shape[1] != len(elastic.names):
+        q = elastic.mechanism.undeflected(q)
     text = robot_table(elastic, q, controller)
     known = (
         "taught_",

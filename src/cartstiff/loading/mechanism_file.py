@@ -25,7 +25,6 @@ from cartstiff.mechanisms.contract import SI, GivenStiffness, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 
-_UNITS = {"length", "force"}
 #: Keys of a file whose texts are for readers.
 _WORDS = ("name", "description", "source")
 #: Module and model of each kind of file: a file loads the classes of its own kind.
@@ -183,15 +182,8 @@ def _filled(
     return int(value) if value.is_integer() else value
 
 
-#: Keys of stiffnesses; whether they are of what slides (None: that depends on the joint), and
-#: whether they are in the file's units.
-_STIFFNESSES = {
-    "stiffness": (None, True),
-    "axial": (True, True),
-    "shear": (True, True),
-    "bending": (False, False),
-    "torsion": (False, False),
-}
+# Keys of stiffnesses: of joints and legs, of what slides, of what turns and is in N m/rad always.
+_STIFFNESSES = ("stiffness", "axial", "shear", "bending", "torsion")
 
 
 def _in_units(data: Any, at: Place, file: Mapping[str, Any], place: Callable[[Place], str]) -> Any:
@@ -204,15 +196,14 @@ def _in_units(data: Any, at: Place, file: Mapping[str, Any], place: Callable[[Pl
     is_text = isinstance(data, str) and data != "rigid"
     if key not in _STIFFNESSES or not is_text or "flexible" in at:
         return data
-    slides, is_own = _STIFFNESSES[key]
-    if file.get("kind") in ("stewart-gough", "springs") or "lines" in at:
-        slides = True if slides is None else slides
     given = GivenStiffness.read(data, place(at))
-    if slides is None:  # files of kinds that have joints are in SI
-        return given
-    units = file.get("units") if is_own else None
-    known = Units(**units) if isinstance(units, dict) and units.keys() <= _UNITS else SI
-    return given.in_units(known, slides, place(at))
+    if key in _STIFFNESSES[3:]:
+        return given.in_units(SI, False, place(at))
+    if file.get("kind") not in ("stewart-gough", "springs"):  # in SI; the joint says of what kind
+        return given.in_units(SI, True, place(at)) if "lines" in at else given
+    units = file.get("units")
+    is_known = isinstance(units, dict) and units.keys() <= {"length", "force"}
+    return given.in_units(Units(**units) if is_known else SI, True, place(at))
 
 
 def checked_file(

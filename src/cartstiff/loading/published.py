@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from cartstiff.errors import InputError, check_name
-from cartstiff.loading.tables import head_of, read_cells
+from cartstiff.loading.tables import head_of, in_brackets, read_cells
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
-from cartstiff.parsing import parse_numbers
 
 #: What the grade of a set means.
 GRADES = {
@@ -72,7 +71,7 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
 
 
 def _table(path: Path) -> dict[str, float]:
-    """Stiffness by joint, from columns `joint` and `stiffness [unit]`."""
+    """Stiffness by joint, from columns `joint` and `stiffness [unit]`, else in N m/rad."""
     cells = read_cells(path, "springs")
     heads = [head_of(head, cells.place)[0] for head in cells.names]
     if sorted(heads) != ["joint", "stiffness"]:
@@ -81,16 +80,12 @@ def _table(path: Path) -> dict[str, float]:
             "columns do not fit", where=cells.place, expected=expected, got=", ".join(heads)
         )
     at = heads.index("stiffness")
-    unit = cells.names[at].partition("[")[2].rstrip("] ")
+    unit = in_brackets(cells.names[at]).partition("[")[2].rstrip("] ") or "N m/rad"
     given: dict[str, float] = {}
     for row, place in zip(cells.rows, cells.places, strict=True):
         joint, text = row[1 - at], row[at]
         if joint in given:
             raise InputError("joint named twice", where=place, got=repr(joint))
-        if text == "rigid":
-            given[joint] = math.inf
-        elif unit:
-            given[joint] = GivenStiffness.read(f"{text} {unit}", place)
-        else:
-            given[joint] = parse_numbers(text, place, 1)[0]
+        is_rigid = text == "rigid"
+        given[joint] = math.inf if is_rigid else GivenStiffness.read(f"{text} {unit}", place)
     return given

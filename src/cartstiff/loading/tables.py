@@ -27,7 +27,6 @@ from cartstiff.mechanisms.contract import (
     LINEAR,
     SI,
     TORSIONAL,
-    Mechanism,
     Units,
     convert_length,
     plain_unit,
@@ -54,20 +53,6 @@ class Rows(NamedTuple):
     names: tuple[str, ...] | None
     place: str
     factors: Mapping[str, float] = MappingProxyType({})
-
-    def with_undeflected(self, mechanism: Mechanism) -> Rows:
-        """The rows with zeros for deflections of compliant links, if they have only joints."""
-        lacking = tuple(n for n in mechanism.names if n not in mechanism.joint_names)
-        count = len(mechanism.joint_names)
-        if self.names is not None:
-            if not lacking or set(lacking) & set(self.names):
-                return self
-            zeros = np.zeros((len(self.values), len(lacking)))
-            names = (*self.names, *lacking)
-            return self._replace(names=names, values=np.hstack([self.values, zeros]))
-        if self.values.shape[1] != count:
-            return self
-        return self._replace(values=mechanism.undeflected(self.values))
 
     def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
         """The layout that fits, the columns in its order, and the names of what is not needed.

@@ -45,6 +45,7 @@ _SIGNS: dict[str, str | None] = {
     "\u2032": "arcmin",
 }
 _SIGNS |= dict.fromkeys(" \t*.\u00b7\u22c5\u00a0")
+_PLAIN = str.maketrans(_SIGNS)
 _AMOUNT = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\[?([^\d\[\]][^\[\]]*)\]?\s*"
 )
@@ -52,7 +53,7 @@ _AMOUNT = re.compile(
 
 def plain_unit(text: str) -> str:
     """A unit without blanks, dots and signs: "N·m/°" is "Nm/deg"."""
-    return text.translate(str.maketrans(_SIGNS))
+    return text.translate(_PLAIN)
 
 
 class GivenStiffness(float):

@@ -295,7 +295,7 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         for j in wound[:3]
     ]
     parts += [f"{', '.join(chain.names[j] for j in wound[3:])}: more than 5 deg"] * (len(wound) > 3)
-    values = {"wind_up": {chain.names[j]: float(x[j]) for j in wound}}
+    values: dict[str, object] = {"wind_up": {chain.names[j]: float(x[j]) for j in wound}}
     if chain.kind == "serial":
         model, body = chain.tree.model, chain.body
         ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
