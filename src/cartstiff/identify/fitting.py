@@ -128,6 +128,15 @@ class Solved:
     leverage: Array
     active: NDArray[np.bool_]
 
+    def moved_by(self, errors: Array) -> Array:
+        """How far errors (m, k) of the numbers move parameters and nuisances (P + S, k)."""
+        pushed = np.zeros((len(self.whitened), errors.shape[1]))
+        pushed[: len(errors)] = errors / self.deviation[:, None]
+        norms = np.linalg.norm(self.whitened, axis=0)
+        scale = np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
+        moved = np.linalg.lstsq(self.whitened * scale, pushed, rcond=None)[0]
+        return np.asarray(scale[:, None] * moved)
+
     @property
     def freedom(self) -> float:
         """Numbers less what was fitted to them."""

@@ -298,11 +298,7 @@ def _zeros(result: Identification) -> Iterator[Note]:
         return
     more = replace(unknowns, geometry=tuple(zeros))
     columns = offsets_of(more, result.model.observations, result.measured, "none").columns
-    pushed = np.zeros((len(solution.whitened), len(zeros)))
-    pushed[: len(columns)] = _OFF * columns / solution.deviation[:, None]
-    norms = np.linalg.norm(solution.whitened, axis=0)
-    scale = np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
-    moved = scale[:, None] * np.linalg.lstsq(solution.whitened * scale, pushed)[0]
+    moved = solution.moved_by(_OFF * columns)
     worst: tuple[float, str] | None = None
     values = {}
     for p, e in enumerate(result.estimates):
@@ -480,12 +476,34 @@ def _against_equilibrium(result: Identification, values: Array) -> Iterator[Note
         if not apart[i] > 1.0
         else ("--loaded is needed" if result.loaded else "fit it with --loaded")
     )
+    if _is_widened(result):
+        advice += "; intervals are wider by what that may change"
     words = (
         f"in row {row} the equilibrium under load differs from the linear displacement by "
         f"{apart[i]:.3g} standard deviations: {advice}"
     )
     values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
     yield Note("linear-differs", words, values_)
+
+
+def _is_widened(result: Identification) -> bool:
+    """Whether intervals count the linear model's error: of positions, in tables of some rows."""
+    is_linear = not result.loaded and not needs_equilibrium(result.elastic)
+    absolute = bool(result.model.observations.is_absolute.any())
+    return is_linear and absolute and len(result.measured) <= _MOST
+
+
+def _bias(result: Identification) -> Array | None:
+    """What the equilibrium under load may change of linear estimates (P,), where it differs."""
+    values = written_values(result)
+    if not _is_widened(result) or not any(_against_equilibrium(result, values)):
+        return None
+    try:
+        bent, _ = LoadedModel(result.unknowns, result.measured).at(values)
+        straight, _ = result.model.at(values)
+    except CartstiffError:
+        return None
+    return np.abs(result.chosen.solved.moved_by((bent - straight)[:, None])[:, 0])
 
 
 def _angles(result: Identification) -> Iterator[Note]:
@@ -711,6 +729,9 @@ def identify(
         isinstance(model, LoadedModel),
         inflation,
     )
+    if (bias := _bias(result)) is not None:
+        springs = estimates(chosen.solved, unknowns, level, inflation, bias)
+        result = replace(result, estimates=tuple(springs))
     doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
     return replace(result, notes=(*doubts, *notes_of(result)))
 

@@ -348,7 +348,11 @@ def freedom_of(solution: Solved, inflation: float) -> float:
 
 
 def estimates(
-    solution: Solved, unknowns: Unknowns, level: float, inflation: float
+    solution: Solved,
+    unknowns: Unknowns,
+    level: float,
+    inflation: float,
+    bias: Array | None = None,
 ) -> list[Estimate]:
     """One estimate per parameter.
 
@@ -362,6 +366,8 @@ def estimates(
         Probability of the intervals.
     inflation : float
         Factor on standard deviations where the scatter is larger than those given.
+    bias : ndarray (P,), optional
+        What the linear model may be off by, by which the intervals are wider at both ends.
     """
     t = quantile(level, freedom_of(solution, inflation))
     answer = []
@@ -371,7 +377,8 @@ def estimates(
             continue
         s = float(np.sqrt(solution.covariance[p, p])) * inflation
         centre = float(solution.unbounded[p])
-        low, high = centre - t * s, centre + t * s
+        half = t * s + (0.0 if bias is None else float(bias[p]))
+        low, high = centre - half, centre + half
         verdict: Verdict = "determined"
         if unknown.has_stiffness:
             if high < 0.0:
