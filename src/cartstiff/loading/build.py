@@ -1334,10 +1334,11 @@ def chain_of(
 def _repeated(elastic: ElasticMechanism, own: int) -> list[Note]:
     """That closures with `own` coordinates hold more than they need, as hinges in a plane do."""
     at = elastic.mechanism.at(elastic.q)
-    if not own or at.closure is None or at.residual is None:
+    closure, residual = at.closure, at.residual
+    if not own or closure is None or residual is None or closure.sizes is None:
         return []
-    rows = at.closure.jacobian * at.coordinate_lengths / np.vstack(at.closure.sizes)
-    m = len(at.residual)
+    rows = closure.jacobian * at.coordinate_lengths / closure.sizes[:, None]
+    m = len(residual)
     more = m - numerics.rank(numerics.singular_values(rows[:m]))
     if not more:
         return []
