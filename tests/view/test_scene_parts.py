@@ -161,11 +161,16 @@ def test_points_of_a_map(vis, window):
     p, v = rng.normal(size=(50, 3)), np.linspace(1.0, 2.0, 50)
     v[3] = np.nan
     facts = add_points(vis["map"], p, v, label="stiffness", unit="N/m")
-    data = Viewer(window.take()).places["/meshcat/map"].object["geometries"][0]["data"]
+    shown = Viewer(window.take()).places["/meshcat/map"].object
+    data = shown["geometries"][0]["data"]
     np.testing.assert_allclose(_array(data["attributes"]["position"]), p, atol=1e-6)
     colours = _array(data["attributes"]["color"]).astype(int)
     assert (facts["count"], facts["without_value"], facts["kind"]) == (50, 1, "sequential")
     assert (facts["lower"], facts["upper"], facts["unit"]) == (1.0, 2.0, "N/m")
+    material = shown["materials"][0]  # hides nothing behind it
+    assert material["opacity"] < 0.7
+    assert material["transparent"]
+    assert not material["depthWrite"]
     assert len(set(colours[3])) == 1  # grey
     assert f"#{theme.hex_of(colours[0]):06x}" == facts["stops"][0]
     assert f"#{theme.hex_of(colours[-1]):06x}" == facts["stops"][-1]

@@ -204,6 +204,10 @@ def points(
         "type": "PointsMaterial",
         "color": 0xFFFFFF,
         "size": size,
+        # Those of a hull lie before the mechanism, which is seen through them.
+        "opacity": 0.55,
+        "transparent": True,
+        "depthWrite": False,
         "vertexColors": True,
         "sizeAttenuation": True,
     }

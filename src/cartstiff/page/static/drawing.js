@@ -42,10 +42,7 @@ function telling(list) {
 
 /** The scale of a kind for values that are drawn together. */
 function fitting(kind, values, usual, target) {
-  return kind === "log" ? logarithmic(values, usual, target) : powered(kind, values, usual, target);
-}
-
-function powered(kind, values, usual, target) {
+  if (kind === "log") return logarithmic(values, usual, target);
   const { power, least } = POWERS[kind];
   const area = target ** power;
   let per = round((1.6 * telling(largestOf(usual) ? usual : values)) / area);

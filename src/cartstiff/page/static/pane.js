@@ -207,10 +207,6 @@ export class Pane {
 
   /** Look from a preset, or with "fit" from the present side, so that all between two corners is seen. */
   look(preset, bounds) {
-    this.frame(preset, bounds);
-  }
-
-  frame(preset, bounds) {
     const [low, high] = bounds;
     const { camera, controls } = this.viewer;
     const { clientWidth: width, clientHeight: height } = this.node;
@@ -285,7 +281,7 @@ export class Pane {
   frameAnew(bounds) {
     if (!this.framed || String(this.view) !== this.framed.view) return;
     const first = this.first === this.framed.view;
-    this.frame(this.framed.preset, bounds);
+    this.look(this.framed.preset, bounds);
     if (first) this.first = String(this.view);
   }
 }
