@@ -69,7 +69,7 @@ def test_a_mega_newton_on_a_ur5():
 def test_equilibrium_says_how_far():
     """From the rest position, which is the start, to where it comes to rest."""
     arm = cartstiff.load("ur5").with_springs(1500.0)
-    state = cartstiff.equilibrium(arm, DeadForce([0, 0, -400]), q0=POSTURE)
+    state = cartstiff.equilibrium(arm, POSTURE, DeadForce([0, 0, -400]))
     note = doubt(state)
     moved = state.posture.q - np.array(POSTURE)
     for name, value in note.values["wind_up"].items():

@@ -191,7 +191,7 @@ class QuickPosture(PostureStiffness):
             *self._diagnostics,
             *limit_notes(mechanism, self),
             *self._forces,
-            *deflection_notes(self.elastic, self.q),
+            *self._deflections,
             *self._code.notes_on_weight,
         )
 
@@ -206,6 +206,12 @@ class QuickPosture(PostureStiffness):
         beams = [term for term in self._asked.terms() if isinstance(term, Beam)]
         evaluate_together(beams, self.posture)  # which they remember
         return self._asked.diagnostics(self.posture)
+
+    @property
+    def _deflections(self) -> list[Note]:
+        """Doubts about joints; lines, whose rest lengths take time to find, have none."""
+        lines = isinstance(self._asked.springs, LineSprings)
+        return [] if lines else deflection_notes(self.elastic, self.q)
 
     @property
     def _forces(self) -> list[Note]:
