@@ -228,26 +228,26 @@ def compensate(
     commands, unloaded, weight, before, after, deviation = [], [], [], [], [], []
     stable: list[bool | None] = []
     notes = list(elastic.notes)
-    for index, (q, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
-        rest = _balancing_rest(elastic, q, acting, index)
-        idle, taught = _idle_rest(elastic, q), _balancing_rest(elastic, q, (), index)
+    for index, (here, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
+        rest = _balancing_rest(elastic, here, acting, index)
+        idle, taught = _idle_rest(elastic, here), _balancing_rest(elastic, here, (), index)
         weight.append(taught - idle)
         unloaded.append(taught if against == "load" else idle)
         naive = _commanded(elastic, unloaded[-1])
         commands.append(rest)
-        error, given_way = _error(naive, acting, q, target, "before", index, notes)
+        error, given_way = _error(naive, acting, here, target, "before", index, notes)
         before.append(error)
         # The check starts beside the answer, on the side to which the mechanism gave way.
-        start = q if given_way is None else q + _ASIDE * (given_way.q - q)
+        start = here if given_way is None else here + _ASIDE * (given_way.q - here)
         error, held = _error(
             _commanded(elastic, rest), acting, start, target, "after", index, notes
         )
         after.append(error)
         spread = None if held is None else held.displacement_deviation
         deviation.append(np.full(6, np.nan) if spread is None else spread)
-        stable.append(_verdict(elastic, rest, acting, q, index, notes))
+        stable.append(_verdict(elastic, rest, acting, here, index, notes))
         _note_limits(elastic, rest, index, notes)
-        notes += limit_notes(elastic.mechanism, elastic.mechanism.at(q), f"point {index + 1}: ")
+        notes += limit_notes(elastic.mechanism, elastic.mechanism.at(here), f"point {index + 1}: ")
     mass = gravity_loads(elastic, loads[0])
     notes += mass.notes
     return CompensatedPath(
