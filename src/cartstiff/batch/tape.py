@@ -109,8 +109,8 @@ class Tape:
 
     def combine(self, name: str, left: Number | float, right: Number | float) -> Number:
         """`record` for the two sides of + - * and /, which are most of a tape."""
-        a = left.step if type(left) is Number else self._constant(left)  # type: ignore[arg-type]
-        b = right.step if type(right) is Number else self._constant(right)  # type: ignore[arg-type]
+        a = left.step if type(left) is Number else self._constant(left)
+        b = right.step if type(right) is Number else self._constant(right)
         return self._step(name, (b, a) if a > b and name in _COMMUTATIVE else (a, b))
 
     def _constant(self, value: float) -> int:

@@ -190,7 +190,8 @@ class Response:
             if self.measured:
                 if len(self.measured) > 2:
                     raise InputError("is for feed and normal", where="--measured", got="more files")
-                held = MeasuredReceptance.read(*self.measured, units=units)
+                normal = self.measured[1] if len(self.measured) > 1 else None
+                held = MeasuredReceptance.read(self.measured[0], normal, units=units)
                 curve = lobes(held, vibration.cutter, speeds)
             elif not damping.acts_on(modes.elastic):
                 raise InputError(

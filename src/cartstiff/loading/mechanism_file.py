@@ -203,7 +203,7 @@ def _in_units(data: Any, at: Place, file: Mapping[str, Any], place: Callable[[Pl
         return given.in_units(SI, True, place(at)) if "lines" in at else given
     units = file.get("units")
     is_known = isinstance(units, dict) and units.keys() <= {"length", "force"}
-    return given.in_units(Units(**units) if is_known else SI, True, place(at))
+    return given.in_units(Units(**(units or {})) if is_known else SI, True, place(at))
 
 
 def checked_file(

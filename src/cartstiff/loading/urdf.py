@@ -541,7 +541,8 @@ def _closed_by(robot: _Robot, joint: ET.Element) -> FileClosure | None:
         )
         T = se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
         T_a, T_b = (T @ se3.pose(R) for R in turns)
-        return FileClosure(joined, *links, T_a_b @ T_a, T_b, robot.between(links))
+        first, second = links
+        return FileClosure(joined, first, second, T_a_b @ T_a, T_b, robot.between(links))
     _leave_out_closure(robot, f"<joint type={kind!r}> in <gazebo>", kind or "", links, points)
     return None
 

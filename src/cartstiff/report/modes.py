@@ -329,7 +329,8 @@ def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units
         + f", and {percent(answer.coupling)} couples them",
     ]
     K = answer.joint_stiffness
-    left = float(np.linalg.norm(K - np.diag(np.diag(K))) / max(np.linalg.norm(K), numerics.TINY))
+    aside = np.linalg.norm(K - np.diag(np.diag(K)))
+    left = float(aside) / max(float(np.linalg.norm(K)), numerics.TINY)
     lines.append(
         f"  joints: J^T K J and J^T D J, {len(K)}x{len(K)}, in --json and -o; gains of single "
         f"joints, the diagonal, leave out {percent(left)}"
