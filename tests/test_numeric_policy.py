@@ -14,7 +14,6 @@ PACKAGE = Path(cartstiff.__file__).parent
 SMALL, LARGE = 1e-3, 1e5
 ALLOWED = {
     "cli/view.py": "bytes to megabytes",
-    "loading/tables.py": "units",
     "loading/build.py": "joints without limits",
     "loading/mesh_worker.py": "metres of which no robot has so many",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
@@ -25,6 +24,7 @@ ALLOWED = {
     "mechanisms/contract.py": "units",
     "mechanisms/tree.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
+    "identify/table.py": "metres that no robot moves under a newton",
     "identify/identification.py": "how rarely chance may speak for other axes",
     "choices.py": "the largest number that is taken",
     "report/exchange.py": "limits that stand for none",

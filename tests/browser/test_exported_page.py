@@ -26,7 +26,7 @@ def result(page: Any) -> dict[str, Any]:
 def curves_drawn(page: Any) -> None:
     """Wait for the three curves of the sweep, which follow a change by a third of a second."""
     page.wait_for_function(
-        "() => document.querySelectorAll('#strip .plot .curve:not(.other)').length === 3"
+        "() => document.querySelectorAll('#strip .plot .curve:not(.other):not(.key)').length === 3"
     )
 
 

@@ -634,7 +634,8 @@ def test_as_dict(build):
     assert data["energy"] == result.energy
     has_chart = result.matrices["F"] is not None
     assert (data["stiffness"]["F"] is not None) == has_chart
-    assert (data["notes"] == []) == has_chart
+    notes = [n for n in data["notes"] if n["code"] != "implausible-deflection"]
+    assert (notes == []) == has_chart
 
 
 def test_as_dict_without_an_energy():

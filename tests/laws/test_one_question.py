@@ -175,9 +175,9 @@ def _said_to_move(page: Path) -> float:
     """In metres: the first number of a report's answer."""
     text = re.sub(r"<(style|svg|iframe|script).*?</\1>", " ", page.read_text("utf-8"), flags=re.S)
     said = html.unescape(re.sub(r"<[^>]+>", " ", text))
-    moved = re.search(r"moves ([\d.e-]+) (um|mm|m)\b", said)
+    moved = re.search(r"moves ([\d.e-]+) (µm|mm|m)\b", said)
     assert moved, said[:500]
-    return float(moved[1]) * {"um": 1e-6, "mm": 1e-3, "m": 1.0}[moved[2]]
+    return float(moved[1]) * {"µm": 1e-6, "mm": 1e-3, "m": 1.0}[moved[2]]
 
 
 def _weight(one: Arm, q: np.ndarray) -> np.ndarray:

@@ -125,7 +125,8 @@ def test_repeated_closure_changes_nothing(tmp_path):
     again = write_urdf(tmp_path, *base, name="chain2")
     twice = _closed(tmp_path, again, [tie, tie], q, springs, passive=["c"])
     a, b = analyse(once), analyse(twice)
-    assert codes(b) == codes(a) == ["fewer-than-six-freedoms"]
+    # The springs of some N m/rad wind up by 0.2 rad.
+    assert codes(b) == codes(a) == ["fewer-than-six-freedoms", "implausible-deflection"]
     assert a.reduction.freedoms == b.reduction.freedoms == 1
     K_a, K_b = (
         r.reduction.reachable @ r.reduction.reachable_stiffness @ r.reduction.reachable.T

@@ -46,8 +46,6 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings, Polynomia
 _SIGNIFICANT = 0.01
 # Repeats further apart than this many standard deviations, or this share of all that was measured.
 _APART, _OPPOSITE = 100.0, 1.5
-# Share from which on two unknowns have a part in what the rows do not show.
-_TOGETHER = 1e-6
 # Other repeats that tell a standard deviation where none is given.
 _ENOUGH = 3
 
@@ -518,7 +516,7 @@ class Identification:
         """Groups of springs and offsets of which the rows show combinations only."""
         solution = self.chosen.solved
         lost = solution.directions[:, self._rank() : len(solution.singular_values)]
-        together = np.abs(lost @ lost.T) > _TOGETHER
+        together = np.abs(lost @ lost.T) > numerics.NEGLIGIBLE_SHARE
         names = (*self.unknowns.names, *self.columns)
         groups: dict[int, list[str]] = {}
         from scipy.sparse.csgraph import connected_components

@@ -1256,7 +1256,7 @@ def chain_of(
         Whether there is only the description: its loops are closed where they move the frame,
         joints that do not move it are left out, and its own actuators drive the chain.
     """
-    notes, facts = [*said], description.facts
+    notes, facts, given = [*said], description.facts, file.model_fields_set
     frame = chosen_frame(description, file.frame, notes)
     moved = joints_that_move(description, frame)
     lines = [*file.lines, *(line for line, joints in facts.lines if joints & moved)]
@@ -1306,7 +1306,7 @@ def chain_of(
             closing.add_entry(entry, i)
     tree = closing.tree
     _check_joints(beside, _names(tree), "key q")
-    notes += description_notes(description, tree, file.model_fields_set, closed)
+    notes += description_notes(description, tree, given, closed)
 
     def at_base(chain: Chain) -> None:
         chain.base_pose = fixed(base)

@@ -57,6 +57,9 @@ LARGEST_PAIRED_CONDITION: Final = 1e11
 WELL_CONDITIONED: Final = 4e3
 #: An asymmetry below this share of the block's size is taken for rounding.
 SYMMETRY: Final = 1e-9
+#: An unknown has no part in a direction that rows do not determine if its entry there is below
+#: this: measurements have fewer digits.
+NEGLIGIBLE_SHARE: Final = 1e-6
 
 #: Divisor that stands for 0 where what is divided vanishes too.
 TINY: Final = 1e-300

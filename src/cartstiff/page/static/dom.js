@@ -1,6 +1,6 @@
 // Small helpers: elements, numbers as text, downloads.
 
-import { BLANK } from "./numerics.js";
+import { BLANK, ROUNDING } from "./numerics.js";
 
 /** What the server says where it answers a later question of the same kind instead. */
 export const SUPERSEDED = "a newer question took the place of this one";
@@ -37,7 +37,7 @@ const MINUS = "\u2212";
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"]];
 const STIFF = [[1e9, "MN/mm"], [1e6, "kN/mm"], [1e3, "N/mm"], [1, "N/m"]];
 const MILLIMETRES = /\bmm\b/g;
-const UP = 1 + 1e-12;
+const UP = 1 + ROUNDING;
 
 /** The unit in which people read a size, and its value in the given one: [1000, "N/mm"]. */
 export function inSize(size, unit) {

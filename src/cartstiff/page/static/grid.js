@@ -1,6 +1,7 @@
 // The grid of a plot: values by decades or evenly, round places along it.
 
 import { short } from "./dom.js";
+import { CLOSE } from "./numerics.js";
 import { svg } from "./plotfiles.js";
 
 
@@ -27,8 +28,8 @@ export function ticks(first, last, most, isAngle = false) {
   const power = 10 ** Math.floor(Math.log10(span / most));
   const steps = isAngle && span > 10 ? [1, 2, 5, 10, 15, 30, 45, 60, 90, 180] : [1, 2, 5, 10].map((x) => x * power);
   const step = steps.find((x) => span / x <= most) ?? steps.at(-1);
-  const start = Math.ceil(first / step - 1e-9);
-  return Array.from({ length: Math.max(0, Math.floor(last / step + 1e-9) - start + 1) }, (_, k) => (start + k) * step);
+  const start = Math.ceil(first / step - CLOSE);
+  return Array.from({ length: Math.max(0, Math.floor(last / step + CLOSE) - start + 1) }, (_, k) => (start + k) * step);
 }
 
 /** Values at which a logarithmic axis has lines. */
