@@ -16,7 +16,7 @@ const VIEWS = [
   ["difference", "− …", "Difference from another connection, or from a state that was kept"],
 ];
 
-const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
+export const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
 
 const six = (make) => Array.from({ length: 6 }, (_, i) => make(i));
 

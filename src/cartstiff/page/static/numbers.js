@@ -1,6 +1,7 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
 import { byId, chop, choice, clamp, el, engineering, inSize, sure, short } from "./dom.js";
+import { sup } from "./matrix.js";
 import { BLANK, NEAR, RANK } from "./numerics.js";
 
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
@@ -51,8 +52,9 @@ export function numbersPanel(store) {
     body.append(el("tr", { "data-row-of": kind }, name, ...cells), compare);
   }
   const [low, high] = [0, 1].map(() => el("th", { scope: "col" }));
+  const whose = el("td", { class: "dim" });
   const principal = el("table", { class: "principal" },
-    el("thead", {}, el("tr", {}, el("td"), low, el("td"), high)), body);
+    el("thead", {}, el("tr", {}, whose, low, el("td"), high)), body);
   const [others, chooseOthers] = choice("The other freedoms",
     [["free", "free", "Principal values of translation while the body may turn, of rotation while it may move: nothing loads the other freedoms"],
       ["held", "held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: the diagonal blocks of the stiffness matrix"]],
@@ -79,6 +81,7 @@ export function numbersPanel(store) {
     if (!numbers) return;
     const stiff = shown.quantity === "stiffness";
     head.textContent = stiff ? "Principal stiffness" : "Principal compliance";
+    whose.textContent = `of ${stiff ? "K" : "C"}${sup(shown.connection)}`;
     low.textContent = stiff ? "softest" : "stiffest";
     high.textContent = stiff ? "stiffest" : "softest";
     const units = store.blockUnits();
