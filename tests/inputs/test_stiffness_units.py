@@ -1,6 +1,7 @@
 """Stiffnesses with their units, wherever one is given: files, options, Python, heads of tables."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -114,4 +115,21 @@ def test_what_is_no_stiffness_of_the_joint(text, words, tmp_path):
     assert words in run("analyse ur5", [f"--stiffness={text}"], code=2)
     path.write_text(HEXAPOD % "stiffness: 392 N m/arcmin")
     with pytest.raises(InputError, match=r"line 4, key legs\.stiffness: unit is of .* turns"):
+        cartstiff.load(path)
+
+
+@pytest.mark.parametrize(
+    ("units", "key"),
+    [
+        ("{length: furlong}", "units.length"),
+        ("{length: [m]}", "units.length"),
+        ("mm", "units"),
+        ("{mass: g}", "units.mass"),
+    ],
+)
+def test_units_that_cannot_be_used_are_refused_at_their_line(units, key, tmp_path):
+    (path := tmp_path / "hexapod.yaml").write_text(
+        re.sub("units: .*", f"units: {units}", HEXAPOD % "stiffness: 20 N/um")
+    )
+    with pytest.raises(InputError, match=rf"hexapod.yaml, line \d+, key {key}: "):
         cartstiff.load(path)

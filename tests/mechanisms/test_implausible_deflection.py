@@ -55,6 +55,12 @@ def test_plain_answers_are_not_doubted():
     for wrench in (None, [0, 0, 0, 0, 0, -100.0]):
         assert doubt(cartstiff.analyse(arm, wrench=wrench)) is None
     assert doubt(cartstiff.equilibrium(arm, DeadForce([0, 0, -100]))) is None
+    # A rigid joint and a free one have no spring that winds up, wherever they are.
+    held = arm.with_springs({"elbow_joint": np.inf, "wrist_3_joint": 0.0}, rest=0.0)
+    assert not np.isnan(held.springs.rest).any()
+    note = doubt(cartstiff.analyse(held, POSTURE))
+    assert note is not None
+    assert set(note.values["wind_up"]) == set(arm.names) - {"elbow_joint", "wrist_3_joint"}
 
 
 def test_a_mega_newton_on_a_ur5():

@@ -21,7 +21,7 @@ from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.schema import FileModel, with_findings
 from cartstiff.loading.yaml_file import Lines
-from cartstiff.mechanisms.contract import SI, GivenStiffness, Units
+from cartstiff.mechanisms.contract import SI, GivenStiffness, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 
@@ -201,9 +201,12 @@ def _in_units(data: Any, at: Place, file: Mapping[str, Any], place: Callable[[Pl
         return given.in_units(SI, False, place(at))
     if file.get("kind") not in ("stewart-gough", "springs"):  # in SI; the joint says of what kind
         return given.in_units(SI, True, place(at)) if "lines" in at else given
-    units = file.get("units")
-    is_known = isinstance(units, dict) and units.keys() <= {"length", "force"}
-    return given.in_units(Units(**(units or {})) if is_known else SI, True, place(at))
+    try:
+        units = Units(**file.get("units", {}))
+        convert_length(SI, units)
+    except (InputError, TypeError):
+        units = SI  # the file is refused for its units
+    return given.in_units(units, True, place(at))
 
 
 def checked_file(

@@ -282,13 +282,14 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     springs, chain, units = elastic.springs, elastic.mechanism, elastic.units
     if not isinstance(springs, JointSprings) or not isinstance(chain, Chain):
         return []
-    x = np.where(np.isnan(springs.rest), 0.0, q - springs.rest)
+    # Rigid joints and free ones carry no torque of a spring, wherever they are.
+    torque = springs.torque(q)
+    x = np.where(np.isnan(springs.rest) | (torque == 0.0), 0.0, q - springs.rest)
     x[list(chain.undriven)] = 0.0
     if not chain.has_lengths and np.abs(x).sum() <= _WOUND:
         return []  # nor does the tip move far
     wound = np.flatnonzero((np.abs(x) > _WOUND) & ~chain.is_length)
     wound = wound[np.argsort(-np.abs(x[wound]))]
-    torque = springs.torque(q)
     parts = [
         f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
         f"{abs(torque[j]):.3g} {units.moment}, at {abs(torque[j] / x[j]):.3g} {units.moment}/rad"
