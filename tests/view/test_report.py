@@ -299,7 +299,7 @@ def test_every_number_is_that_of_the_commands(name, more, size):
         if indefinite:
             assert "is stable" not in said
             assert "Softest" not in said
-    if soft := re.search(r"Softest direction: \(.*?\) in F, (.*?) with the", said):
+    if soft := re.search(r"Softest(?: direction: \(.*?\) in F,|:) (.*?) (?:with the|along)", said):
         C = (result.tangent_compliance if result.is_loaded else result.compliances["B"])[3:, 3:]
         expected = 1e3 * elastic.units.newtons / mm / np.linalg.eigvalsh((C + C.T) / 2)[-1]
         assert read(soft.group(1)) == pytest.approx(expected, rel=1e-3)
@@ -319,6 +319,23 @@ def test_every_number_is_that_of_the_commands(name, more, size):
     parts = [int(row[3].split()[0]) for row in rows[1:] if row[3]]
     if parts and alone.posture.closure is None and not alone.posture.coordinates_are_pose:
         assert sum(parts) == pytest.approx(100, abs=len(parts))
+
+
+def test_no_direction_is_named_where_two_are_alike():
+    """A delta of three equal legs: x and y are alike, straight down it only moves."""
+    delta = cartstiff.load("delta")
+    W = np.array([0, 0, 0, 0, 0, -50.0])
+    result = cartstiff.analyse(delta, wrench=W)
+    C = result.tangent_compliance[3:, 3:]
+    least, middle, most = np.linalg.eigvalsh((C + C.T) / 2)
+    assert most - middle < 1e-9 * most < 1e-3 * (most - least)
+    said = words(report_page(delta, wrench=W, load_axes="world"))
+    soft = re.search(r"Softest: (.*?) along more than one direction alike", said)
+    assert read(soft.group(1)) == pytest.approx(1.0 / most, rel=1e-3)
+    assert "turns 0 rad" in said
+    line = "analyse delta --load 0,0,0,0,0,-50 --world".split()
+    told = CliRunner().invoke(cartstiff_command, line).output
+    assert "softest: a force along two axes alike" in told
 
 
 def test_a_platform_gets_advice_that_it_can_follow():

@@ -114,7 +114,7 @@ def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
     """`ellipsoid` from eigenvalues (3,), smallest first, and their vectors in columns (3, 3)."""
     # In plain numbers, and in one array: those of three take longer.
     first, second, _ = vectors.T.tolist()
-    (a, b, c), (d, e, f) = _upright(first), _upright(second)
+    (a, b, c), (d, e, f) = upright(first), upright(second)
     sizes = values.tolist()
     rows = read_only(
         [a, d, b * f - c * e, b, e, c * d - a * f, c, f, a * e - b * d, *sizes, *map(abs, sizes)]
@@ -122,9 +122,32 @@ def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
     return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], rows[9:12], sign)
 
 
-def _upright(vector: list[float]) -> list[float]:
+def upright(vector: list[float]) -> list[float]:
     """The vector or its opposite, the largest component positive."""
     return [-x for x in vector] if max(vector, key=abs) < 0.0 else vector
+
+
+def softest(compliances: ArrayLike, axes: ArrayLike) -> tuple[float, list[float] | None] | None:
+    """Least stiffness, and its direction in the frame of the axes if it is one.
+
+    Parameters
+    ----------
+    compliances : array_like (3,)
+        Principal compliances of a block with the other freedoms free, smallest first.
+    axes : array_like (3, 3)
+        Principal axes as columns.
+
+    Returns
+    -------
+    (float, list of float or None) or None
+        None where a load is not resisted along every direction, or moves nothing; no direction
+        where two or three of the largest are alike.
+    """
+    least, middle, most = np.asarray(compliances, float).tolist()
+    if not (least >= 0.0 and most > 0.0):
+        return None
+    is_one = most - middle > numerics.CLOSE * most
+    return 1.0 / most, upright(np.asarray(axes, float)[:, 2].tolist()) if is_one else None
 
 
 def _choice(freedom: str, others: str) -> tuple[slice, bool]:

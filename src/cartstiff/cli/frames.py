@@ -152,13 +152,8 @@ def poses_command(
     if q.shape[1] != len(elastic.names):
         q = elastic.mechanism.undeflected(q)
     text = robot_table(elastic, q, controller)
-    known = (
-        "taught_",
-        "command_",
-        "before_",
-        "after_",
-        *elastic.names,
-    )  # written beside commands, and said below
+    # Columns that are written beside the commands; the last line says which are used.
+    known = ("taught_", "command_", "before_", "after_", *elastic.names)
     say_unused(table, [name for name in unused if not (commanded and name.startswith(known))])
     where = f"{body_frame(elastic.mechanism)}, in the robot's base"
     if output is None:

@@ -26,7 +26,7 @@ from cartstiff.potentials.springs import JointSprings
 
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.
 _SLACK = numerics.LIMIT_SLACK
-# What springs of joints give no further under their loads: rad, and a share of the reach.
+# Deflections that are doubted: of a joint's spring in rad, of the tip as a share of the reach.
 _WOUND, _MOVED = float(np.radians(5.0)), 0.1
 # Angles beyond their limits by this much, or beyond twice this where there is no limit, look like
 # degrees; those of a pose beyond this.

@@ -28,7 +28,7 @@ from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
-from cartstiff.page.shown import distance_to_singularity, legs, verdict
+from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room, verdict
 from cartstiff.page.source import Source
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
@@ -260,6 +260,8 @@ def _answer(
             shift = moved
             far, angle = (float(np.linalg.norm(way)) for way in (moved, turned))
             least = numerics.REPORTED_ERROR * np.abs(moved).max()
+            # A turn that is rounding beside the way is none.
+            angle = angle if angle * state.posture.length > numerics.CLOSE * far else 0.0
             size, unit = sized(far, elastic.units.length)
             along = ", ".join(f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved)
             lines.append(
@@ -278,7 +280,7 @@ def _answer(
     state_of = verdict(result, "load", K, analysis["definiteness"])
     if state_of["level"] != "good":
         lines.append(f"{state_of['title']}.")
-    lines += _softest(result, analysis)
+    lines += _softest(result)
     return [*lines, *_better(elastic, start, load, swept)], list(notes), shift
 
 
@@ -345,17 +347,14 @@ def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[
     return [f"{100 * summed[name]:.0f} % of {of} comes from {name}."]
 
 
-def _softest(result: PostureStiffness, analysis: dict[str, Any]) -> list[str]:
+def _softest(result: PostureStiffness) -> list[str]:
     """Direction of the least stiffness against a force; nothing where a force is not resisted."""
-    free = analysis["ellipsoids"]["compliance"]["translation"]["free"]
-    if free is None or free["definiteness"] not in ("positive", "positive semidefinite"):
+    if (found := softest_in_room(result.at())) is None:
         return []
-    direction = result.pose[:3, :3] @ np.array(free["axes"], float)[:, 2]
-    direction *= np.sign(direction[np.argmax(np.abs(direction))])
-    along = ", ".join(f"{x:.2f}" for x in direction + 0.0)
-    if not (softest := free["eigenvalues"][2]) > 0.0:
-        return []
-    soft = engineering(1.0 / softest, result.units.stiffness["translation"])
+    soft = engineering(found["stiffness"], result.units.stiffness["translation"])
+    if found["direction"] is None:
+        return [f"Softest: {soft} along more than one direction alike, the body free to turn."]
+    along = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in found["direction"])
     return [f"Softest direction: ({along}) in F, {soft} with the body free to turn."]
 
 

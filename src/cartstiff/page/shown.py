@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom
+from cartstiff.analysis.ellipsoids import Freedom, softest
 from cartstiff.analysis.indices import condition, spectrum
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
 from cartstiff.analysis.sections import Notes
@@ -311,7 +311,7 @@ def shown_numbers(
         "compliance": None,
         "wrench": _listed(here.wrench),
         "principal": principal,
-        "softest": _softest(here),
+        "softest": softest_in_room(here),
         "indices": numbers,
         "symmetric": _asymmetries(shown),
         "singularity": distance_to_singularity(result),
@@ -420,7 +420,7 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
     return shown
 
 
-def _softest(here: StiffnessInFrame) -> dict[str, Any] | None:
+def softest_in_room(here: StiffnessInFrame) -> dict[str, Any] | None:
     """Least stiffness against a force, the body free to turn, and its direction in F, if it is one.
 
     None where a force is not resisted along every direction.
@@ -429,13 +429,8 @@ def _softest(here: StiffnessInFrame) -> dict[str, Any] | None:
         free = block_ellipsoid(here, "load", "compliance", "translation", "free")
     except UndefinedError:
         return None
-    if free is None or not free.eigenvalues[0] >= 0.0 or not free.eigenvalues[2] > 0.0:
-        return None
-    direction = here.pose[:3, :3] @ free.axes[:, 2]
-    direction *= np.sign(direction[np.argmax(np.abs(direction))])
-    _, middle, most = free.eigenvalues.tolist()
-    is_one = most - middle > numerics.CLOSE * most
-    return {"stiffness": 1.0 / most, "direction": direction.tolist() if is_one else None}
+    found = None if free is None else softest(free.eigenvalues, here.pose[:3, :3] @ free.axes)
+    return None if found is None else {"stiffness": found[0], "direction": found[1]}
 
 
 def _indices(pair: MatrixPair) -> dict[str, Any] | None:

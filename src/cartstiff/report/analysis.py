@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import softest
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
 from cartstiff.choices import LEVELS
@@ -317,23 +318,17 @@ def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
         ("rotation", "moment about", "turns the body most"),
     ):
         e = ellipsoids["compliance"][freedom]["free"]
-        if e is None or e["definiteness"] not in ("positive", "positive semidefinite"):
+        if e is None or (found := softest(e["eigenvalues"], e["axes"])) is None:
             continue
-        largest = e["eigenvalues"][2]
-        if not largest > 0:
+        stiff = engineering(found[0], u.stiffness[freedom])
+        if found[1] is None:
+            least, middle = e["eigenvalues"][:2]
+            alike = "two axes" if middle - least > numerics.CLOSE * middle else "any axis"
+            lines.append(f"  softest: a {load} {alike} alike, {stiff}")
             continue
-        stiff = engineering(1.0 / largest, u.stiffness[freedom])
-        if largest - e["eigenvalues"][0] <= numerics.CLOSE * largest:
-            lines.append(f"  softest: a {load} any axis alike, {stiff}")
-            continue
-        axis = vector(_upright([r[2] for r in e["axes"]]), size=COSINES)
+        axis = vector(found[1], size=COSINES)
         lines.append(f"  softest: a {load} {axis} {moves}, {stiff}")
     return lines
-
-
-def _upright(axis: list[float]) -> list[float]:
-    """The axis with its largest component positive."""
-    return axis if max(axis, key=abs) > 0 else [-x for x in axis]
 
 
 def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str]:

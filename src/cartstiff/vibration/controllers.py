@@ -279,8 +279,12 @@ def impedance(
         felt = np.where(squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan)
     size = float(np.abs(projected).max(initial=0.0))
     J = modes.posture.motion.jacobian
-    idle = np.linalg.svd(J)[2][6:] if modes.posture.closure is None else np.zeros((0, J.shape[1]))
-    felt_by = np.einsum("ki,ij,kj->k", idle, modes.full_mass, idle) if len(idle) else np.zeros(0)
+    # J has rank 6 here, or there were no masses at the tip.
+    is_open = modes.posture.closure is None
+    null = np.linalg.svd(J)[2][6:] if is_open else np.zeros((0, J.shape[1]))
+    null_masses = (
+        np.einsum("ki,ij,kj->k", null, modes.full_mass, null) if len(null) else np.zeros(0)
+    )
     return Impedance(
         fixed(K),
         fixed(D),
@@ -291,8 +295,8 @@ def impedance(
         fixed(np.sqrt(squares) / (2 * np.pi)),
         fixed(J.T @ K @ J),
         fixed(J.T @ D @ J),
-        fixed(idle),
-        fixed(felt_by),
+        fixed(null),
+        fixed(null_masses),
         modes,
         dropped,
     )

@@ -1,6 +1,6 @@
 // The first question: how far does the load move the point, and what gives way.
 
-import { byId, chop, el, engineering, inSize, short } from "./dom.js";
+import { byId, el, engineering, inSize, short } from "./dom.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
 import { sway } from "./sway.js";
 
@@ -16,10 +16,11 @@ function assumptions(store, moved) {
   return `${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
 }
 
-/** Components in one unit. */
+/** Components in one unit; what is rounding beside the largest is 0. */
 function together(values, unit) {
-  const [factor, name] = inSize(Math.max(...values.map(Math.abs)), unit);
-  return `(${chop(values).map((x) => short(x / factor)).join(", ")}) ${name}`;
+  const most = Math.max(...values.map(Math.abs));
+  const [factor, name] = inSize(most, unit);
+  return `(${values.map((x) => short(Math.abs(x) > CLOSE * most ? x / factor : 0)).join(", ")}) ${name}`;
 }
 
 export function deflectionPanel(store) {

@@ -365,7 +365,7 @@ export function principalValues(here, { quantity, connection, others }) {
   return found;
 }
 
-/** As `cartstiff.page.shown._softest`. */
+/** As `cartstiff.page.shown.softest_in_room`. */
 function softest({ compliance, pose }) {
   const { values, vectors } = eigen(block(compliance.load, 3));
   if (!(values[0] >= 0 && values[2] > 0)) return null;
