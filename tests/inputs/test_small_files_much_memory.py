@@ -166,8 +166,8 @@ def test_the_limits_are_those_of_the_reference():
         "150 000": effort._MOST,
         "at least 300 |": effort._FEWEST,
         "2 000 000": mesh_worker.MOST_CORNERS / 3,
-        "10 000 000": sampling._MOST_VALUES,
-        "1 000 000": store._MOST_PARTS,
+        "10 000 000": sampling._MAX_AXIS_VALUES,
+        "1 000 000": store._MAX_PARTS,
         "| 10 000 |": path._MOST_PLACES,
         "64 KiB": messages.LARGEST_MESSAGE / 1024,
     }

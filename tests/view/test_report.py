@@ -333,7 +333,7 @@ def test_no_direction_is_named_where_two_are_alike():
     soft = re.search(r"Softest: (.*?) along more than one direction alike", said)
     assert read(soft.group(1)) == pytest.approx(1.0 / most, rel=1e-3)
     assert "turns 0 rad" in said
-    line = "analyse delta --load 0,0,0,0,0,-50 --world".split()
+    line = ["analyse", "delta", "--load", "0,0,0,0,0,-50", "--world"]
     told = CliRunner().invoke(cartstiff_command, line).output
     assert "softest: a force along two axes alike" in told
 

@@ -1,13 +1,12 @@
-"""Of the branches of a Cartesian map, those that go over into each other without a flip.
+"""Comparison of two maps, and the best single branch of a Cartesian map.
 
-Branches of neighbouring places belong together if they are nearest to each other and no joint
-steps further than `STEP`. What hangs together so is a *configuration*: an arm reaches all its
-places without leaving them in between.
+Two maps with the same axes (two arms, two mountings, two sets of springs) are compared place by
+place as a ratio or a difference, each map with its own best branch. The comparison lists what else
+differs between the maps.
 
-Two maps of the same places: their ratio or their difference, place by place.
-
-Two arms, two mountings, two sets of springs: whatever the maps are of, they are compared where both
-looked, each with its own best branch. What else differs between them is said.
+The branches of a Cartesian map form *configurations*: branches of neighbouring places belong to
+one configuration if they are nearest to each other and no joint steps further than `STEP`. An arm
+moves through all places of a configuration without a flip.
 """
 
 from __future__ import annotations
@@ -29,9 +28,10 @@ if TYPE_CHECKING:
 #: The first over the second, or the first less the second.
 How = Literal["ratio", "difference"]
 
-# Values of axes that two commands have computed from the same ends.
-_SAME_PLACE = numerics.CLOSE
-_ASKED = {
+# Relative difference of the values of two axes that are the same up to rounding.
+_AXIS_TOLERANCE = numerics.CLOSE
+# Settings of a map, by what its quantity needs: key in the description, and words.
+_SETTINGS_BY_NEED = {
     "length": (("length", "characteristic length"),),
     "direction": (("direction", "direction"), ("world", "in the room")),
     "deflect": (
@@ -42,7 +42,7 @@ _ASKED = {
     "damping": (("damping", "damping"),),
     "milling": (("milling", "cut"),),
 }
-_TOLD = (
+_COMPARED_ATTRIBUTES = (
     "mechanism",
     "frame",
     "frame_offset",
@@ -58,22 +58,23 @@ _TOLD = (
 def compare_maps(
     first: xarray.Dataset, second: xarray.Dataset, quantity: str, how: How = "ratio"
 ) -> xarray.Dataset:
-    """A map of one quantity of two maps: the first over (or less) the second.
+    """Divide a quantity of the first map by that of the second, or subtract the second.
 
     Parameters
     ----------
     first, second : xarray.Dataset
         From `open_map`, over the same axes; with branches each place's best one is taken.
     quantity : str
-        What is compared; both maps hold it, in the same unit.
+        Compared quantity; both maps hold it, in the same unit.
     how : {"ratio", "difference"}
-        What is told: a ratio is a pure number, and does not exist where the second is zero.
+        A ratio is a pure number, and does not exist where the second map is zero.
 
     Returns
     -------
     xarray.Dataset
-        The quantity over the axes, NaN where one of the maps has no number; ``state`` says why, of
-        the first map if it has none. The attribute "differs" lists what else differs.
+        The quantity over the axes, NaN where one of the maps has no number; ``state`` gives the
+        reason, that of the first map if it has no number. The attribute "differs" lists what else
+        differs.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def compare_maps(
     state = a["state"].where(~np.isfinite(u), b["state"].variable).assign_attrs(a["state"].attrs)
     values = values.where(np.isfinite(values)).assign_attrs(about)
     difference = xarray.Dataset({quantity: values, "state": state}).load()
-    ours, theirs = _said(first, quantity), _said(second, quantity)
+    ours, theirs = _conditions(first, quantity), _conditions(second, quantity)
     difference.attrs = {
         **first.attrs,
         "mechanism": f"{names[0]} and {names[1]}",
@@ -115,18 +116,18 @@ def compare_maps(
     return difference
 
 
-def _said(data: xarray.Dataset, quantity: str) -> dict[str, str]:
-    """What a map says that its numbers rest on, and what the quantity asks for."""
+def _conditions(data: xarray.Dataset, quantity: str) -> dict[str, str]:
+    """Conditions under which a map was computed, and the settings that the quantity needs."""
     known = QUANTITIES.get(quantity)
-    asked = _ASKED[known.asks] if known is not None and known.asks is not None else ()
+    asked = _SETTINGS_BY_NEED[known.asks] if known is not None and known.asks is not None else ()
     settings = json.loads(data.attrs.get("description", "{}"))
-    return {key: str(data.attrs.get(key)) for key in _TOLD} | {
+    return {key: str(data.attrs.get(key)) for key in _COMPARED_ATTRIBUTES} | {
         words: str(settings.get(key)) for key, words in (*asked, ("told", "command of drives"))
     }
 
 
 def compared(result: xarray.Dataset, quantity: str) -> dict[str, Any]:
-    """What a comparison says in a few numbers.
+    """Summarise a comparison of maps in a few numbers.
 
     Returns
     -------
@@ -179,7 +180,7 @@ def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
         a, b = (np.asarray(array[dim].values, float) for array in (x, y))
         units = [str(array[dim].attrs.get("units", "")) for array in (x, y)]
         size = max(float(np.abs(a).max(initial=0.0)), numerics.TINY)
-        if units[0] != units[1] or len(a) != len(b) or np.abs(a - b).max() > _SAME_PLACE * size:
+        if units[0] != units[1] or len(a) != len(b) or np.abs(a - b).max() > _AXIS_TOLERANCE * size:
             both = zip((a, b), units, strict=True)
             axes = [f"{v[0]:g} to {v[-1]:g} {u} in {len(v)}" for v, u in both]
             raise InputError(f"axis {dim} differs between the maps", expected=axes[0], got=axes[1])
@@ -188,7 +189,7 @@ def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
 #: Largest step of a joint between neighbouring places (rad, or length units).
 STEP = 0.7
 #: Number of the state of places that the configuration does not reach and others do.
-_OTHER = 254
+_OTHER_BRANCH = 254
 
 
 def single_branch(
@@ -201,10 +202,10 @@ def single_branch(
     dataset : xarray.Dataset
         A Cartesian map from `open_map`; one without branches comes back as it is.
     quantity : str
-        At a place that a configuration reaches twice its better branch stands.
+        Where a configuration reaches a place twice, the branch with the better value is taken.
     limit : float, optional
-        The configuration that keeps the quantity on one side of it at the most places is the best;
-        without a limit the one that reaches the most places.
+        The best configuration keeps the quantity on one side of the limit at the most places;
+        without a limit it is the one that reaches the most places.
     below : bool
         Whether below the limit counts.
 
@@ -228,7 +229,7 @@ def single_branch(
     values = np.asarray(array.transpose(*places, "branch").values, float)
     q = np.asarray(dataset["q"].transpose(*places, "branch", "joint").values, float)
     labels = _labels(values, q)
-    chosen = _best(labels, values, limit, below)
+    chosen = _largest_configuration(labels, values, limit, below)
     sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
     mine = labels == chosen
     pick = np.where(mine, sign * values, np.inf).argmin(axis=-1)
@@ -237,15 +238,15 @@ def single_branch(
     for name in quantities_of(dataset):
         picked[name] = picked[name].where(xarray.DataArray(there, dims=places))
     about = dict(dataset["state"].attrs)
-    about["flag_values"] = [*about["flag_values"], _OTHER]
+    about["flag_values"] = [*about["flag_values"], _OTHER_BRANCH]
     about["flag_meanings"] = f"{about['flag_meanings']} other-branch"
     state = picked["state"].transpose(*places).values
-    picked["state"] = places, np.where(anywhere & ~there, _OTHER, state), about
+    picked["state"] = places, np.where(anywhere & ~there, _OTHER_BRANCH, state), about
     return picked
 
 
 def _labels(values: Array, q: Array) -> Array:
-    """Number of the configuration of every branch, -1 where there is none."""
+    """Return the number of the configuration of every branch, -1 where there is none."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -276,8 +277,8 @@ def _labels(values: Array, q: Array) -> Array:
     return labels
 
 
-def _best(labels: Array, values: Array, limit: float | None, below: bool) -> int:
-    """The configuration with the most places (within the limit, then at all)."""
+def _largest_configuration(labels: Array, values: Array, limit: float | None, below: bool) -> int:
+    """Return the configuration with the most places: within the limit, then of all."""
     within = np.isfinite(values)
     if limit is not None:
         within &= values <= limit if below else values >= limit

@@ -1,4 +1,4 @@
-"""Poses of the body in place of coordinates: grids of positions, and samplings of whole poses."""
+"""Samplings of poses of the body: grids of positions, and samplings of whole poses."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, gri
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
-#: Which posture of a self-motion is taken: the one nearest to the base posture, or the one at which
-#: the map's first quantity is best.
+#: Choice of the posture on a self-motion: nearest to the base posture, or best in the map's first
+#: quantity.
 Redundancy = Literal["nearest", "best"]
 
-_NAMES = ("x", "y", "z")
-#: Places that are solved for at once.
+_AXIS_NAMES = ("x", "y", "z")
+#: Number of places whose inverse kinematics is solved at once.
 PLACES_AT_ONCE = 200
-# Searches from a start from which on machine code is made for them.
-_MUCH = 20_000
-# Combinations of legs' solutions among which the nearest, or best, are chosen.
-_LISTED = 64
-# Machine code of a search works in memory of its own: one search at a time.
-_SEARCH = Lock()
+# Number of searches from which on their machine code is compiled.
+_COMPILED_FROM = 20_000
+# Largest number of combinations of the legs' solutions among which the branches are chosen.
+_MAX_CANDIDATES = 64
+# Machine code of a search uses one shared work space: one search at a time.
+_SEARCH_LOCK = Lock()
 
 
 class CartesianGrid(Sampling):
     """Positions of the body frame's origin in F, at one orientation, by inverse kinematics.
 
-    The last dimension counts the branches found at a place, the one nearest to the base posture
-    first. Places that no start reaches have no posture.
+    The last dimension numbers the branches found at a place, nearest to the base posture first.
+    Places that no start reaches have no posture.
 
     Parameters
     ----------
@@ -53,20 +53,20 @@ class CartesianGrid(Sampling):
     elastic : ElasticMechanism
         The mechanism.
     base : array_like (n,)
-        Posture that gives the rest of the pose, and the first start of the inverse kinematics.
+        Posture that supplies the rest of the pose, and the first start of the inverse kinematics.
     orientation : array_like (3, 3), optional
         Rotation of the body frame in F; default that of the base posture.
     branches : int
-        How many branches are kept.
+        Largest number of branches kept.
     starts, seed : int
-        Random starts besides the base posture, and their seed. Where a body is carried by legs,
-        each leg has so many.
+        Number of random starts besides the base posture, and their seed; for a body on legs the
+        number of starts of each leg.
     free : {"none", "x", "y", "z", "rotation"}
         A rotation about an axis of the body, or all of its rotation, may be left free.
     redundancy : {"nearest", "best"}
-        Where postures at a place form a family, the member that is taken: each start's solution
-        moves along the self-motion to the least distance from the base posture nearby, or to where
-        the map's first quantity is best.
+        Choice among the postures of a self-motion: each start's solution moves along it to the
+        local minimum of the distance from the base posture, or to the local optimum of the map's
+        first quantity.
     """
 
     stores_q = True
@@ -89,8 +89,8 @@ class CartesianGrid(Sampling):
         checked_elastic(elastic)
         checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
         for name in axes:
-            if name not in _NAMES:
-                raise UnknownNameError("axis", name, _NAMES)
+            if name not in _AXIS_NAMES:
+                raise UnknownNameError("axis", name, _AXIS_NAMES)
         if branches < 1 or starts < 0:
             raise InputError("branches or starts cannot be used", got=(branches, starts))
         for what, value, known in (
@@ -103,7 +103,7 @@ class CartesianGrid(Sampling):
         place = posture.pose[:3, 3]
         self.axes = {
             name: as_axis(name, axes.get(name, (place[i], place[i], 1)))
-            for i, name in enumerate(_NAMES)
+            for i, name in enumerate(_AXIS_NAMES)
         }
         self.orientation = np.array(
             posture.pose[:3, :3] if orientation is None else orientation, float
@@ -113,15 +113,15 @@ class CartesianGrid(Sampling):
         self.base = np.array(posture.q)
         self.free, self.redundancy = free, redundancy
         self.branches, self.count, self.seed = int(branches), int(starts), checked_seed(seed)
-        #: Legs that are searched one by one; 0 where the mechanism is searched as a whole.
+        #: Number of legs that are searched separately; 0 if the mechanism is searched as a whole.
         self.legs = len(legs_of(elastic) or ())
-        self.dims = (*_NAMES, "branch")
+        self.dims = (*_AXIS_NAMES, "branch")
         self.shape = (*(axis.count for axis in self.axes.values()), self.branches)
         self._starts: Array | None = None
         self._quick: tuple[ElasticMechanism, JointPoses | None] | None = None
 
     def starts(self, elastic: ElasticMechanism) -> Array:
-        """Starts of the inverse kinematics (1 + starts, n): the base posture, then random ones."""
+        """Return the starts of the inverse kinematics (1 + starts, n), the base posture first."""
         if self._starts is None:
             random = []
             if self.count:
@@ -136,16 +136,16 @@ class CartesianGrid(Sampling):
         return self._starts
 
     def __getstate__(self) -> dict[str, Any]:
-        """Machine code stays in its process."""
+        """Leave out the compiled search, which belongs to its process."""
         return {**vars(self), "_quick": None}
 
     def _solver(self, elastic: ElasticMechanism) -> JointPoses | None:
-        """Machine code where there is much to do: the same for all of the map, wherever it is."""
+        """Return the solver: compiled for large maps, and the same for all parts of a map."""
         if self._quick is None or self._quick[0] is not elastic:
             solver = None
             if isinstance(elastic.mechanism, Chain) and not self.legs:
                 every = prod(self.shape[:3]) * (1 + self.count)
-                solver = (QuickPoses if every >= _MUCH else JointPoses)(elastic)
+                solver = (QuickPoses if every >= _COMPILED_FROM else JointPoses)(elastic)
             self._quick = elastic, solver
         return self._quick[1]
 
@@ -155,10 +155,10 @@ class CartesianGrid(Sampling):
         elastic: ElasticMechanism,
         cost: Callable[[Array], Array] | None = None,
     ) -> tuple[Array, Array]:
-        """Postures of a box (cells * branches, n), NaN where there is none, and their number.
+        """Return the postures of a box (cells * branches, n) and their number at each place.
 
-        Many places at once are quicker, and have the same postures as one by one. `cost` gives the
-        number that is to be small for "best".
+        Rows without a posture are NaN. The postures do not depend on how many places are solved at
+        once. `cost` is minimised along self-motions for "best".
         """
         values = [axis.values for axis in self.axes.values()]
         places = np.stack(
@@ -171,7 +171,7 @@ class CartesianGrid(Sampling):
         angle = np.array([not c.is_length for c in elastic.mechanism.coordinates])
 
         def away(postures: Array) -> Array:
-            """Distance from the base posture, angles the short way round."""
+            """Return the distance from the base posture, angles modulo whole turns."""
             d = postures - self.base
             d = np.where(angle, (d + np.pi) % (2 * np.pi) - np.pi, d)
             size: Array = np.linalg.norm(d, axis=-1)
@@ -179,18 +179,18 @@ class CartesianGrid(Sampling):
 
         for first in range(0, len(places), PLACES_AT_ONCE):
             some = list(poses[first : first + PLACES_AT_ONCE])
-            with _SEARCH, timed("inverse kinematics of the places", len(some)):
+            with _SEARCH_LOCK, timed("inverse kinematics of the places", len(some)):
                 part = inverse_kinematics(
                     elastic,
                     some,
                     self.starts(elastic),
                     free=self.free,
                     cost=cost if self.redundancy == "best" else away,
-                    most=max(self.branches, _LISTED),
+                    most=max(self.branches, _MAX_CANDIDATES),
                     solver=self._solver(elastic),
                 )
             for cell, solutions in enumerate(part, start=first):
-                # The nearest first; equally near ones stay in their order.
+                # Sorted by distance; equally distant solutions keep their order.
                 order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
                 counts[cell] = (
                     len(solutions) if solutions.search is None else solutions.search.found
@@ -223,13 +223,13 @@ class CartesianGrid(Sampling):
 class AtPoses(Sampling):
     """Postures at poses of the body, in the working mode of the mechanism's default posture.
 
-    Of a body with fewer than six freedoms the other coordinates of the pose follow, as in
+    For a body with fewer than six freedoms the other coordinates of the pose follow, as in
     `cartstiff.at_pose`. Poses that a leg does not reach have no posture.
 
     Parameters
     ----------
     poses : Sampling
-        Of x, y, z, roll, pitch, yaw (lengths, rad) of the body in F.
+        Samples of x, y, z, roll, pitch, yaw (lengths, rad) of the body in F.
     """
 
     stores_q = is_closed = True
@@ -238,7 +238,7 @@ class AtPoses(Sampling):
         self.poses, self.dims, self.shape, self.axes = poses, poses.dims, poses.shape, poses.axes
 
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
-        """Coordinates (m, n) of a box; NaN rows where the body does not get."""
+        """Coordinates (m, n) of a box; NaN rows for poses that are not reached."""
         if elastic is None:
             raise InputError("poses have no postures without their mechanism")
         return np.asarray(at_poses(elastic, self.poses.postures(box))[0])

@@ -1,6 +1,6 @@
-"""What is computed for each part of a map; everything a worker elsewhere needs.
+"""Computation of one part of a map, with all the data that a worker in another process needs.
 
-Maps of what comes of commands: the stiffness where the machine is at rest after its drives.
+Also maps over commands: the stiffness at the equilibrium after the drives have moved.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ from cartstiff.statics.command import analyse_commanded, checked_command, drives
 
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
-#: State of a posture that joints or legs cannot take.
+#: State of a posture beyond the limits of joints or legs.
 BEYOND = "beyond-limits"
-#: State of a command after which no rest was found.
+#: State of a command after which no equilibrium was found.
 NO_REST = "no-equilibrium"
-#: Names of the states that ``state`` counts from 0.
+#: Names of the states; ``state`` holds their index.
 STATES = (
     REGULAR,
     "fewer-than-six-freedoms",
@@ -76,38 +76,39 @@ STATES = (
     "strut-not-found",
 )
 
-# Postures at once: as few as are worth compiling for, so that their matrices stay in the cache.
-_ROWS = 8192
-_FEW = 128
-_THREAD = local()
+# Number of postures computed at once: stacks small enough that their matrices stay in the cache,
+# and fewer where each posture is computed by itself.
+_STACK_ROWS = 8192
+_SINGLE_ROWS = 128
+_THREAD_LOCAL = local()
 
 
 @dataclass(frozen=True)
 class MapJob:
-    """A mechanism, where to look, and what to ask.
+    """Mechanism, sampling and quantities of a map.
 
     Attributes
     ----------
     elastic : ElasticMechanism
-        With its springs.
+        The mechanism with its springs.
     sampling : Sampling
-        Where.
+        The postures.
     names : tuple of str
-        Quantities.
+        Names of the quantities.
     settings : Settings
-        What they refer to.
+        Matrix, length, direction and load that the quantities refer to.
     wrench : tuple of float, optional
-        Load (moment, force), as in `cartstiff.analyse`; `settings` says of what kind, and where.
+        Load (moment, force), as in `cartstiff.analyse`; `settings` holds its kind and point.
     load_axes : {"body", "world"}
         Axes of its components.
     path : {"compiled", "portable", "engine"}
-        What computes every posture of the map, as in `analyse_many`: who goes on with the map takes
-        the same, so that its numbers do not depend on where it was interrupted.
+        Backend that computes every posture of the map, as in `analyse_many`. A resumed map keeps
+        its backend, so that the numbers do not depend on where it was interrupted.
     by_kernel : bool
-        Whether machine code reads the quantities, too, where it can.
+        Whether machine code also evaluates the quantities, as far as it can.
     one_by_one : int, optional
-        Of the postures that the fast paths cannot decide in one go, so many at the most are looked
-        at; the state of the others is "other". Default: all.
+        Largest number of postures that are analysed singly where the fast backends cannot decide
+        the state; the state of further ones is "other". Default: all.
     """
 
     elastic: ElasticMechanism
@@ -119,7 +120,7 @@ class MapJob:
     path: Backend = "auto"
     by_kernel: bool = False
     one_by_one: int | None = None
-    moves: ClassVar[bool] = False  # whether what is read is at other postures than the map's
+    moves: ClassVar[bool] = False  # whether quantities are read at other postures than sampled
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -128,33 +129,33 @@ class MapJob:
 
     @property
     def in_stacks(self) -> bool:
-        """Whether postures are computed many at a time, not one after the other in Python."""
+        """Whether postures are computed in stacks, not one after the other in Python."""
         one_by_one = any("." in name for name in self.names)
         return not (one_by_one or (self.path == "engine" and bool(self._closures)))
 
     @property
     def usual_chunk(self) -> int:
-        """Postures of a part: what is worth the work for each part, and is soon computed."""
+        """Usual number of postures of a part: many enough to outweigh the work for each part."""
         least = None
         if isinstance(self.sampling, CartesianGrid):
             least = PLACES_AT_ONCE * self.sampling.branches
         elif self.in_stacks and self.path != "engine" and not self.moves:
-            least = _ROWS
+            least = _STACK_ROWS
         return usual_chunk(self.sampling.size, least)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """Arrays that are asked of `analyse_many`."""
+        """Outputs of `analyse_many` that the quantities need."""
         return needed_outputs(self.quantities, self.settings)
 
     @property
     def stores_q(self) -> bool:
-        """Whether the postures must be kept: those of a closed chain are found by assembly."""
+        """Whether the postures are stored: those of a closed chain are found by assembly."""
         return self.sampling.stores_q or bool(self._closures)
 
     @property
     def times(self) -> Array | None:
-        """When the postures of a trajectory are taken."""
+        """Times of the postures of a trajectory."""
         return getattr(self.sampling, "time", None)
 
     @property
@@ -162,7 +163,7 @@ class MapJob:
         return getattr(self.elastic.mechanism, "closures", ())
 
     def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
-        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if it is kept."""
+        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if stored."""
         shape, counts = tuple(s.stop - s.start for s in box), None
         if isinstance(self.sampling, CartesianGrid):
             q, counts = self.sampling.solve(box, self.elastic, self._cost)
@@ -177,9 +178,9 @@ class MapJob:
             q[there], is_closed = self._assembled(q[there], box)
             there[there] = ~is_closed
             q[there], arrays["state"][there] = np.nan, STATES.index(NOT_ASSEMBLED)
-        rows = _ROWS if self.in_stacks else _FEW
+        rows = _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
         blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
-        # What machine code does not read is little: that of all blocks together takes a tenth.
+        # Machine code leaves few rows open: those of all blocks together take a tenth of the time.
         unread = [np.zeros(0, int), *(self._compute_rows(q, some, arrays) for some in blocks)]
         rest = np.concatenate(unread)
         for some in (rest[i : i + rows] for i in range(0, len(rest), rows)):
@@ -194,7 +195,7 @@ class MapJob:
         return arrays
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
-        """Fill rows; returns those (k,) still to be read."""
+        """Fill rows; return the numbers (k,) of those whose quantities are still to be read."""
         part = q[rows]
         there: Array = np.asarray(np.isfinite(part).all(axis=1))
         unread = np.zeros(0, int)
@@ -209,7 +210,7 @@ class MapJob:
         return unread
 
     def _fill(self, arrays: dict[str, Array], at: slice | Array, answer: MapRows) -> None:
-        """Keep what is known of the postures at some rows."""
+        """Store states, positions and quantities at some rows; quantities beyond limits are NaN."""
         beyond = self._beyond(answer.q, answer.poses)
         some = bool(beyond.any())
         for name, value in answer.values.items():
@@ -218,7 +219,7 @@ class MapJob:
         arrays["position"][at] = answer.poses[:, :3, 3]
 
     def _answer(self, q: Array) -> tuple[MapRows, Array]:
-        """What is known of postures (N, n), and which of them (k,) machine code cannot read."""
+        """Return the results at postures (N, n), and the rows (k,) left open by machine code."""
         if (reader := self._reader) is None:
             return self._by_matrices(q, self.quantities), np.zeros(0, int)
         read = reader.read(q)
@@ -231,7 +232,7 @@ class MapJob:
         return MapRows(read.q, state, read.poses, values), unknown
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
-        """What is known of postures (N, n), read from stored matrices."""
+        """Return the results at postures (N, n), read from stored matrices."""
         outputs = needed_outputs(quantities, self.settings)
         buffers = self._buffers(len(q)) if outputs == self.outputs else None
         result = self._analysed(q, outputs, buffers)
@@ -241,7 +242,7 @@ class MapJob:
 
     @cached_property
     def _reader(self) -> Reader | None:
-        """Machine code that reads some of the quantities."""
+        """Machine code that evaluates some of the quantities."""
         if not self.by_kernel:
             return None
         wrench = None if self.wrench is None else np.array(self.wrench)
@@ -249,7 +250,7 @@ class MapJob:
         length, force = convert_length(Units(), self.elastic.units)
         hertz = float(np.sqrt(length / force)) / (2.0 * np.pi)
         readings = Readings(names, self.settings, hertz)
-        # Where frequencies take too many operations, the rest may still be read.
+        # If frequencies take too many operations, the other quantities may still be compiled.
         few = tuple(name for name in names if name not in FREQUENCIES)
         for some in filter(None, dict.fromkeys((names, few))):
             asked = replace(readings, names=some)
@@ -282,7 +283,7 @@ class MapJob:
 
     @property
     def _acting(self) -> dict[str, Any]:
-        """How the load acts, for functions of a mechanism."""
+        """Kind, point and axes of the load, as keyword arguments."""
         load = self.settings.load
         return {"load_kind": load.kind, "load_at": load.at, "load_axes": self.load_axes}
 
@@ -296,24 +297,24 @@ class MapJob:
             tensions = tensions_of_many(
                 self.elastic, q[left], wrench, self.settings.load, self.load_axes
             )
-            # Where no tensions balance the load, what is wrong has a name of its own.
+            # Postures at which no tensions balance the load have a state of their own.
             beyond[left] = forces_beyond(legs.forces, tensions).any(axis=1)
         return beyond
 
     def _cost(self, q: Array) -> Array:
-        """The first quantity, turned so that less is better."""
+        """The first quantity, with its sign chosen so that smaller is better."""
         quantity = self.quantities[0]
         results = self._analysed(q, needed_outputs([quantity], self.settings))
         value = self._values(results, [quantity])[quantity.name]
         return value if quantity.better == "smaller" else -value
 
     def _buffers(self, count: int) -> dict[str, Array]:
-        """Arrays of this thread that are written again and again."""
-        own = getattr(_THREAD, "buffers", None)
+        """Return work arrays of this thread, which every stack overwrites."""
+        own = getattr(_THREAD_LOCAL, "buffers", None)
         n = len(self.elastic.mechanism.coordinates)
         if own is None or own[0] != (self.outputs, n):
-            own = (self.outputs, n), with_room(self.outputs, {}, (_ROWS, n))
-            _THREAD.buffers = own
+            own = (self.outputs, n), with_room(self.outputs, {}, (_STACK_ROWS, n))
+            _THREAD_LOCAL.buffers = own
         return {name: array[:count] for name, array in own[1].items()}
 
     @cached_property
@@ -322,13 +323,13 @@ class MapJob:
 
     @cached_property
     def _lengths(self) -> Array:
-        """Which columns of the Jacobian belong to distances: for a platform its legs."""
+        """Which columns of the Jacobian are per distance; for a platform all (its legs)."""
         if self.elastic.mechanism.at(self.elastic.q).coordinates_are_pose:
             return np.ones(len(self.elastic.names), bool)
         return np.array([c.is_length for c in self.elastic.mechanism.coordinates])
 
     def _assembled(self, q: Array, box: tuple[slice, ...]) -> Closed:
-        """Postures (N, n) of a box with the closures met, the map's own coordinates held."""
+        """Assemble the postures (N, n) of a box, with the sampled coordinates held."""
         where, rows = self.sampling, min(len(q), CLOSED_CHUNK)
         with timed("closing of chains", len(q)):
             if not isinstance(where, Grid):
@@ -343,12 +344,12 @@ def _code(name: str) -> int:
 
 
 class CommandGrid(Sampling):
-    """All combinations of what some drives are told, from one posture.
+    """All combinations of commands to some drives, from one posture.
 
     Parameters
     ----------
     axes : mapping of str to Axis or (low, high, count)
-        How far each drive is told to move on (rad, lengths), as in `cartstiff.after_command`; the
+        Commanded displacement of each drive (rad, lengths), as in `cartstiff.after_command`; the
         first varies slowest. The dimensions are called ``command_NAME``.
     elastic : ElasticMechanism
         The mechanism.
@@ -379,11 +380,11 @@ class CommandGrid(Sampling):
         box: tuple[slice, ...],
         elastic: ElasticMechanism | None = None,  # noqa: ARG002
     ) -> Array:
-        """The posture before the commands, as often as there are cells in a box (m, n)."""
+        """Return the posture before the commands for every cell of a box (m, n)."""
         return np.tile(self.base, (prod(s.stop - s.start for s in box), 1))
 
     def commands(self, box: tuple[slice, ...]) -> list[dict[str, float]]:
-        """What the drives are told in each cell of a box."""
+        """Return the commanded displacements in each cell of a box."""
         rows = self._grid.postures(box)[:, self._grid.columns].tolist()
         return [dict(zip(self.names, row, strict=True)) for row in rows]
 
@@ -399,14 +400,14 @@ class CommandGrid(Sampling):
 
 @dataclass(frozen=True)
 class CommandedJob(MapJob):
-    """As `MapJob`, read where the machine is at rest after a command.
+    """As `MapJob`, evaluated at the equilibrium after a command.
 
     Attributes
     ----------
     told : mapping of str to float
-        What drives are told at every posture; a `CommandGrid` tells its own besides.
+        Commanded displacements at every posture; a `CommandGrid` adds its own.
     rows : sequence of mapping
-        All that drives are told, for each of the postures in hand.
+        All commanded displacements for each posture of the present block.
     """
 
     told: Mapping[str, float] | None = None
@@ -415,11 +416,11 @@ class CommandedJob(MapJob):
 
     @property
     def stores_q(self) -> bool:
-        """The postures are known by equilibria alone."""
+        """Always: the postures follow from equilibria."""
         return True
 
     def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
-        """As `MapJob.compute`, after what the drives are told in the box."""
+        """As `MapJob.compute`, after the commands of the box."""
         job = self
         if isinstance(self.sampling, CommandGrid):
             told = dict(self.told or {})
@@ -444,27 +445,27 @@ class CommandedJob(MapJob):
         )
 
     def _row(self, q: Array, told: Mapping[str, float], quantities: Sequence[Quantity]) -> MapRows:
-        """What is known after one command."""
+        """Return the results after one command."""
         load = self.settings.load
         about_load: dict[str, Any] = {"load_kind": load.kind, "load_at": load.at}
         if self.wrench is not None:
             about_load |= {"wrench": self.wrench, "load_axes": self.load_axes}
         none = {x.name: np.full(1, np.nan) for x in quantities}
-        nowhere = MapRows(q[None], _one(NO_REST), np.full((1, 4, 4), np.nan), none)
+        nowhere = MapRows(q[None], _state_row(NO_REST), np.full((1, 4, 4), np.nan), none)
         try:
             with np.errstate(all="ignore"):
                 at_rest = analyse_commanded(self.elastic, told, q, **about_load)
         except CartstiffError as error:
-            # Rigid drives may not go there; other bad input was refused before.
+            # Only a command that rigid drives cannot follow is not refused earlier.
             if isinstance(error, InputError) and error.where != "command":
                 raise
             return nowhere
         if force_notes(at_rest.elastic, at_rest.posture):
-            return MapRows(at_rest.q[None], _one(BEYOND), at_rest.pose[None], none)
+            return MapRows(at_rest.q[None], _state_row(BEYOND), at_rest.pose[None], none)
         own = {name: getattr(self, name) for name in ("sampling", "names", "settings")}
         job = MapJob(at_rest.elastic, **own, wrench=None, path="engine")
         answer = job._by_matrices(at_rest.q[None], quantities)
-        # Its arrays are memory that the next row is written to.
+        # The next row overwrites these arrays.
         values = {name: value.copy() for name, value in answer.values.items()}
         return answer._replace(poses=answer.poses.copy(), values=values)
 
@@ -473,5 +474,5 @@ class CommandedJob(MapJob):
         return None
 
 
-def _one(state: str) -> Any:
+def _state_row(state: str) -> Any:
     return np.array([STATES.index(state)], np.uint8)

@@ -29,9 +29,9 @@ from cartstiff.maps.store import fact
 if TYPE_CHECKING:
     import xarray
 
-#: Readable without colour vision.
+#: Colour map, readable without colour vision.
 COLOURS = "cividis"
-#: A logarithmic scale from this ratio on.
+#: Ratio of the largest to the smallest value from which on scales are logarithmic.
 DECADES = 100.0
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
@@ -46,14 +46,14 @@ def draw_map(
     level: float | None = None,
     angle: str = "rad",
 ) -> Any:
-    """Draw a map in the way that suits its dimensions, or in a given one.
+    """Draw a map in the kind that suits its dimensions, or in a given kind.
 
     Parameters
     ----------
     dataset : xarray.Dataset
         From `open_map`, or a slice of it.
     quantity : str
-        What is shown.
+        Quantity to draw.
     kind : str
         One of `KINDS`, or "auto": a line, heat map or slices for one, two or three dimensions, a
         histogram for more and for random postures.
@@ -62,7 +62,7 @@ def draw_map(
     level : float, optional
         For heat maps: a value of the quantity, in its unit, at which a line is drawn.
     angle : str
-        What joints stand in along the axes: "rad" or "deg".
+        Unit of joint angles along the axes: "rad" or "deg".
 
     Returns
     -------
@@ -107,7 +107,7 @@ def _in_degrees(dataset: xarray.Dataset) -> xarray.Dataset:
 
 
 def title_of(dataset: xarray.Dataset) -> str:
-    """The mechanism, and where the map is cut."""
+    """Name of the mechanism, with the values at which the map is cut."""
     parts = []
     for name, value in dataset.coords.items():
         if value.ndim == 0 and name not in ("joint", "xyz", "branch", "rank"):
@@ -118,12 +118,12 @@ def title_of(dataset: xarray.Dataset) -> str:
 
 
 def wrapped(array: xarray.DataArray) -> str:
-    """Words and unit of a quantity in short lines."""
+    """Label of a quantity with its unit, wrapped into short lines."""
     return fill(unit_label(array), 40)
 
 
 def colour_norm(values: Array) -> Any:
-    """Scale of the finite values, logarithmic where they span decades."""
+    """Return the colour scale of the finite values, logarithmic if they span decades."""
     from matplotlib.colors import LogNorm, Normalize
 
     finite = values[np.isfinite(values)]
@@ -136,7 +136,7 @@ def colour_norm(values: Array) -> Any:
 
 
 def reasons_of(dataset: xarray.Dataset, values: Array) -> Array:
-    """Why each cell has no number; "" where it has one."""
+    """Return the state of each cell that has no number; "" for the others."""
     names = state_names(dataset)
     state = np.asarray(dataset["state"].values)
     reasons = np.full(values.shape, "", dtype=object)
@@ -149,7 +149,7 @@ def reasons_of(dataset: xarray.Dataset, values: Array) -> Array:
 
 
 def style_of(name: str) -> tuple[str, str]:
-    """Hatch and grey of a reason, the same in every picture."""
+    """Return hatch and grey of a state, the same in every picture."""
     order = (
         "undefined",
         "infinite",
@@ -166,7 +166,7 @@ def style_of(name: str) -> tuple[str, str]:
 
 
 def add_legend(figure: Any, reasons: set[str]) -> None:
-    """Name the hatches."""
+    """Add a legend of the hatches."""
     from matplotlib.patches import Patch
 
     handles = []
@@ -178,7 +178,7 @@ def add_legend(figure: Any, reasons: set[str]) -> None:
 
 
 def squeezed(dataset: xarray.Dataset, quantity: str, count: int, kind: str) -> xarray.Dataset:
-    """One branch, and exactly `count` dimensions."""
+    """Reduce the map to its best branch and exactly `count` dimensions."""
     chosen = best_branch(dataset, quantity)
     array = chosen[quantity]
     narrow = {d: 0 for d, n in array.sizes.items() if n == 1}
@@ -205,7 +205,7 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
 
 
 def _in_millimetres(coordinate: xarray.DataArray) -> xarray.DataArray:
-    """A position as drawings have it, where the mechanism has it in metres."""
+    """Convert a position in metres to millimetres, as in drawings."""
     if coordinate.attrs.get("units") != "m":
         return coordinate
     shown: xarray.DataArray = coordinate.copy(data=1e3 * np.asarray(coordinate.values, float))
@@ -216,10 +216,10 @@ def _in_millimetres(coordinate: xarray.DataArray) -> xarray.DataArray:
 def _cells(
     axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None = None
 ) -> tuple[Any, set[str]]:
-    """Coloured cells of two dimensions, and the reasons of those that have no number.
+    """Draw coloured cells over two dimensions; return them and the states of hatched cells.
 
-    Positions stand as in the room: x to the right, z up, as long as wide, in mm. At a `level` of
-    the quantity there is a line.
+    Positions are drawn as in the room: x to the right, z up, equal scales, in mm. A line marks the
+    `level` of the quantity.
     """
     dims = [str(d) for d in dataset[quantity].dims]
     spatial = set(dims) <= set("xyz")
@@ -252,25 +252,25 @@ def _hatch(axis: Any, x: Array, y: Array, where: Array, name: str) -> None:
         _edges(x),
         _edges(y),
         np.ma.masked_where(~where, np.ones(where.shape)),
-        cmap=_one_colour(grey),
+        cmap=_colour_map(grey),
         vmin=0.0,
         vmax=1.0,
         rasterized=True,
     )
-    # Hatching follows the cells' borders: every cell is drawn as two points on each side.
+    # Two points per cell and direction, so that the hatching follows the cells' borders.
     xx, yy = np.repeat(_edges(x), 2)[1:-1], np.repeat(_edges(y), 2)[1:-1]
     fine = np.repeat(np.repeat(where, 2, axis=0), 2, axis=1).astype(float)
     axis.contourf(xx, yy, fine, levels=[0.5, 1.5], colors="none", hatches=[hatch])
 
 
-def _one_colour(colour: str) -> Any:
+def _colour_map(colour: str) -> Any:
     from matplotlib.colors import ListedColormap
 
     return ListedColormap([colour])
 
 
 def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
-    """Colours over the two dimensions of a map, with a line at a level of the quantity."""
+    """Draw a map over its two dimensions in colours, with a line at a level of the quantity."""
     flat = squeezed(dataset, quantity, 2, "heat map")
     figure = new_figure()
     axis = figure.subplots()
@@ -284,7 +284,7 @@ def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None)
 
 
 def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count: int = 6) -> Any:
-    """Heat maps at up to six values of the third dimension, with one scale.
+    """Draw heat maps at up to six values of the third dimension, with one colour scale.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count:
     by : str, optional
         The dimension that is cut; default the one with the fewest values.
     count : int
-        Most heat maps.
+        Largest number of heat maps.
     """
     flat = squeezed(dataset, quantity, 3, "picture of slices")
     array = flat[quantity]
@@ -326,7 +326,7 @@ def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count:
 
 
 def line(dataset: xarray.Dataset, quantity: str) -> Any:
-    """A curve along the only dimension of a map; grey where there is no number."""
+    """Draw a curve along the only dimension of a map; grey where there is no number."""
     flat = squeezed(dataset, quantity, 1, "line")
     array = flat[quantity]
     dim = str(array.dims[0])
@@ -360,7 +360,7 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
 
 
 def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
-    """How often each value occurs; on a logarithmic axis where it spans decades."""
+    """Draw the distribution of the values, on a logarithmic axis if they span decades."""
     array = quantity_of(dataset, quantity)
     lows, highs, _, numbers = zip(
         *each_block(dataset, {quantity: partial(fact, quantity)})[quantity], strict=True
@@ -373,7 +373,7 @@ def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
         wide = high if high > low else low + (abs(low) or 1.0)
         spaced = np.geomspace if logarithmic else np.linspace
         edges = spaced(low, wide, bins + 1)
-        edges[0], edges[-1] = low, wide  # no value is lost to rounding
+        edges[0], edges[-1] = low, wide  # exact ends: rounding must not exclude a value
 
         def counted(values: Array) -> Array:
             return np.histogram(values[np.isfinite(values)].astype(float), edges)[0]

@@ -1,12 +1,13 @@
-r"""Quantities of many postures: what a map can hold, read from stacks of matrices.
+r"""Quantities of a map, computed from stacks of matrices.
 
-The table is `cartstiff.batch.quantities`; here are its numbers over stacks (N, 6, 6), equal row by
-row to what `cartstiff.analysis` says of one posture. An asymmetric matrix (K^A, a tangent under
-load) is read by its symmetric part, as there. What does not exist at a posture is NaN.
+The table of quantities is `cartstiff.batch.quantities`; this module evaluates it on stacks
+(N, 6, 6), equal row by row to `cartstiff.analysis` of one posture. An asymmetric matrix (K^A, a
+tangent under load) is read by its symmetric part, as there. A quantity that does not exist at a
+posture is NaN.
 
 Any other number of the analysis can be named by its path in the analysis of one posture, such as
-``indices.condition_exponent`` or ``centres.stiffness.2``; it is then found posture by posture, some
-hundred times slower.
+``indices.condition_exponent`` or ``centres.stiffness.2``; it is then computed posture by posture,
+some hundred times slower.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, 
 
 
 def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
-    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
+    """Eigenvalues (N, 6) of length-scaled stiffness, as in `cartstiff.analysis.indices`."""
     scaled = with_angles_times(K, 1.0 / np.asarray(length))
     values = numerics.eigenvalues(scaled, with_angles_times(C, length))
     values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
@@ -85,9 +86,9 @@ def block_values(
 ) -> Array:
     """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
 
-    Held they are those of the matrix's block, free the inverses of those of the inverse's block;
-    where that block has lost digits, what one posture says; where there is no inverse, those of
-    the matrix alone.
+    With the others held these are the eigenvalues of the matrix's block; with the others free the
+    inverses of the eigenvalues of the inverse's block. A block that is ill-conditioned is read by
+    `one`; without an inverse the block of the matrix alone is used.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def block_values(
 
 
 class Stacks(Source):
-    """Arrays of many postures by output name, and what several quantities derive from them."""
+    """Arrays of many postures by output name, with intermediate results of the quantities."""
 
     def __init__(
         self,
@@ -133,7 +134,7 @@ class Stacks(Source):
         super().__init__(arrays, settings)
         #: Which coordinates are distances (n,).
         self.lengths = lengths
-        #: Small vibrations at the postures, computed when they are asked for.
+        #: Small vibrations at the postures, computed when first used.
         self.swing = swing
 
     def entries(self, name: str) -> Rows:
@@ -149,7 +150,7 @@ class Stacks(Source):
 
     @property
     def C(self) -> Array:  # noqa: N802
-        """Inverse (N, 6, 6) of `K`, as `StiffnessInFrame.inverse_of_symmetric_part`."""
+        """Inverse (N, 6, 6) of `K`, as in `StiffnessInFrame.inverse_of_symmetric_part`."""
         if self.settings.matrix != "load":
             return self.arrays[f"compliance_{self.settings.matrix}"]
 
@@ -166,7 +167,7 @@ class Stacks(Source):
         return self.arrays[f"compliance_{self.settings.connection}"]
 
     def pair(self, others: str) -> tuple[Array, Array]:
-        """Stiffness and compliance (N, 6, 6), as `StiffnessInFrame.pair`."""
+        """Stiffness and compliance (N, 6, 6), as in `StiffnessInFrame.pair`."""
         if others == "held" or self.settings.connection not in ASYMMETRIC:
             return self.K, self.C
 
@@ -247,7 +248,7 @@ class Stacks(Source):
         return worst
 
     def singular_value_ratio(self) -> Numbers:
-        """Of the Jacobian of length-scaled twists per length-scaled coordinates."""
+        """Ratio (N,) of the extreme singular values of the length-scaled Jacobian."""
         J, length = self.arrays["jacobian"], self.settings.length
         is_length = np.zeros(J.shape[2], bool) if self.lengths is None else self.lengths
         values = self._singular_values(length, np.where(is_length, length, 1.0))
@@ -290,7 +291,7 @@ class Stacks(Source):
 
 
 def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
-    """Outputs of `analyse_many` that some quantities are read from, and the pose."""
+    """Outputs of `analyse_many` that the quantities need, and the pose."""
     needed = {"pose"}
     for quantity in quantities:
         needed.update(quantity.outputs(settings))
@@ -298,7 +299,7 @@ def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[
 
 
 class MapRows(NamedTuple):
-    """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
+    """Assembled postures (N, n), their states (N,), poses (N, 4, 4) and quantities (N,)."""
 
     q: Array
     state: NDArray[np.uint8]
@@ -307,7 +308,7 @@ class MapRows(NamedTuple):
 
 
 def quantity_named(name: str) -> Quantity:
-    """The quantity of a name of the table, or of a path of the analysis.
+    """Return the quantity with a name of the table, or of a path in the analysis.
 
     Raises
     ------
@@ -323,17 +324,17 @@ def quantity_named(name: str) -> Quantity:
 
 @cache
 def path_quantity(path: str) -> Quantity:
-    """The quantity of a dotted path: keys and, in lists, positions counted from 0.
+    """Return the quantity of a dotted path: keys and, in lists, positions counted from 0.
 
     Raises
     ------
     InputError
         If the analysis of a stiffness has no number at this path.
     """
-    _check(path)
+    _check_path(path)
 
     def function(s: Stacks) -> Array:
-        rows = s.once("analyses", lambda: _analyses(s))
+        rows = s.once("analyses", lambda: _single_analyses(s))
         return np.array([_number(row, path) for row in rows])
 
     return Quantity(
@@ -347,8 +348,8 @@ def path_quantity(path: str) -> Quantity:
     )
 
 
-def _check(path: str) -> None:
-    """Refuse a path that leads to no number where everything exists."""
+def _check_path(path: str) -> None:
+    """Refuse a path that leads to no number in the analysis of a regular posture."""
     model = summarise({"B": np.diag([3.0, 2.0, 4.0, 50.0, 60.0, 70.0])}, np.zeros(6), 0.2)
     node: Any = model
     for key in path.split("."):
@@ -378,7 +379,7 @@ def _number(tree: Any, path: str) -> float:
     return float(tree) if isinstance(tree, (int, float)) else np.nan
 
 
-def _analyses(s: Stacks) -> list[dict[str, Any]]:
+def _single_analyses(s: Stacks) -> list[dict[str, Any]]:
     settings, rows = s.settings, []
     wrenches = np.nan_to_num(s.arrays["wrench"])
     for i, W in enumerate(wrenches):
@@ -414,7 +415,7 @@ def choose_quantities(
     UnknownNameError
         For a name that is neither in `QUANTITIES` nor a path of the analysis.
     InputError
-        If a quantity asks for a setting that is missing, is named twice, or does not exist for this
+        If a quantity needs a setting that is missing, is named twice, or does not exist for this
         kind of mechanism.
     """
     if settings.connection not in OF_MANY:
@@ -472,11 +473,11 @@ def evaluate(
     arrays : mapping of str to ndarray
         Outputs by name, with NaN where one does not exist.
     settings : Settings
-        What the quantities refer to.
+        Matrix, length, direction and load that the quantities refer to.
     lengths : ndarray of bool, shape (n,), optional
         Which coordinates are distances; default none.
     swing : ManyModes, optional
-        Small vibrations at the postures, where they may be asked for.
+        Small vibrations at the postures, if a quantity may need them.
     """
     source = Stacks(arrays, settings, lengths, swing)
     with np.errstate(all="ignore"):

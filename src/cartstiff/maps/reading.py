@@ -1,9 +1,8 @@
-"""What a map says: its range, its best and worst postures, slices. Large maps are read in parts.
+"""Reading of a map: summary, best and worst postures, slices. Large maps are read in parts.
 
-A map in numbers: how many postures are in which state, and the range of every quantity.
-
-They are added up from facts about the map's parts. Whoever has computed a part knows its facts, and
-need not read it again; a map's folder is summed up without the packages for labelled arrays.
+The summary (number of postures in each state, range of every quantity) is added up from statistics
+of the parts. A map file stores these statistics, so that its summary needs neither its arrays nor
+xarray.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ from cartstiff.maps.store import PLACES, MapFile, fact
 if TYPE_CHECKING:
     import xarray
 
-#: Variables of a map that are no quantities.
+#: Variables of a map that are not quantities.
 OTHERS = ("state", "position", "q", "time", "branches")
 
 
 def state_names(dataset: xarray.Dataset) -> dict[int, str]:
-    """Names of the numbers in ``state``."""
+    """Return the names of the numbers in ``state``."""
     return named_states(dataset["state"].attrs)
 
 
 def named_states(attributes: Mapping[str, Any]) -> dict[int, str]:
-    """Names of the numbers in ``state``, by its attributes."""
+    """Return the names of the numbers in ``state`` from its attributes."""
     names = attributes["flag_meanings"].split()
     return dict(zip((int(v) for v in attributes["flag_values"]), names, strict=True))
 
@@ -42,10 +41,9 @@ def named_states(attributes: Mapping[str, Any]) -> dict[int, str]:
 def each_block(
     dataset: xarray.Dataset, functions: Mapping[str, Callable[[Array], Any]]
 ) -> dict[str, list[Any]]:
-    """What a function makes of the parts of an array, in the order of `blocks`; arrays by name.
+    """Apply one function to every part of each named array; results in the order of `blocks`.
 
-    A few parts are read at a time, and one plan serves all: to plan each part for itself would take
-    longer than to read it.
+    One Dask graph serves all parts, since a graph for each part takes longer than reading the part.
     """
     from dask.base import compute
     from dask.delayed import delayed
@@ -55,13 +53,13 @@ def each_block(
         [delayed(function)(part) for part in dataset[name].chunk().data.to_delayed().ravel()]
         for name, function in functions.items()
     ]
-    # By name, or without one, a package for clusters would be imported to ask for its client.
+    # Given by name or by default, the scheduler would make Dask import `distributed`.
     computed = compute(*parts, scheduler=get)  # type: ignore[no-untyped-call]
     return dict(zip(functions, computed, strict=True))
 
 
 def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
-    """Parts of an array as its file is cut, one after the other; all of it where it is not."""
+    """Yield the parts of an array in the order of its file; the whole array if it is not split."""
     sizes = array.chunks or tuple((n,) for n in array.shape)
     cuts = []
     for lengths in sizes:
@@ -72,7 +70,7 @@ def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
 
 
 def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
-    """A quantity of a map.
+    """Return a quantity of a map.
 
     Raises
     ------
@@ -95,17 +93,17 @@ def quantities_of(dataset: xarray.Dataset) -> list[str]:
 
 
 def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:
-    """The postures at which a quantity is best, along a new dimension ``rank``.
+    """Return the postures at which a quantity is best, along a new dimension ``rank``.
 
     Parameters
     ----------
     dataset : xarray.Dataset
         From `open_map`, or a slice of it.
     quantity : str
-        A stiffness is best where it is largest, a deflection where it is smallest: the attribute
-        ``better`` says which.
+        A stiffness is best where it is largest, a deflection where it is smallest; see the
+        attribute ``better``.
     count : int
-        How many; fewer come back where fewer exist.
+        Number of postures; fewer are returned if fewer exist.
 
     Raises
     ------
@@ -116,7 +114,7 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
 
 
 def worst(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:
-    """The postures at which a quantity is worst; as `best`."""
+    """Return the postures at which a quantity is worst; as `best`."""
     return _ranked(dataset, quantity, count, best_first=False)
 
 
@@ -132,7 +130,7 @@ def _ranked(
     sign = 1.0 if (better == "smaller") == best_first else -1.0
 
     def least(values: Array) -> list[tuple[float, tuple[int, ...]]]:
-        """The best of a part, and where in it."""
+        """Return the smallest signed values of a part with their indices in it."""
         flat = sign * np.asarray(values, float).ravel()
         valid = np.flatnonzero(~np.isnan(flat))
         if valid.size > count:
@@ -156,7 +154,7 @@ def _ranked(
 
 
 def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
-    """The part of a map at fixed values of some of its axes: the nearest that it has.
+    """Return the part of a map at the values of its axes nearest to the given ones.
 
     Raises
     ------
@@ -183,7 +181,7 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
 
 
 def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Where a slice lies on axes, which may be beside what was asked for: value and unit."""
+    """Value and unit of a slice on its axes: the grid values nearest to the requested ones."""
     return {
         name: {"value": float(dataset[name]), "unit": dataset[name].attrs.get("units", "")}
         for name in names
@@ -193,7 +191,7 @@ def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[s
 def share_within(
     dataset: xarray.Dataset, name: str, limit: float, below: bool = True
 ) -> dict[str, float]:
-    """How much of what a map reaches keeps a quantity on one side of a limit.
+    """Share of the reached postures at which a quantity is on one side of a limit.
 
     At a place with several branches the best one counts.
 
@@ -204,15 +202,15 @@ def share_within(
     name : str
         The quantity.
     limit : float
-        In its unit.
+        Limit in the unit of the quantity.
     below : bool
         Whether below the limit counts, or above it.
 
     Returns
     -------
     dict of str to float
-        "reached": postures or places that have a number; "within": those inside the limit, which
-        belongs to it; "share": one over the other, 0 where nothing is reached.
+        "reached": number of postures or places that have a value; "within": those up to and at the
+        limit; "share": "within" over "reached", 0 if nothing is reached.
 
     Raises
     ------
@@ -232,9 +230,9 @@ def share_within(
 
 
 def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
-    """The map with one branch at every place: the one at which the quantity is best.
+    """Return the map with the best branch of a quantity at every place.
 
-    Where no branch has a value, the first one stands, with its state.
+    Where no branch has a value, the first branch is taken, with its state.
     """
     array = quantity_of(dataset, quantity)
     if "branch" not in array.dims:
@@ -250,7 +248,7 @@ def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
 
 
 def unit_label(array: xarray.DataArray) -> str:
-    """Words and unit of a quantity, for an axis."""
+    """Return the label of a quantity with its unit."""
     attributes: Mapping[str, Any] = array.attrs
     unit = attributes.get("units", "1")
     words = str(attributes.get("long_name", array.name))
@@ -258,21 +256,20 @@ def unit_label(array: xarray.DataArray) -> str:
 
 
 def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
-    """Number of postures in each state, and the range of every quantity.
+    """Summarise a map: number of postures in each state, and range of every quantity.
 
     Parameters
     ----------
     dataset : xarray.Dataset or MapFile
-        A whole map, or a part of one; of a file only the marks of its parts are read.
+        A whole map, or a part of one; from a file only the statistics of its parts are read.
 
     Returns
     -------
     dict
         "states": counts by name; "quantities": by name, "unit", "smallest", "mean", "largest" over
-        the finite values (None if there are none), and "undefined", the number of the others; where
-        branches were searched for, "branches": "starts" of each search, "legs" that were searched
-        one by one (0: the whole at once), the most branches "found" at a place, and how many are
-        "kept".
+        the finite values (None if there are none), and "undefined", the number of the others; for a
+        Cartesian map "branches": "starts" of each search, number of "legs" searched separately (0:
+        the mechanism as a whole), largest number of branches "found" at a place, and number "kept".
     """
     arrays: Any
     facts: Mapping[str, Any]

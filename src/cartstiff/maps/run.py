@@ -1,9 +1,8 @@
-"""Computing a map: new or gone on with, by threads or the workers of a Dask scheduler.
+"""Computation of a map, new or resumed, by threads or by the workers of a Dask scheduler.
 
-A map before it is computed: everything checked, the file made or recognised.
-
-A part's result does not depend on who computes it or how often. Whoever does it writes it; a worker
-that dies costs the parts that it had in hand.
+All arguments are checked and the file is created or recognised before anything is computed. The
+result of a part does not depend on the worker that computes it. Each worker writes its own parts,
+so that a worker that dies loses only the parts it was computing.
 """
 
 from __future__ import annotations
@@ -78,12 +77,12 @@ if TYPE_CHECKING:
 Versions = tuple[tuple[str, str], ...]
 
 
-# Settings of a map that stand in its description as they are.
-_SETTINGS = ("connection", "length", "direction", "deflect", "deflect_at", "world")
+# Settings that the description of a map holds unchanged.
+_DESCRIBED_SETTINGS = ("connection", "length", "direction", "deflect", "deflect_at", "world")
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
-    """The matrix that is read: "load", the tangent under the load, where one can act; else "B"."""
+    """Return the matrix to read: "load" (tangent under the load) if a load can act, else "B"."""
     if wrench is not None:
         return "load" if wrench.any() else "B"
     springs = elastic.springs
@@ -122,7 +121,7 @@ def map_job(
     milling: Milling | None = None,
     told: Mapping[str, float] | None = None,
 ) -> MapJob:
-    """What is computed for a map, checked; without any file.
+    """Check the arguments of a map and return its computation, without any file.
 
     Parameters
     ----------
@@ -133,33 +132,33 @@ def map_job(
     quantities : str or sequence of str
         Names in `cartstiff.batch.quantities.QUANTITIES`, or paths of the analysis.
     connection : {"load", "B", "A", "K", "F"}, optional
-        The matrix that is read; default "load", the tangent under the load, where one can act, as
-        in the analysis of one posture; without a load all but F are the same.
+        The matrix that is read; default "load", the tangent under the load, if one can act, as in
+        the analysis of one posture; without a load all but F are the same.
     length : float, optional
         Characteristic length for all postures; see `default_length`.
     direction : array_like (3,), optional
-        For stiffness along and about a direction.
+        Direction of the stiffness along and about it.
     deflect : array_like (6,), optional
-        Wrench (moment, force) added to the load, whose deflection is asked for; default the load.
+        Wrench (moment, force) added to the load, whose deflection is computed; default the load.
     deflect_at : array_like (3,)
         Point of the body, in M, at which that wrench acts; the deflection is that of M's origin.
     world : bool
         Whether direction and added wrench are in the axes of F, not of the body.
     wrench, load_kind, load_at, load_axes
-        Load at every posture: wrench, what it does while the body moves, where it acts, and along
-        whose axes it is given; as in `cartstiff.analyse`.
+        Load at every posture: wrench, behaviour while the body moves, point and axes, as in
+        `cartstiff.analyse`.
     damping : Damping or float
-        For ``damping_1`` ... and ``limiting_depth``: what damps beside the mechanism's dampers.
+        Damping besides the mechanism's dampers, for ``damping_1`` ... and ``limiting_depth``.
     milling : Milling, optional
-        For ``limiting_depth``: the cutter and its force law.
+        The cutter and its force law, for ``limiting_depth``.
     told : mapping of str to float, optional
-        How far drives are told to move on from each posture, as in `cartstiff.after_command`; what
-        is kept is read where the mechanism comes to rest. A `CommandGrid` maps over commands.
+        Commanded displacement of drives from each posture, as in `cartstiff.after_command`; the
+        quantities are read at the equilibrium after it. A `CommandGrid` maps over commands.
 
     Raises
     ------
     InputError
-        For what cannot be used.
+        For arguments that cannot be used.
     """
     checked_elastic(elastic)
     if not isinstance(sampling, Sampling):
@@ -232,7 +231,7 @@ def planned(
     command: str = "",
     **asked: Any,
 ) -> tuple[MapJob, Layout]:
-    """A map, checked and described; nothing is computed.
+    """Check and describe a map; nothing is computed.
 
     Parameters
     ----------
@@ -241,14 +240,14 @@ def planned(
     single : bool
         Keep results in single precision: half the size.
     chunk : int, optional
-        Most postures of a part.
+        Largest number of postures in a part.
     command : str
-        Kept in the file.
+        Command line that the file keeps.
 
     Returns
     -------
     MapJob
-        What is computed of each part.
+        Computation of each part.
     Layout
         Arrays and attributes of the map; the attribute "description" holds its identity.
     """
@@ -267,7 +266,7 @@ def planned(
         "joints": list(elastic.names),
         "sampling": sampling.as_dict(),
         "quantities": list(job.names),
-        **{name: getattr(settings, name) for name in _SETTINGS},
+        **{name: getattr(settings, name) for name in _DESCRIBED_SETTINGS},
         "load": row,
         "load_kind": kind.kind,
         "load_at": kind.at,
@@ -287,7 +286,7 @@ def planned(
         "mechanism": elastic.name,
         "kind": mechanism.kind,
         "frame": mechanism.frame,
-        # Row after row: attributes of netCDF have one dimension.
+        # Flattened by rows: attributes of netCDF have one dimension.
         "frame_offset": mechanism.frame_offset.ravel().tolist(),
         "base_pose": mechanism.base_pose.ravel().tolist(),
         "connection": settings.connection,
@@ -349,7 +348,7 @@ def planned(
 
 
 def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
-    """Refuse what is given for quantities that are not among those of the map."""
+    """Refuse settings that none of the map's quantities needs."""
     asked = {quantity.asks for quantity in chosen}
     for what, is_given, of in (
         ("direction", settings.direction is not None, ("direction",)),
@@ -370,7 +369,7 @@ def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
 def map_of(
     elastic: ElasticMechanism, sampling: Sampling, quantities: Sequence[str], **asked: Any
 ) -> xarray.Dataset:
-    """Quantities of the stiffness at many postures, as a dataset that is computed when it is used.
+    """Quantities of the stiffness at many postures, as a dataset that is computed when used.
 
     Parameters
     ----------
@@ -395,7 +394,7 @@ def map_of(
         own, graph, make = f"{name}-{token}", dict[Any, Any](), dask.array.Array
         for i, cell in enumerate(cells):
             key = (own, *(*cell, 0)[: len(kind.dims)])
-            graph[key] = _taken, (token, i), name, kind.dtype
+            graph[key] = _array_of_part, (token, i), name, kind.dtype
         whole = HighLevelGraph({token: parts, own: graph}, {token: set(), own: {token}})
         return make(whole, own, chunks, kind.dtype)  # type: ignore[no-untyped-call]
 
@@ -416,12 +415,12 @@ def map_of(
     return with_postures(dataset)
 
 
-def _taken(arrays: Mapping[str, Array], name: str, dtype: str) -> Array:
+def _array_of_part(arrays: Mapping[str, Array], name: str, dtype: str) -> Array:
     return arrays[name].astype(dtype, copy=False)
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:
-    """What the vibrations depend on, as plain data; None where nothing was said."""
+    """Damping and milling as plain data; None if not given."""
     own, milling = settings.damping, settings.milling
     damping = None
     if own != Damping():
@@ -456,7 +455,7 @@ def prepare_map(
     file: Any,
     **asked: Any,
 ) -> tuple[MapJob, MapFile]:
-    """Check everything and make the file, or open and mend the one that holds the same map.
+    """Check everything and create the file, or open and repair one that holds the same map.
 
     Arguments as in `compute_map`.
     """
@@ -474,7 +473,7 @@ def prepare_map(
     existing = MapFile.at(file)
     there = json.loads(existing.attributes["description"])
     here = json.loads(layout.attributes["description"])
-    # Who goes on with the map takes the same path, so that its numbers do not depend on that.
+    # A resumed map keeps its backend, so that its numbers do not depend on the interruption.
     taken = {name: there.get(name) for name in ("path", "by_kernel")}
     require_same(there, here | taken, file, "map")
     existing.mend(layout)
@@ -482,12 +481,12 @@ def prepare_map(
 
 
 def part_of(job: MapJob, file: MapFile, number: int) -> int:
-    """Compute and write a part, unless another worker has; its number."""
+    """Compute and write a part unless it is complete; return its number."""
     if not file.is_done(number):
         arrays = job.compute(file.boxes[number])
         try:
-            # Large parts one after the other: what is compressed is in memory twice.
-            one = _WRITING if file.count(number) > INNER else nullcontext()
+            # Large parts are written one at a time: compression holds a second copy in memory.
+            one = _WRITING_LOCK if file.count(number) > INNER else nullcontext()
             with one, timed("writing the file"):
                 file.write(number, arrays)
         except OSError as error:  # a full disk, a store that does not answer
@@ -500,20 +499,20 @@ def part_of(job: MapJob, file: MapFile, number: int) -> int:
     return number
 
 
-_LOADING, _WRITING = Lock(), Lock()
+_LOADING_LOCK, _WRITING_LOCK = Lock(), Lock()
 
 
 def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, number: int) -> int:
-    """On a worker: `part_of`; data as `packed` gives them."""
-    with _LOADING:
+    """Run `part_of` on a worker, with data from `packed`."""
+    with _LOADING_LOCK:
         job, file = _received(data, known, path, identity)
     return part_of(job, file, number)
 
 
 @lru_cache(maxsize=4)
 def _received(data: bytes, known: Versions, path: str, identity: str) -> tuple[MapJob, MapFile]:
-    """Once for each worker: what was compiled for the mechanism stays with it."""
-    require_versions(dict(known))  # another Pinocchio does not read it, or not as it was
+    """Unpack a job once in each worker, so that code compiled for the mechanism is reused."""
+    require_versions(dict(known))  # another version of Pinocchio may unpickle other numbers
     job = pickle.loads(data)
     if not isinstance(job, MapJob):
         raise TypeError("not a map")
@@ -529,12 +528,12 @@ def _received(data: bytes, known: Versions, path: str, identity: str) -> tuple[M
 
 
 def packed(thing: Any) -> bytes:
-    """What workers get.
+    """Pickle an object for the workers.
 
     Raises
     ------
     InputError
-        If something in it cannot be sent, such as a function without a name.
+        If it cannot be pickled, for example because of a lambda function.
     """
     try:
         return pickle.dumps(thing)
@@ -548,7 +547,7 @@ def packed(thing: Any) -> bytes:
 
 @contextmanager
 def _client(scheduler: Any) -> Iterator[Any]:
-    """A client of a running scheduler, or the one that is given."""
+    """Yield a client of a running scheduler, or the given client."""
     package = "distributed"
     distributed = imported(package, package, "computing a map with several processes", "maps")
     with ExitStack() as ours:
@@ -585,16 +584,16 @@ def _client(scheduler: Any) -> Iterator[Any]:
 def _workers(
     job: MapJob, file: MapFile, threads: int, scheduler: Any
 ) -> Iterator[Callable[[int], Future[int]]]:
-    """Who computes a part: threads, or the workers of a scheduler."""
+    """Yield a function that submits a part to threads, or to the workers of a scheduler."""
     if scheduler is None:
         with numerics.one_thread(), ThreadPoolExecutor(threads) as pool:
             yield lambda number: pool.submit(part_of, job, file, number)
         return
-    data = packed(replace(job))  # less what it has computed for itself
+    data = packed(replace(job))  # a copy without cached results
     known, folder = tuple(versions().items()), local_path(file.address)
     path = file.address if folder is None else str(folder.resolve())
     with _client(scheduler) as client, client.as_current():
-        there = client.submit(bytes, data, pure=False)  # sent once, computed again if it is lost
+        there = client.submit(bytes, data, pure=False)  # sent once, and again if it is lost
         pool = client.get_executor(pure=False)
         yield partial(pool.submit, part_elsewhere, there, known, path, file.attributes[CHECKSUM])
 
@@ -614,7 +613,7 @@ def compute_map(
 ) -> xarray.Dataset:
     """Quantities of the stiffness at many postures, in a file or another store.
 
-    Where there is the same map already, what is missing in it is computed.
+    If the file holds the same map already, its missing parts are computed.
 
     Parameters
     ----------
@@ -624,15 +623,15 @@ def compute_map(
         A folder that ends in ``.zarr``, an address that fsspec knows (``memory://``, ``s3://``), or
         a store of Zarr.
     threads : int, optional
-        In this process; default one for every core.
+        Threads of this process; default one for every core.
     dask : str or distributed.Client, optional
-        A running Dask scheduler's address, or its client: its workers compute instead. They see the
-        file under the same path.
+        Address or client of a running Dask scheduler, whose workers compute instead. They must see
+        the file under the same path.
     progress : bool or None
         Bar on standard error; None shows it on a terminal only.
     verify : bool
-        Whether all that is there already is read, so that damage in it is found and mended; without
-        it only missing objects are.
+        Whether all existing parts are read, so that damaged ones are found and computed anew;
+        without it only missing objects are noticed.
 
     Returns
     -------
@@ -642,9 +641,9 @@ def compute_map(
     Raises
     ------
     InputError
-        If the file holds another map (what differs is said), or for bad input.
+        If the file holds another map (the message names what differs), or for bad input.
     KeyboardInterrupt
-        After Ctrl-C; the file is valid and the same call goes on with it.
+        After Ctrl-C; the file is valid, and the same call resumes it.
     """
     job, there = prepare_map(elastic, sampling, quantities, file, **asked)
     run_map(job, there, threads=threads, dask=dask, progress=progress, verify=verify)
@@ -686,7 +685,7 @@ def run_map(
 
 @contextmanager
 def _bar(total: int, progress: bool | None) -> Iterator[Callable[[int], Any]]:
-    """A bar that counts postures, or nothing."""
+    """Yield the `update` of a bar that counts postures, or a function that does nothing."""
     if progress is False or (progress is None and not sys.stderr.isatty()):
         yield lambda _: None
         return

@@ -1,9 +1,8 @@
-"""Where a map looks: grids of coordinates, random postures, Cartesian grids, trajectories.
+"""Samplings of a map: grids of coordinates, random postures, trajectories; and its chunks.
 
-A sampling has dimensions with a shape, and gives the postures of any box of it. The same numbers
-come out whatever the boxes are, so that a map can be split, interrupted and gone on with.
-
-How a map is cut into parts, which are computed and stored one by one.
+A sampling has named dimensions with a shape, and returns the postures of any box in it. The numbers
+do not depend on the boxes, so that a map can be split, interrupted and resumed. The chunks are the
+parts of a map that are computed and stored one by one.
 """
 
 from __future__ import annotations
@@ -26,10 +25,10 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-# Random postures are drawn in blocks of this size, each from its own seed.
-_BLOCK = 1024
-# Values of an axis are held in memory, all of them.
-_MOST_VALUES = 10**7
+# Number of random postures drawn from one seed.
+_RANDOM_BLOCK = 1024
+# Largest number of values of an axis, all of which are in memory.
+_MAX_AXIS_VALUES = 10**7
 
 
 @dataclass(frozen=True)
@@ -45,10 +44,10 @@ class Axis:
             checked_number(getattr(self, name), f"{name} of an axis")
         if not (np.isfinite(self.low) and np.isfinite(self.high)):
             raise InputError("ends of an axis must be finite", got=(self.low, self.high))
-        if not 1 <= self.count <= _MOST_VALUES:
+        if not 1 <= self.count <= _MAX_AXIS_VALUES:
             raise InputError(
                 "an axis cannot have so many values",
-                expected=f"1 to {_MOST_VALUES}",
+                expected=f"1 to {_MAX_AXIS_VALUES}",
                 got=self.count,
             )
         if self.count > 1 and not self.high > self.low:
@@ -60,12 +59,12 @@ class Axis:
         return np.linspace(self.low, self.high, self.count)
 
     def as_list(self) -> list[float]:
-        """For JSON."""
+        """Return low, high and count for JSON."""
         return [float(self.low), float(self.high), int(self.count)]
 
 
 def as_axis(name: str, axis: Any) -> Axis:
-    """An axis that may be given by its three numbers."""
+    """Return an axis, which may be given by its three numbers."""
     if isinstance(axis, Axis):
         return axis
     try:
@@ -89,17 +88,17 @@ class Sampling(ABC):
     whole : tuple of str
         Dimensions that are never split.
     stores_q : bool
-        Whether the coordinates of the postures must be kept in the file, because they cannot be
-        had again without work.
+        Whether the file keeps the coordinates of the postures, because computing them again takes
+        time.
     """
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
     whole: tuple[str, ...] = ()
     stores_q: bool = False
-    #: Whether closures are met by the postures it gives.
+    #: Whether the postures satisfy the loop closures.
     is_closed: bool = False
-    #: Values along the dimensions that have some.
+    #: Axes of the dimensions that have values.
     axes: Mapping[str, Axis] = MappingProxyType({})
 
     @property
@@ -111,7 +110,7 @@ class Sampling(ABC):
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
         """Coordinates (m, n) of the postures of a box in C order; NaN rows where there is none.
 
-        Only a Cartesian grid needs the mechanism for it.
+        Only samplings of poses need the mechanism.
         """
 
     @abstractmethod
@@ -120,27 +119,27 @@ class Sampling(ABC):
 
 
 def dimension_name(coordinate: str) -> str:
-    """Name of the dimension of a coordinate: in a file a slash would start a folder."""
+    """Return the name of a coordinate's dimension: in a file a slash would start a folder."""
     return coordinate.replace("/", ".")
 
 
 def grid_indices(box: tuple[slice, ...]) -> tuple[Array, ...]:
-    """Index of every cell of a box along each dimension, in C order."""
+    """Return the indices of all cells of a box along each dimension, in C order."""
     ranges = np.meshgrid(*(np.arange(s.start, s.stop) for s in box), indexing="ij")
     return tuple(r.ravel() for r in ranges)
 
 
 class Grid(Sampling):
-    """All combinations of values of some coordinates; the others keep theirs.
+    """All combinations of values of some coordinates; the other coordinates are constant.
 
     Parameters
     ----------
     axes : mapping of str to Axis or (low, high, count)
-        By coordinate name; the first varies slowest.
+        Values by coordinate name; the first coordinate varies slowest.
     names : sequence of str
         Names of all coordinates.
     base : array_like (n,)
-        Values of the others.
+        Values of the other coordinates.
     """
 
     @checked
@@ -167,7 +166,7 @@ class Grid(Sampling):
 
     @cached_property
     def values(self) -> list[Array]:
-        """Of each axis."""
+        """Values of each axis."""
         return [axis.values for axis in self.axes.values()]
 
     def postures(
@@ -200,14 +199,14 @@ class Grid(Sampling):
 class RandomPostures(Sampling):
     """Independent postures, uniform between the limits of each coordinate.
 
-    Posture i depends on the seed and on i alone. A map keeps them for readers that draw none.
+    Posture i depends only on the seed and on i. A map stores the postures for other readers.
 
     Parameters
     ----------
     count, seed : int
-        How many, and which.
+        Number of postures, and seed of the random numbers.
     lower, upper : array_like (n,)
-        Limits; where they are equal the coordinate is fixed.
+        Limits; a coordinate with equal limits is constant.
     """
 
     stores_q = True
@@ -231,16 +230,18 @@ class RandomPostures(Sampling):
         seed: int = 0,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> RandomPostures:
-        """Between limits, or within a turn where an angle has none; links that give stay unbent.
+        """Draw postures within the limits of a mechanism; compliant links stay undeflected.
+
+        Angles without limits are drawn within one turn.
 
         Parameters
         ----------
         elastic : ElasticMechanism
-            Gives names and limits.
+            Mechanism with the names and limits of the coordinates.
         count, seed : int
             As above.
         ranges : mapping of str to (low, high), optional
-            Other limits by coordinate name.
+            Limits by coordinate name that replace the mechanism's.
 
         Raises
         ------
@@ -271,13 +272,13 @@ class RandomPostures(Sampling):
     ) -> Array:
         """Coordinates (m, n) of a range of postures."""
         start, stop = box[0].start, box[0].stop
-        first, last = start // _BLOCK, -(-stop // _BLOCK)
+        first, last = start // _RANDOM_BLOCK, -(-stop // _RANDOM_BLOCK)
         n = len(self.lower)
-        drawn = np.empty(((last - first) * _BLOCK, n))
+        drawn = np.empty(((last - first) * _RANDOM_BLOCK, n))
         for i in range(first, last):
             rng = np.random.default_rng([self.seed, i])
-            rng.random(out=drawn[(i - first) * _BLOCK : (i - first + 1) * _BLOCK])
-        q: Array = drawn[start - first * _BLOCK : stop - first * _BLOCK]
+            rng.random(out=drawn[(i - first) * _RANDOM_BLOCK : (i - first + 1) * _RANDOM_BLOCK])
+        q: Array = drawn[start - first * _RANDOM_BLOCK : stop - first * _RANDOM_BLOCK]
         q *= self.upper - self.lower
         q += self.lower
         return q
@@ -294,14 +295,14 @@ class RandomPostures(Sampling):
 
 
 class Trajectory(Sampling):
-    """Given postures in a row.
+    """A sequence of given postures.
 
     Parameters
     ----------
     q : array_like (N, n)
         Coordinates.
     time : array_like (N,), optional
-        When; kept as a coordinate of the map.
+        Times; the map keeps them as a coordinate.
     """
 
     stores_q = True
@@ -315,14 +316,16 @@ class Trajectory(Sampling):
     def from_table(
         cls, columns: Mapping[str, ArrayLike], elastic: ElasticMechanism, base: ArrayLike
     ) -> Trajectory:
-        """From columns by coordinate name; ``time`` may be one more; the rest keeps `base`.
+        """Make a trajectory of columns by coordinate name, with an optional column ``time``.
+
+        Coordinates without a column have the values of `base`.
 
         Raises
         ------
         UnknownNameError
             For a column that is no coordinate.
         InputError
-            If no column is one.
+            If no column is a coordinate.
         """
         base = named_values(real_array(base, "base"), elastic.names, elastic.q, "base")
         names = [name for name in columns if name != "time" or "time" in elastic.names]
@@ -349,7 +352,7 @@ class Trajectory(Sampling):
         return self.q[box[0]].copy()
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: a digest stands for the postures, which are in the file."""
+        """For JSON: a digest in place of the postures, which the file holds."""
         from hashlib import sha256
 
         digest = sha256(np.ascontiguousarray(self.q).tobytes())
@@ -358,25 +361,25 @@ class Trajectory(Sampling):
         return {"kind": "trajectory", "count": len(self.q), "sha256": digest.hexdigest()}
 
 
-# Smallest and largest number of postures in a chunk, and how many chunks are aimed at; fewer where
-# a posture takes less than what is done once for each chunk.
-_LEAST, _MOST, _CHUNKS, _FEW_CHUNKS = 64, 11 * 2**16, 128, 32
+# Smallest and largest number of postures in a chunk, and the number of chunks aimed at: the second
+# one where the overhead of a chunk exceeds the time of a posture.
+_MIN_CHUNK, _MAX_CHUNK, _TARGET_CHUNKS, _TARGET_LARGE_CHUNKS = 64, 11 * 2**16, 128, 32
 
 
 def usual_chunk(count: int, least: int | None = None) -> int:
-    """Postures of a chunk of so many: from 64 for small maps to 720896 for large ones.
+    """Return the usual number of postures in a chunk: from 64 for small maps to 720896.
 
-    Where postures are quickly computed it is from `least` on.
+    `least` replaces the smallest number for postures that are computed fast.
     """
     if least is None:
-        return min(max(count // _CHUNKS, _LEAST), _MOST)
-    return min(max(count // _FEW_CHUNKS, least), _MOST)
+        return min(max(count // _TARGET_CHUNKS, _MIN_CHUNK), _MAX_CHUNK)
+    return min(max(count // _TARGET_LARGE_CHUNKS, least), _MAX_CHUNK)
 
 
 def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, ...]:
-    """Shape of a chunk: near a cube, so that a slice in any direction touches few of them.
+    """Return the shape of a chunk: close to a cube, so that slices in any direction cut few chunks.
 
-    `postures` is the most of a chunk; default `usual_chunk`.
+    `postures` is the largest number in a chunk; default `usual_chunk`.
     """
     postures = usual_chunk(sampling.size) if postures is None else postures
     shape = list(sampling.shape)

@@ -1,4 +1,4 @@
-"""A store of Zarr whose objects are compared with checksums of their bytes and places."""
+"""A Zarr store that compares its objects with checksums of their bytes and keys."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from cartstiff.geometry.se3 import Array
 
 
 def seal(salt: str, key: str, value: bytes | memoryview) -> int:
-    """Checksum of an object, of its key, and of the map that it belongs to."""
+    """Return the checksum of an object, its key, and the map that it belongs to."""
     return zlib.crc32(value, zlib.crc32(f"{salt}/{key}".encode()))
 
 
 class SealedStore(WrapperStore):  # type: ignore[type-arg]
-    """What is written is sealed; nothing is read that does not agree with its seal.
+    """A Zarr store that computes a checksum of what it writes and checks what it reads.
 
     Parameters
     ----------
     store : zarr.abc.store.Store
-        Where the objects are.
+        Store of the objects.
     salt : str
-        What distinguishes the map from others.
+        Checksum of the map's description, which distinguishes it from other maps.
     fixed : mapping of str to int
-        Seals of objects that do not belong to parts, by key.
+        Checksums of objects that do not belong to parts, by key.
     names : list of str
-        Arrays that are cut into parts, in the order of the columns of `seals`.
+        Arrays that are split into parts, in the order of the columns of `seals`.
     cuts : tuple of int
         Number of parts along each dimension.
     seals : ndarray (parts, arrays)
-        Seals of the parts; -1 where a part has not been written: such objects do not exist; -2
-        where that is not known.
+        Checksums of the parts; -1 for parts that have not been written, whose objects do not
+        exist; -2 where the checksum is unknown.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         return SealedStore(store, *self.about)
 
     async def set(self, key: str, value: Any) -> None:
-        """Write an object, and remember its seal."""
+        """Write an object and keep its checksum."""
         self.written[key] = seal(self.about[0], key, value.as_numpy_array().data)
         await super().set(key, value)
 
     async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
-        """An object, or a part of one that is whole."""
+        """Read an object, or a byte range of it after the whole object has been checked."""
         expected, salt, place = self._expected(key)
         if expected is None:
             return await super().get(key, prototype, byte_range)
@@ -80,7 +80,7 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         return value[first : getattr(byte_range, "end", len(value))]
 
     def _expected(self, key: str) -> tuple[int | None, str, str]:
-        """Seal of an object (-1: it does not exist, None: it has none), its salt, and its place."""
+        """Return the checksum of an object (-1: does not exist, None: no checksum), salt, place."""
         salt, fixed, names, cuts, seals = self.about
         name, _, cell = key.partition("/c/")
         if name not in names or not cell:

@@ -1,8 +1,9 @@
-"""Maps in stores: Zarr groups of labelled arrays that say what they are.
+"""Storage of maps: self-describing Zarr groups of labelled arrays.
 
-A map is cut into parts. The arrays of a part are written one object each, ``state`` last, and then
-its mark: the checksums of these objects, and what a summary needs of them. A part without a mark
-has not been computed. What does not agree with its mark is named, and is computed anew.
+A map is split into parts. Each array of a part is written as one object, ``state`` last, and then
+the mark of the part: the checksums of these objects and their statistics for the summary. A part
+without a mark has not been computed. A part that differs from its mark is reported and computed
+anew.
 """
 
 from __future__ import annotations
@@ -32,27 +33,27 @@ if TYPE_CHECKING:
     import xarray
 
 SCHEMA = "cartstiff-map/5"
-#: Attribute of the group that holds the checksum of what describes it and its arrays.
+#: Attribute of the group that holds the checksum of its description and that of its arrays.
 CHECKSUM = "description_checksum"
 #: Value of ``state`` where nothing has been computed yet.
 NOT_COMPUTED = 255
-#: Arrays of a map about which there is nothing to add up.
+#: Arrays of a map without statistics.
 PLACES = ("position", "q", "time")
-# Most parts of a map: each is some objects, and all of them are listed.
-_MOST_PARTS = 10**6
-#: Most postures of what is compressed as one: a few are read without the rest of a part.
+# Largest number of parts of a map: each has several objects, which are all listed.
+_MAX_PARTS = 10**6
+#: Largest number of postures compressed together: a few are read without the rest of a part.
 INNER = 2**16
-# Blosc packs no more.
-_LARGEST_FILE = 2**31
-# Group of what is known of the parts, so that it is no variable of the map.
+# Largest number of bytes of a file: the limit of Blosc.
+_MAX_FILE_BYTES = 2**31
+# Group of the parts' marks, separate from the variables of the map.
 _PARTS = "parts"
 _MARKS = "parts/marks"
 _RESERVED = ("state", "position", "q", _PARTS, "branches", "xyz", "joint")
-_ANEW = "the map as it was written; without it, the same command computes it anew"
+_RESTORE = "the map as it was written; without it, the same command computes it anew"
 
 
 class Kind(NamedTuple):
-    """What an array of a map is: its dimensions, attributes, numbers, and the one for nothing."""
+    """Dimensions, attributes, number type and fill value of an array of a map."""
 
     dims: tuple[str, ...]
     attributes: dict[str, Any]
@@ -62,22 +63,22 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """A map before anything of it is computed.
+    """Description of a map before any part of it is computed.
 
     Attributes
     ----------
     sampling : Sampling
         Dimensions and axes.
     arrays : mapping of str to Kind
-        What each part holds: the quantities, ``position``, ``state`` and more.
+        Arrays of each part: the quantities, ``position``, ``state`` and more.
     axes : mapping of str to Kind
-        The dimensions that have values.
+        Dimensions that have values.
     sizes : mapping of str to int
-        Lengths of the dimensions that are not of the sampling; they are not cut.
+        Lengths of the other dimensions than those of the sampling; they are not split.
     chunk : tuple of int
         Shape of a part.
     attributes : mapping
-        Attributes of the whole; values that JSON can hold.
+        Attributes of the group, as values of JSON.
     """
 
     sampling: Sampling
@@ -91,10 +92,10 @@ class Layout:
         for name in self.sampling.dims:
             if name in (*_RESERVED, *self.arrays, *self.sizes):
                 raise InputError("a dimension has the name of something else in the map", got=name)
-        if (count := prod(self.cuts)) > _MOST_PARTS:
+        if (count := prod(self.cuts)) > _MAX_PARTS:
             raise InputError(
                 f"map of {self.sampling.size} postures has too many parts",
-                expected=f"at most {_MOST_PARTS}: fewer postures, or more in each",
+                expected=f"at most {_MAX_PARTS}: fewer postures, or more in each",
                 got=count,
             )
 
@@ -105,7 +106,7 @@ class Layout:
 
     @property
     def boxes(self) -> list[tuple[slice, ...]]:
-        """What each part holds of the map."""
+        """Box of each part in the map."""
         return boxes(self.sampling.shape, self.chunk)
 
     def lengths(self, dims: Iterable[str]) -> list[int]:
@@ -114,7 +115,7 @@ class Layout:
         return [(known | dict(self.sizes))[dim] for dim in dims]
 
     def encoding(self, kind: Kind) -> dict[str, Any]:
-        """How Zarr keeps an array: a part is one object, and is compressed in pieces."""
+        """Return the Zarr encoding of an array: one object per part, compressed in pieces."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
         known = dict(zip(self.sampling.dims, self.chunk, strict=True)) | dict(self.sizes)
@@ -125,26 +126,30 @@ class Layout:
         return {
             "chunks": (inner, *part[1:]),
             **({} if inner == part[0] else {"shards": tuple(part)}),
-            # Bytes of like significance together: smaller than as they stand, and sooner. A reader
-            # of Zarr sees a changed bit.
+            # Shuffled bytes compress better and faster; with the CRC any Zarr reader notices a
+            # changed bit.
             "compressors": (BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()),
             "fill_value": kind.fill,
         }
 
 
 def cuts(shape: Sequence[int], chunk: Sequence[int]) -> tuple[int, ...]:
-    """Number of parts of an array along each dimension."""
+    """Return the number of parts of an array along each dimension."""
     return tuple(ceil(n / c) for n, c in zip(shape, chunk, strict=True))
 
 
 def boxes(shape: Sequence[int], chunk: Sequence[int]) -> list[tuple[slice, ...]]:
-    """Parts of an array, in C order."""
+    """Return the parts of an array in C order."""
     pairs = zip(shape, chunk, strict=True)
     return list(product(*([slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in pairs)))
 
 
 def fact(name: str, values: Array) -> Array:
-    """What a summary needs of an array of a part: sizes as in `_fact_size`."""
+    """Statistics of an array of a part for the summary; sizes as in `_fact_size`.
+
+    Counts by value for ``state``, the maximum for ``branches``, and for quantities minimum,
+    maximum, sum and number of the finite values.
+    """
     if name == "state":
         return np.bincount(np.ravel(values), minlength=256).astype(float)
     if name == "branches":
@@ -164,8 +169,8 @@ def _zarr() -> Any:
     return imported("zarr", package="zarr", purpose="keeping a map in a file", extra="maps")
 
 
-def _now(coroutine: Any) -> Any:
-    """The result of a method of a store."""
+def _result_of(coroutine: Any) -> Any:
+    """Wait for the result of a store's asynchronous method."""
     from zarr.core.sync import sync
 
     return sync(coroutine)
@@ -176,7 +181,7 @@ async def _listed(store: Any) -> set[str]:
 
 
 def local_path(address: Any) -> Path | None:
-    """The folder that an address names; None for other stores."""
+    """Return the folder that an address names; None for other stores."""
     if isinstance(address, Path):
         return address
     if not isinstance(address, str):
@@ -186,7 +191,7 @@ def local_path(address: Any) -> Path | None:
 
 
 def _stored(address: Any) -> Any:
-    """The store at an address."""
+    """Return the Zarr store at an address."""
     storage = _zarr().storage
     kinds = str, Path, _zarr().abc.store.Store
     checked_kind(address, kinds, "name of a map", "a path, an address or a store")
@@ -196,7 +201,7 @@ def _stored(address: Any) -> Any:
         return address
     try:
         return storage.FsspecStore.from_url(address)
-    except Exception as error:  # what protocols and their packages raise
+    except Exception as error:  # protocols and their packages raise any kind
         raise _unreachable(address, error) from None
 
 
@@ -208,19 +213,19 @@ def _unreachable(address: Any, error: Exception) -> InputError:
 def _read(store: Any, key: str) -> bytes | None:
     from zarr.core.buffer import default_buffer_prototype
 
-    value = _now(store.get(key, default_buffer_prototype()))
+    value = _result_of(store.get(key, default_buffer_prototype()))
     return None if value is None else bytes(value.to_bytes())
 
 
 def _description_checksum(root: Mapping[str, Any]) -> str:
-    """SHA-256 of the group's ``zarr.json``, which describes all arrays, less this checksum."""
+    """SHA-256 of the group's ``zarr.json``, which describes all arrays, without this checksum."""
     attributes = {key: value for key, value in root["attributes"].items() if key != CHECKSUM}
     text = json.dumps({**root, "attributes": attributes}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def is_there(address: Any) -> bool:
-    """Whether there is something at an address already."""
+    """Whether something exists at an address."""
     if (path := local_path(address)) is not None:
         return path.exists()
     try:
@@ -232,7 +237,7 @@ def is_there(address: Any) -> bool:
 
 
 def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
-    """The attributes of a map, once all that describes it agrees with its checksum."""
+    """Return the attributes of a map after its description has passed its checksum."""
     where, folder = one_line(str(address)), local_path(address)
     try:
         text = None
@@ -256,7 +261,7 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
         there, is_whole = attributes["schema"], _description_checksum(root) == attributes[CHECKSUM]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(
-            "is not a map, or its zarr.json is damaged", where=where, expected=_ANEW
+            "is not a map, or its zarr.json is damaged", where=where, expected=_RESTORE
         ) from None
     if there != SCHEMA:
         raise InputError(
@@ -269,13 +274,13 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
         raise InputError(
             "map is damaged: its zarr.json does not agree with its checksum",
             where=where,
-            expected=_ANEW,
+            expected=_RESTORE,
         )
     return attributes
 
 
 def _require_plain_files(folder: Path) -> None:
-    """Refuse links, devices and pipes: what they lead to has no end, or another owner."""
+    """Refuse links, devices and pipes: their targets may be endless or belong to others."""
     for path in folder.rglob("*"):
         about = path.lstat()
         if not (stat.S_ISDIR(about.st_mode) or stat.S_ISREG(about.st_mode)):
@@ -284,17 +289,17 @@ def _require_plain_files(folder: Path) -> None:
                 where=one_line(str(path)),
                 expected="files and folders only in a map",
             )
-        if about.st_size > _LARGEST_FILE:
+        if about.st_size > _MAX_FILE_BYTES:
             raise InputError(
                 "is too large for a map",
                 where=one_line(str(path)),
-                expected=f"at most {_LARGEST_FILE} bytes",
+                expected=f"at most {_MAX_FILE_BYTES} bytes",
                 got=about.st_size,
             )
 
 
 def _objects(layout: Layout) -> dict[str, bytes]:
-    """What describes a map, by key: the group, its arrays, and the values along the axes."""
+    """Objects that describe a map, by key: the group, its arrays, and the values of the axes."""
     zarr, kept = _zarr(), dict[str, Any]()
     from cartstiff.maps.sealed import seal
 
@@ -325,7 +330,7 @@ def _objects(layout: Layout) -> dict[str, bytes]:
     later = ("zarr.json", f"{_PARTS}/zarr.json")
     fixed = {k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in later}
     group[_PARTS].attrs.update({"arrays": names, "objects": fixed})
-    with warnings.catch_warnings():  # Zarr's own next version may have it elsewhere
+    with warnings.catch_warnings():  # consolidated metadata are not yet in Zarr's specification
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(group.store, zarr_format=3)
     objects = {key: bytes(value.to_bytes()) for key, value in kept.items()}
@@ -339,18 +344,18 @@ def _put(store: Any, objects: Mapping[str, bytes]) -> None:
 
     make = default_buffer_prototype().buffer.from_bytes
     for key, value in objects.items():
-        _now(store.set(key, make(value)))
+        _result_of(store.set(key, make(value)))
 
 
 class Run(NamedTuple):
-    """What was done for a map.
+    """Result of a run that computed missing parts.
 
     Attributes
     ----------
     computed : int
-        Parts that were computed.
+        Number of parts that were computed.
     damaged : tuple of str
-        What was wrong with those that were made anew.
+        Damage of the parts that were computed anew.
     """
 
     computed: int
@@ -359,7 +364,7 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True)
 class MapFile:
-    """A map in a store; `at` and `create` make it."""
+    """A map in a store, from `at` or `create`."""
 
     address: Any
     attributes: Mapping[str, Any]
@@ -367,7 +372,7 @@ class MapFile:
 
     @classmethod
     def at(cls, address: Any) -> MapFile:
-        """An existing map.
+        """Open an existing map.
 
         Raises
         ------
@@ -379,7 +384,7 @@ class MapFile:
 
     @classmethod
     def create(cls, address: Any, layout: Layout) -> MapFile:
-        """A new map with nothing computed; it appears whole or not at all."""
+        """Create a map without computed parts, completely or not at all."""
         objects, place = _objects(layout), local_path(address)
         if place is None:
             try:
@@ -407,12 +412,12 @@ class MapFile:
 
     @cached_property
     def names(self) -> list[str]:
-        """Arrays that are cut into parts."""
+        """Names of the arrays that are split into parts."""
         return list(self._group[_PARTS].attrs["arrays"])
 
     @property
     def _fixed(self) -> dict[str, int]:
-        """Seals of what describes the map, by key."""
+        """Checksums of the objects that describe the map, by key."""
         return dict(self._group[_PARTS].attrs["objects"])
 
     @cached_property
@@ -421,7 +426,7 @@ class MapFile:
 
     @cached_property
     def described(self) -> dict[str, Any]:
-        """Arrays by name, whatever their numbers are."""
+        """Zarr arrays by name, without checking their contents."""
         return dict(self._group.arrays()) | {_MARKS: self._group[_MARKS]}
 
     @property
@@ -442,26 +447,26 @@ class MapFile:
 
     @cached_property
     def boxes(self) -> list[tuple[slice, ...]]:
-        """What each part holds of the map."""
+        """Box of each part in the map."""
         return boxes(self.shape, self.chunk)
 
     def count(self, part: int) -> int:
-        """Postures in a part."""
+        """Return the number of postures in a part."""
         return prod(s.stop - s.start for s in self.boxes[part])
 
     def _keys(self, part: int) -> list[str]:
-        """Of the objects of a part."""
+        """Return the keys of the objects of a part."""
         cell = (*(int(i) for i in np.unravel_index(part, self.cuts)), 0)
         arrays = [self.described[name] for name in self.names]
         codes = [array.metadata.encode_chunk_key(cell[: array.ndim]) for array in arrays]
         return [f"{name}/{code}" for name, code in zip(self.names, codes, strict=True)]
 
     def _marks(self, parts: Sequence[int] | None = None) -> Array:
-        """Marks of parts, by default all: 0 where there is none, -1 first where one is damaged."""
+        """Marks of parts, by default of all: zeros without a mark, first entry -1 if damaged."""
         array, known = self.described[_MARKS], parts or range(len(self.boxes))
         try:
             rows = np.asarray(array[:] if parts is None else array[parts])
-        except Exception:  # codecs raise anything
+        except Exception:  # codecs raise any kind
             if parts is not None:
                 return np.full((1, array.shape[1]), -1.0)
             return np.concatenate([self._marks([part]) for part in known])
@@ -471,13 +476,13 @@ class MapFile:
         return rows
 
     def _sealed_row(self, part: int, row: Array) -> int:
-        """Checksum of a mark, which is not 0."""
+        """Return the checksum of a mark, which is never 0."""
         from cartstiff.maps.sealed import seal
 
         return 1 + seal(self.attributes[CHECKSUM], f"{_MARKS}/{part}", row[1:].tobytes())
 
     def store(self, marks: Array | None = None) -> Any:
-        """The store, which reads what agrees with marks, as they are now, and nothing else."""
+        """Return the store that reads only objects that agree with marks, by default as stored."""
         from cartstiff.maps.sealed import SealedStore
 
         names = self.names
@@ -489,7 +494,7 @@ class MapFile:
 
     @cached_property
     def _unread(self) -> Any:
-        """The arrays of a map of which nothing has been written."""
+        """The group as of a map without written parts."""
         store = self.store(np.zeros((len(self.boxes), 1 + len(self.names))))
         return _zarr().open_group(store, mode="r+", use_consolidated=True)
 
@@ -502,11 +507,11 @@ class MapFile:
         return bool(self._marks([part])[0, 0] > 0)
 
     def forget(self, part: int) -> None:
-        """Take away the mark of a part, so that it is computed anew."""
-        _now(self.inner.delete(f"{_MARKS}/c/{part}/0"))
+        """Remove the mark of a part, so that it is computed anew."""
+        _result_of(self.inner.delete(f"{_MARKS}/c/{part}/0"))
 
     def facts(self) -> dict[str, Array]:
-        """By array of the map, what the summary needs of each of its parts that are done."""
+        """Statistics of the completed parts for the summary, by array."""
         marks = self._marks()
         sizes = [_fact_size(name) for name in self.names]
         first = 1 + len(sizes) + np.concatenate([[0], np.cumsum(sizes)])
@@ -514,10 +519,10 @@ class MapFile:
         return {name: rows[marks[:, 0] > 0] for name, rows in found.items() if rows.size}
 
     def write(self, part: int, arrays: dict[str, Array]) -> None:
-        """Move the arrays of a part to the store, and then write its mark."""
+        """Write the arrays of a part, which are removed from `arrays`, and then its mark."""
         group, facts = self._unread, []
         for name in self.names:
-            # What is nothing but its fill value is written, too.
+            # Chunks that hold only the fill value are written as well.
             array = group[name].with_config({"write_empty_chunks": True})
             kept = arrays.pop(name).astype(array.dtype, copy=False)
             array[self.boxes[part][: array.ndim]] = kept
@@ -530,7 +535,7 @@ class MapFile:
         self.described[_MARKS][part] = row
 
     def damage(self, verify: bool = False) -> dict[int, str]:
-        """What is wrong with parts that were complete; without `verify`, what is missing of them.
+        """Return the damage of completed parts; without `verify` only missing objects.
 
         Parameters
         ----------
@@ -539,7 +544,7 @@ class MapFile:
         """
         marks, place = self._marks(), f"{_MARKS}/c/%d/0 is not what was written there"
         wrong = {part: place % part for part in np.flatnonzero(marks[:, 0] < 0).tolist()}
-        listed = _now(_listed(self.inner))
+        listed = _result_of(_listed(self.inner))
         group = _zarr().open_group(self.store(marks), mode="r", use_consolidated=True)
         for part in np.flatnonzero(marks[:, 0] > 0).tolist():
             if lost := [key for key in self._keys(part) if key not in listed]:
@@ -553,7 +558,7 @@ class MapFile:
         return wrong
 
     def mend(self, layout: Layout) -> list[str]:
-        """Write anew what describes the map and is damaged; the keys."""
+        """Rewrite the damaged objects that describe the map; return their keys."""
         from cartstiff.maps.sealed import seal
 
         fixed, damaged = self._fixed, {}
@@ -567,14 +572,14 @@ class MapFile:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """While this holds, no other process on this machine computes the same folder.
+        """Keep other processes on this machine from computing the same folder.
 
-        In other stores several may: they write the same objects.
+        Other stores are not locked: several processes would write equal objects.
 
         Raises
         ------
         InputError
-            If one does.
+            If another process computes this map.
         """
         import fcntl
 
@@ -591,7 +596,7 @@ class MapFile:
                 ) from None
             except OSError:  # file systems without locks
                 pass
-            for path in folder.rglob("*.partial"):  # what a killed process had begun to write
+            for path in folder.rglob("*.partial"):  # left by a killed process
                 path.unlink(missing_ok=True)
             yield
         finally:
@@ -599,7 +604,7 @@ class MapFile:
 
 
 def open_map(path: Any) -> xarray.Dataset:
-    """A map as labelled arrays, read when they are used.
+    """Open a map as labelled arrays, which are read when they are used.
 
     Parameters
     ----------
@@ -609,12 +614,12 @@ def open_map(path: Any) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        What `xarray.open_zarr` reads, less what is damaged, with ``q`` (..., joint) of grids, and
-        ``chunks_done`` of ``chunks`` among the attributes. Variables: every quantity over the map's
-        dimensions; ``state`` (0 is regular; the attribute ``flag_meanings`` names the others, 255
-        is not computed); ``position`` (..., xyz) of the body frame's origin in F. Attributes:
-        mechanism, frame, units, versions, the command. Arrays are split as the store is, so that
-        reductions of a large map need little memory.
+        The dataset of `xarray.open_zarr` without damaged parts, with ``q`` (..., joint) of grids.
+        Variables: every quantity over the map's dimensions; ``state`` (0 is regular; the attribute
+        ``flag_meanings`` names the others, 255 is not computed); ``position`` (..., xyz) of the
+        body frame's origin in F. Attributes: mechanism, frame, units, versions, the command, and
+        ``chunks_done`` of ``chunks``. The arrays are split like the store, so that reductions of a
+        large map need little memory.
 
     Raises
     ------
@@ -643,17 +648,17 @@ def open_map(path: Any) -> xarray.Dataset:
 
 
 def with_postures(dataset: xarray.Dataset) -> xarray.Dataset:
-    """A map with names of joints and axes, and with the postures that its grid names."""
+    """Add names of joints and axes, and the postures of a grid, to a map."""
     import xarray
 
     joints = json.loads(dataset.attrs["description"])["joints"]
-    if "q" not in dataset:  # lazily, from what names the grid
+    if "q" not in dataset:  # lazily, from the axes and the constant coordinates
         zero = xarray.zeros_like(dataset["state"], float).drop_attrs()
         held = dataset.attrs
         names = [dimension_name(name) for name in joints]
         columns = [zero + dataset.coords.get(name, held.get(f"fixed_{name}")) for name in names]
         q = xarray.concat(columns, "joint").transpose(..., "joint")
         dataset["q"] = q.dims, q.data, {"long_name": "coordinates of the posture"}
-    # As objects they are strings of any length, which Zarr's third version has.
+    # As objects they are strings of any length, as Zarr 3 stores them.
     labels = {"joint": np.array(joints, object), "xyz": np.array(["x", "y", "z"], object)}
     return dataset.assign_coords(labels)
