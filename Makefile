@@ -1,6 +1,6 @@
 # make demo    environment, install, a UR5 under load and the paper's platform into report/
-# make test    environment with all tools, then every check there is
-# The other targets: lint, docs, fuzz, benchmark, release-check, lock, clean. Needs Python 3.11 or newer, and make.
+# make test    environment with all tools, then every check; slow repetitions of tests are left out
+# The other targets: thorough (every test), lint, docs, fuzz, benchmark, release-check, lock, clean. Needs Python 3.11 or newer, and make.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -26,7 +26,7 @@ $(shell [ -x $(PY) ] || rm -f $(RUNTIME) $(DEV))
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint format-check types docs pytest fuzz benchmark screenshot release-check lock clean
+.PHONY: help demo test lint format-check types docs pytest thorough fuzz benchmark screenshot release-check lock clean
 
 help:
 	@sed -n '1,3s/^# //p' Makefile
@@ -94,6 +94,10 @@ docs: $(DEV)
 pytest: $(DEV)
 	@echo "== pytest"
 	@$(PY) -m pytest $(PYTEST_ARGS)
+
+# Every case of every test, before a release and each night; `make test` leaves out tests/thorough.txt.
+thorough: export CARTSTIFF_THOROUGH := 1
+thorough: test
 
 # Broken and odd input of every kind; FUZZ_ARGS="--count 2000 --seed 7" for other numbers.
 FUZZ_ARGS ?= --count 100000

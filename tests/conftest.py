@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,31 @@ if str(ROOT) not in sys.path:  # `from tests.support import ...` works however p
 # Recorded programs are hundreds of thousands of objects that live long: the collector would look
 # through them again and again. What is imported and collected stays for good.
 gc.set_threshold(50_000, 20, 50)
+
+
+# `make test` leaves the slow repetitions to `make thorough`, which sets this.
+THOROUGH = os.environ.get("CARTSTIFF_THOROUGH", "") == "1"
+SLOW = frozenset(
+    line
+    for line in (ROOT / "tests/thorough.txt").read_text(encoding="utf-8").splitlines()
+    if not line.startswith("#")
+)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is marked `thorough` or listed in thorough.txt, unless a file is named.
+
+    A thorough run of everything refuses a list that names tests which are gone.
+    """
+    is_whole = not any(Path(name.partition("::")[0]).suffix == ".py" for name in config.args)
+    if THOROUGH:
+        gone = SLOW - {item.nodeid for item in items}
+        if config.args == config.getini("testpaths") and gone:
+            raise pytest.UsageError(f"tests/thorough.txt names tests that are gone: {min(gone)}")
+    elif is_whole:
+        later = [i for i in items if i.nodeid in SLOW or i.get_closest_marker("thorough")]
+        config.hook.pytest_deselected(items=later)
+        items[:] = [item for item in items if item not in set(later)]
 
 
 def pytest_collection_finish() -> None:

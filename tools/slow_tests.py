@@ -1,0 +1,68 @@
+"""Choose the tests that `make test` leaves to `make thorough`, from the times of a whole run.
+
+    make thorough PYTEST_ARGS="-n 2 --dist worksteal --durations=0 --durations-min=0.02" > times.txt
+    python tools/slow_tests.py times.txt
+
+Every case below `QUICK` seconds stays. A test function whose cases are all slower keeps its
+quickest case, unless that one takes more than `LONG` seconds. The others are written to
+`tests/thorough.txt`, one a line. `ALWAYS` names slow tests that stay because nothing else covers
+what they do.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+LIST = Path(__file__).resolve().parents[1] / "tests" / "thorough.txt"
+HEAD = """\
+# Tests that `make test` leaves to `make thorough`; a file named on the command line runs whole.
+# Written by tools/slow_tests.py from the times of a whole run.
+"""
+QUICK = 0.3
+LONG = 2.0
+ALWAYS = (
+    "tests/browser/test_page.py::test_every_kind_of_mechanism",
+    "tests/browser/test_exported_answers.py::",
+    "tests/browser/test_page_hands.py::test_the_tool_follows_the_hand",
+    "tests/packaging/test_wheel.py::test_installed_wheel_analyses_the_platform_from_elsewhere",
+)
+
+
+def times(report: str) -> dict[str, float]:
+    """Seconds of each case in a report of `pytest --durations=0`, set-up included."""
+    seconds: defaultdict[str, float] = defaultdict(float)
+    for line in report.splitlines():
+        if found := re.match(r"\s*([\d.]+)s\s+(?:setup|call|teardown)\s+(tests/\S.*)", line):
+            seconds[found[2].strip()] += float(found[1])
+    return dict(seconds)
+
+
+def slow(seconds: dict[str, float]) -> list[str]:
+    """The cases that are left out, sorted by name."""
+    functions: defaultdict[str, list[str]] = defaultdict(list)
+    for case in seconds:
+        functions[case.partition("[")[0]].append(case)
+    left_out: list[str] = []
+    for cases in functions.values():
+        quickest = min(cases, key=lambda case: seconds[case])
+        kept = {case for case in cases if seconds[case] < QUICK or case.startswith(ALWAYS)}
+        if not kept and seconds[quickest] <= LONG:
+            kept = {quickest}
+        left_out += [case for case in cases if case not in kept]
+    return sorted(left_out)
+
+
+def main() -> None:
+    """Read the report and write the list."""
+    seconds = times(Path(sys.argv[1]).read_text(encoding="utf-8", errors="replace"))
+    cases = slow(seconds)
+    LIST.write_text(HEAD + "\n".join(cases) + "\n", encoding="utf-8")
+    rest = sum(seconds.values()) - sum(seconds[case] for case in cases)
+    print(f"{len(cases)} of {len(seconds)} cases are left out; the others took {rest:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
