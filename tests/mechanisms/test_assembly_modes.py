@@ -209,7 +209,7 @@ def test_starts_closed_at_once_end_where_the_engine_ends(name, monkeypatch):
     from cartstiff.reach import assembly
 
     elastic, seen = cartstiff.load(name), []
-    monkeypatch.setattr(assembly, "_BY_ENGINE", 0)
+    monkeypatch.setattr(assembly, "_MAX_SINGLE_STARTS", 0)
     quick = cartstiff.assemble(elastic, starts=25, progress=lambda *far: seen.append(far))
     assert (seen[0], seen[-1]) == ((1, 26), (26, 26))
     none = np.zeros(26, bool)

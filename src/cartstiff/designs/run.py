@@ -1,8 +1,7 @@
-"""A study of designs, run: designs are chosen, evaluated, and kept in a file of JSON lines.
+"""Run of a study: designs are chosen, evaluated, and kept in a file of JSON lines.
 
-The result has the feasible designs, the best, and the Pareto front, as tables.
-
-One design: the mechanism with its parameters, looked at in all poses, and its numbers.
+A design is the mechanism with other parameters, evaluated at all poses of the study. The result has
+the feasible designs, the best ones and the Pareto front, as tables.
 """
 
 from __future__ import annotations
@@ -63,13 +62,13 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 
-#: Poses of a design that are looked at one by one where the fast arithmetic cannot decide them.
-ONE_BY_ONE = 8
-#: Poses of a mechanism without fast arithmetic that are looked at before all the others.
-FIRST = 5
-#: Poses that take as long as making arrays of NumPy ready for one design.
-PREPARING = 50
-_REDUCED: dict[str, Callable[[Array], Array]] = {
+#: Largest number of a design's poses that are analysed singly where stacks cannot decide them.
+MAX_SINGLE_POSES = 8
+#: Number of poses that are evaluated first where each pose is analysed singly.
+FIRST_POSES = 5
+#: Number of poses that take as long as preparing the stacks of one design.
+PREPARATION_POSES = 50
+_REDUCTIONS: dict[str, Callable[[Array], Array]] = {
     "min": np.min,
     "max": np.max,
     "mean": np.mean,
@@ -80,18 +79,18 @@ Verdict = Literal["feasible", "infeasible", "failed"]
 
 @dataclass(frozen=True)
 class Design:
-    """Parameters and what became of them.
+    """Parameters of a design and its result.
 
     Attributes
     ----------
     parameters : mapping of str to float
         Values of the variables.
     values : mapping of str to float
-        Objectives and constraints by name; none of a design that has failed.
+        Objectives and constraints by name; empty for a failed design.
     state : {"feasible", "infeasible", "failed"}
-        Whether all constraints are kept, or the numbers do not exist.
+        Whether all constraints are satisfied; failed if a number does not exist.
     reason : str
-        Why it has failed, or which constraints are not kept.
+        Why the design failed, or which constraints are violated.
     """
 
     parameters: Mapping[str, float]
@@ -105,24 +104,24 @@ class Design:
 
 
 class ChangedFileError(InputError):
-    """A file is not the one that the study was begun with."""
+    """A file of the mechanism was changed after the study began."""
 
 
 class _NoValueError(Exception):
-    """A quantity does not exist where it must."""
+    """A required quantity does not exist."""
 
 
 class StudyEvaluator:
-    """A study with its mechanism's file read: gives the `Design` of parameters.
+    """A study with its mechanism's file read; a call evaluates one design.
 
     Parameters
     ----------
     study : Study
         The study.
     folder : Path
-        Where its mechanism's path begins.
+        Folder that the mechanism's path is relative to.
     files : tuple of (str, str), optional
-        What the study was begun with, as `ElasticMechanism.files`; default what is read now.
+        Files that the study was begun with, as `ElasticMechanism.files`; default the present ones.
 
     Attributes
     ----------
@@ -163,14 +162,14 @@ class StudyEvaluator:
                 names = self._asked.setdefault(study.case_of(measure), [])
                 names += [name for name in study.of_maps(measure) if name not in names]
         for name, quantities in self._asked.items():
-            # What can be wrong with the study itself is said before any design is made.
+            # Faults of the study itself are reported before any design is made.
             try:
                 self._job(self.home, study.case(name), quantities)
             except UndefinedError:
                 continue
 
     def mechanism(self, parameters: Mapping[str, float]) -> ElasticMechanism:
-        """The mechanism of a design."""
+        """Return the mechanism of a design."""
         return self._made({"parameters": {**self.study.set, **parameters}})
 
     def _made(self, values: dict[str, Any]) -> ElasticMechanism:
@@ -186,7 +185,7 @@ class StudyEvaluator:
         return elastic if units is None else in_units(elastic, self._length, units.angle)
 
     def _in_file_units(self, own: Units) -> tuple[dict[str, Any], str]:
-        """Tool and weight in the units of the mechanism's file, and the study's unit of length."""
+        """Return tool and weight in units of the mechanism's file, and the study's length unit."""
         units = self.study.units or StudyUnits()
         length = units.length or own.length
         factor, _ = convert_length(Units(length), own)
@@ -199,7 +198,7 @@ class StudyEvaluator:
         ), length
 
     def __call__(self, parameters: Mapping[str, float]) -> Design:
-        """Evaluate one design; what it lacks is its reason, and no error."""
+        """Evaluate one design; a design that fails holds the reason."""
         try:
             with np.errstate(all="ignore"):
                 elastic = self.mechanism(parameters)
@@ -218,7 +217,7 @@ class StudyEvaluator:
         )
 
     def unit(self, measure: Measure) -> str:
-        """Unit of a measure; "" for arithmetic, of which nobody has said it."""
+        """Return the unit of a measure; "" for arithmetic, whose unit is unknown."""
         if measure.of in ("share", "reached"):
             return "1"
         if measure.quantity is None or measure.quantity in self.study.quantities:
@@ -226,12 +225,12 @@ class StudyEvaluator:
         return quantity_named(measure.quantity).unit_in(self.home.units)
 
     def better(self, name: str) -> Literal["largest", "smallest"]:
-        """Which end of an objective is the better one.
+        """Return which end of an objective is the better one.
 
         Raises
         ------
         InputError
-            If nothing says it.
+            If neither the study nor the quantity defines it.
         """
         measure = self.study.objectives[name]
         if measure.goal is not None:
@@ -293,19 +292,19 @@ class StudyEvaluator:
         sampling = self._sampling(elastic)
         keywords = case.keywords()
         if all(quantity_named(name).asks != "length" for name in quantities):
-            keywords["length"] = keywords["length"] or 1.0  # nothing depends on it
+            keywords["length"] = keywords["length"] or 1.0  # no quantity depends on it
         job = map_job(elastic, sampling, quantities, **keywords)
         kind: Literal["none", "shared", "each"]
         kind = "none" if case.wrench is None else "shared"
-        total = self.study.size * max(sampling.size, PREPARING)
+        total = self.study.size * max(sampling.size, PREPARATION_POSES)
         path = lasting_path(elastic, kind, job.outputs, total)
-        # Machine code is worth its time where it serves all designs.
+        # Only the code of platforms serves all designs; else it must pay for itself in one design.
         if path == "compiled" and not isinstance(mechanism, Platform):
             path = "portable" if sampling.size < 5000 else path
-        return replace(job, path=path, one_by_one=ONE_BY_ONE)
+        return replace(job, path=path, one_by_one=MAX_SINGLE_POSES)
 
     def _measured(self, elastic: ElasticMechanism) -> dict[str, float]:
-        """Objectives and constraints of a mechanism."""
+        """Return the objectives and constraints of a mechanism."""
         maps = {
             name: self._map(self._job(elastic, self.study.case(name), quantities))
             for name, quantities in self._asked.items()
@@ -331,12 +330,12 @@ class StudyEvaluator:
         return measured
 
     def _map(self, job: MapJob) -> tuple[dict[str, Array], Array]:
-        """Quantities and states (N,) of a design."""
+        """Return the quantities and states (N,) of a design."""
         strict = self.study.poses.outside == "refuse"
-        if strict and job.path == "engine" and job.sampling.size > FIRST:
-            # One by one: a design that fails at one of a few poses need not be looked at further.
+        if strict and job.path == "engine" and job.sampling.size > FIRST_POSES:
+            # A design that fails at one of a few poses need not be evaluated at all poses.
             whole = job.sampling.postures(tuple(slice(0, n) for n in job.sampling.shape))
-            some = whole[np.linspace(0, len(whole) - 1, FIRST).astype(int)]
+            some = whole[np.linspace(0, len(whole) - 1, FIRST_POSES).astype(int)]
             self._arrays(replace(job, sampling=Trajectory(some)), strict)
         return self._arrays(job, strict)
 
@@ -367,19 +366,19 @@ class StudyEvaluator:
         if of in ("worst", "best"):
             larger = self._better(measure) == "larger"
             of = "min" if (of == "worst") == larger else "max"
-        value: Array = _REDUCED[of](there)
+        value: Array = _REDUCTIONS[of](there)
         return float(value)
 
 
 def _are_poses(elastic: ElasticMechanism, given: Iterable[str]) -> bool:
-    """Whether coordinates are those of the pose of a body that legs carry."""
+    """Whether coordinates are those of the pose of a body on legs."""
     chain, names = elastic.mechanism, set(given)
     is_closed = isinstance(chain, Chain) and bool(chain.closures)
     return is_closed and bool(names) and names <= set(COORDINATES) - set(elastic.names)
 
 
 def _reason(state: Array, lacking: Array) -> str:
-    """States of the poses at which something does not exist."""
+    """Count the states of the poses at which a quantity does not exist."""
 
     def counted(rows: Array) -> str:
         names = Counter(STATES[i] for i in state[rows].tolist())
@@ -394,12 +393,12 @@ def _reason(state: Array, lacking: Array) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Designs(ShownInLines):
-    """What became of a study.
+    """Results of a study.
 
     Attributes
     ----------
     study : Study
-        What was asked.
+        The study.
     home : ElasticMechanism
         The mechanism with its file's own parameters.
     designs : tuple of Design
@@ -407,9 +406,9 @@ class Designs(ShownInLines):
     better : mapping of str to str
         "largest" or "smallest" for each objective.
     units : mapping of str to str
-        Of objectives and constraints.
+        Units of objectives and constraints.
     damaged : int
-        Lines of the output that could not be read again.
+        Number of lines of the output that could not be read again.
     """
 
     study: Study
@@ -430,17 +429,17 @@ class Designs(ShownInLines):
         return len(self.designs)
 
     def counts(self) -> dict[str, int]:
-        """How many designs are in each state."""
+        """Return the number of designs in each state."""
         counted = Counter(design.state for design in self.designs)
         return {state: counted[state] for state in ("feasible", "infeasible", "failed")}
 
     @cached_property
     def feasible(self) -> tuple[int, ...]:
-        """Indices of the designs that keep all constraints."""
+        """Indices of the designs that satisfy all constraints."""
         return tuple(i for i, d in enumerate(self.designs) if d.state == "feasible")
 
     def table(self, name: str) -> Array:
-        """One column (N,) over all designs: a variable, objective or constraint; NaN if failed.
+        """Return a variable, objective or constraint (N,) of all designs; NaN if failed.
 
         Raises
         ------
@@ -455,9 +454,9 @@ class Designs(ShownInLines):
 
     @cached_property
     def front(self) -> tuple[int, ...]:
-        """Indices of the feasible designs than which none is better in everything, best first.
+        """Indices of the Pareto front, best first in the order of the objectives.
 
-        One is left out if another is as good in every objective and better in one.
+        A feasible design is left out if another is as good in every objective and better in one.
         """
         rows = np.array(self.feasible, int)
         if not len(rows):
@@ -466,14 +465,14 @@ class Designs(ShownInLines):
         cost = np.column_stack([self.table(name)[rows] for name in self.better]) * signs
         order = np.lexsort(cost.T[::-1])
         kept: list[int] = []
-        for i in order.tolist():  # who comes later is not better than all before in the first
+        for i in order.tolist():  # no later design dominates an earlier one
             front = cost[kept]
             if not np.any((front <= cost[i]).all(axis=1) & (front < cost[i]).any(axis=1)):
                 kept.append(i)
         return tuple(rows[kept].tolist())
 
     def best(self, name: str | None = None) -> Design:
-        """The feasible design with the best value of an objective; without a name the only one.
+        """Return the feasible design with the best value of an objective, by default the only one.
 
         Raises
         ------
@@ -496,7 +495,7 @@ class Designs(ShownInLines):
         return self.designs[self.feasible[int(which)]]
 
     def to_csv(self) -> str:
-        """A row a design: its number from 1, variables, values, state, whether on the front."""
+        """One row per design: number from 1, variables, values, state, whether on the front."""
         names = [f"{n} [{self.units[n]}]" if self.units[n] else n for n in self.study.measures]
         head = ["design", *self.study.variables, *names, "state", "front", "reason"]
         rows, front = [], set(self.front)
@@ -550,7 +549,7 @@ class Designs(ShownInLines):
 
     @property
     def notes(self) -> list[Note]:
-        """What was assumed, and what is damaged."""
+        """Notes on assumptions, and on damaged lines of the output."""
         notes = []
         lengths = [
             name
@@ -586,21 +585,21 @@ def design(
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Designs:
-    """Vary the parameters of a mechanism and judge every design over its poses.
+    """Vary the parameters of a mechanism and evaluate every design over its poses.
 
     Parameters
     ----------
     study : str, Path or mapping
-        A study's file, or its content.
+        File or content of the study.
     given : mapping, optional
         Tool, weight, load and units instead of the study's: "tcp", "gravity", "payload", "units",
         and under "load" keys that replace those of every case.
     output : path, optional
-        File of JSON lines that keeps every finished design; one that exists is gone on with.
+        File of JSON lines that keeps every finished design; an existing file is resumed.
     workers : int
-        Processes. Each looks at whole designs; the result does not depend on it.
+        Number of processes, each with whole designs; the result does not depend on it.
     progress : callable, optional
-        Called with the number of designs that are done, and of all.
+        Called with (done, total) designs.
 
     Returns
     -------
@@ -610,7 +609,7 @@ def design(
     Raises
     ------
     InputError
-        For a study that cannot be used. A design that fails is no error: it says why.
+        For a study that cannot be used. A design that fails raises no error and holds the reason.
 
     Examples
     --------
@@ -657,12 +656,12 @@ def design(
 def evaluator(
     study: str | Path | Mapping[str, Any], given: Mapping[str, Any] | None = None
 ) -> StudyEvaluator:
-    """What gives the `Design` of parameters: the objective function for any optimiser.
+    """Return a function from parameters to their `Design`, as an objective for any optimiser.
 
     Parameters
     ----------
     study, given
-        As in `design`; the method of the study plays no part.
+        As in `design`; the method of the study is not used.
 
     Raises
     ------
@@ -682,7 +681,7 @@ def evaluator(
 
 
 def _chosen(study: Study) -> list[dict[str, float]]:
-    """Parameters of all designs, as the study's method chooses them."""
+    """Return the parameters of all designs that the study's method chooses."""
     variables, method = study.variables, study.method
     if method.kind == "grid":
         rows = itertools.product(*(v.grid for v in variables.values()))
@@ -692,7 +691,7 @@ def _chosen(study: Study) -> list[dict[str, float]]:
     generator = np.random.default_rng(method.seed or 0)
     draw = qmc.Sobol if method.kind == "sobol" else qmc.LatinHypercube
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # balance needs powers of two: any count is taken
+        warnings.simplefilter("ignore")  # Sobol's balance needs powers of two; any count is allowed
         shares: Array = draw(len(variables), seed=generator).random(study.size)
     return [
         {name: v.at(share) for (name, v), share in zip(variables.items(), row, strict=True)}
@@ -715,13 +714,13 @@ def _evaluated(
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
-    # The parent ends the pool.
+    # The parent process handles Ctrl-C.
     return ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
 
 
 @lru_cache(maxsize=2)
 def _evaluation(job: bytes) -> StudyEvaluator:
-    """Of a study and its folder, once in each process."""
+    """Make the evaluator of a study once in each process."""
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1)
@@ -729,14 +728,14 @@ def _evaluation(job: bytes) -> StudyEvaluator:
 
 
 def _one(job: bytes, parameters: Mapping[str, float]) -> Design:
-    """One design, in another process."""
+    """Evaluate one design in another process."""
     return _evaluation(job)(parameters)
 
 
 def identity_of_study(study: Study, elastic: ElasticMechanism) -> dict[str, Any]:
-    """What a study's numbers depend on: all but how designs are chosen and named."""
+    """Return what a study's numbers depend on: all but the choice and the names of designs."""
     data = study.model_dump(mode="json", exclude={"method", "description", "mechanism"})
-    if not study.quantities:  # files of studies from before there were any go on
+    if not study.quantities:  # as in files of earlier versions, which can be resumed
         del data["quantities"]
     data = {key: value for key, value in data.items() if value is not None}
     # Ends of a range do not change the numbers of a design within it.
@@ -745,7 +744,7 @@ def identity_of_study(study: Study, elastic: ElasticMechanism) -> dict[str, Any]
 
 
 def key_of(parameters: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Parameters as what a design is found by."""
+    """Return parameters as a hashable key."""
     return tuple(sorted(parameters.items()))
 
 
@@ -755,9 +754,9 @@ class Record:
     Parameters
     ----------
     path : Path, optional
-        Where they are kept; one that exists is gone on with.
+        File of the designs; an existing file is resumed.
     identity : mapping
-        Of the study, from `identity_of_study`.
+        Identity of the study, from `identity_of_study`.
 
     Attributes
     ----------
@@ -808,7 +807,7 @@ class Record:
                 self.damaged += 1
                 continue
             self._known[key_of(design.parameters)] = design
-        if lines and lines[-1]:  # a line that was not finished
+        if lines and lines[-1]:  # an unfinished line
             self._write(b"\n")
 
     def __contains__(self, parameters: Mapping[str, float]) -> bool:
@@ -818,7 +817,7 @@ class Record:
         return self._known[key_of(parameters)]
 
     def add(self, design: Design) -> None:
-        """Keep a design."""
+        """Store a design."""
         self._known[key_of(design.parameters)] = design
         entry = design.as_dict()
         self._append({**entry, "sum": _sum(entry)})

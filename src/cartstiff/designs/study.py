@@ -1,4 +1,4 @@
-"""A study of designs: every key of its file with type and meaning, and how the file is read."""
+"""The file of a study of designs: its keys with types and meanings, and its reader."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cartstiff.loading.mechanism_file import first_error, known_keys, place_of
 from cartstiff.loading.schema import Number, Pair, Positive, Text, Vector, keyed, only_one
 from cartstiff.loading.yaml_file import Lines, read_yaml
 
-#: Poses of one design: more belong in a map.
+#: Largest number of poses of one design.
 MOST_POSES = 10**7
 _Count = Annotated[int, Field(strict=True, ge=1, le=10**7)]
 _Seed = Annotated[int, Field(strict=True, ge=0, le=2**31)]
@@ -48,7 +48,7 @@ class Variable(StudyModel):
     @model_validator(mode="before")
     @classmethod
     def _short(cls, data: Any) -> Any:
-        # Two numbers are the ends.
+        # Two numbers are low and high.
         if isinstance(data, list) and len(data) == 2:
             return {"low": data[0], "high": data[1]}
         return data
@@ -68,7 +68,7 @@ class Variable(StudyModel):
         return self
 
     def at(self, share: float) -> float:
-        """The value at a share from 0 to 1 of the way."""
+        """Return the value at a share from 0 to 1 of the range."""
         if self.values is not None:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         low, high = self.low or 0.0, self.high or 0.0
@@ -76,7 +76,7 @@ class Variable(StudyModel):
             value = math.exp(math.log(low) + share * (math.log(high) - math.log(low)))
         else:
             value = low + share * (high - low)
-        # Twelve digits: numbers that people can read, the same on every processor.
+        # Twelve digits: readable, and the same on every processor.
         return min(max(float(f"{value:.12g}"), low), high)
 
     @property
@@ -97,7 +97,7 @@ class RandomPoses(StudyModel):
 
 
 class Poses(StudyModel):
-    """Where every design is looked at; without any: at its default posture."""
+    """Poses at which every design is evaluated; default its default posture."""
 
     grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = keyed(
         "[low, high, count] by coordinate; the others "
@@ -130,14 +130,14 @@ class Poses(StudyModel):
 
     @property
     def count(self) -> int:
-        """How many poses there are."""
+        """Number of poses."""
         if self.random is not None:
             return self.random.count
         return math.prod(int(count) for _, _, count in (self.grid or {}).values())
 
 
 class Case(StudyModel):
-    """A load, and what the quantities under it refer to; keys as in `cartstiff.compute_map`."""
+    """A load and the settings of the quantities; keys as in `cartstiff.compute_map`."""
 
     wrench: _Wrench | None = keyed("moment and force, carried everywhere", None)
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
@@ -155,7 +155,7 @@ class Case(StudyModel):
 
     @property
     def words(self) -> str:
-        """Its load, for people."""
+        """The load in words."""
         W = ", ".join(f"{x:g}" for x in self.wrench or [])
         at = ", ".join(f"{x:g}" for x in self.load_at)
         return f"{self.load_kind}, ({W}) along the axes of the {self.load_axes} at ({at})"
@@ -180,7 +180,7 @@ class Measure(StudyModel):
     case: Text | None = keyed("name of a case, where there are several", None)
 
     def arithmetic(self, where: str) -> Expression:
-        """What `value` says; `where` is told where it cannot be computed."""
+        """Return the arithmetic of `value`; errors name `where`."""
         return Expression((self.value or "=")[1:], where)
 
     @field_validator("value")
@@ -205,7 +205,7 @@ class Measure(StudyModel):
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Description of the measure."""
         if self.quantity is None:
             return str(self.value).lstrip("= ")
         level = "".join(
@@ -217,7 +217,7 @@ class Measure(StudyModel):
 
 
 class Objective(Measure):
-    """What is to be as large or as small as it can be."""
+    """A number to be maximised or minimised."""
 
     goal: Literal["largest", "smallest"] | None = keyed(
         "default the better end of the quantity; largest for shares", None
@@ -231,7 +231,7 @@ class Objective(Measure):
 
 
 class Constraint(Measure):
-    """What a design must keep."""
+    """A number with bounds."""
 
     at_least: Number | None = None
     at_most: Number | None = None
@@ -250,7 +250,7 @@ class Constraint(Measure):
 
 
 class Method(StudyModel):
-    """How designs are chosen."""
+    """Method by which designs are chosen."""
 
     kind: Literal["grid", "sobol", "latin-hypercube"] = "grid"
     designs: _Count | None = keyed("how many, at most; not for a grid; default 64", None)
@@ -283,7 +283,7 @@ class StudyUnits(StudyModel):
 
 
 class Study(StudyModel):
-    """What is varied, where it is judged, and by what."""
+    """A study: variables, poses, cases, objectives and constraints."""
 
     mechanism: Text = keyed("a mechanism file, or the name of a bundled one")
     description: Text | None = keyed("for readers", None)
@@ -347,19 +347,19 @@ class Study(StudyModel):
         return {**self.objectives, **self.constraints}
 
     def formula(self, measure: Measure) -> Expression | None:
-        """Arithmetic of a quantity of the study's own; None for one of maps."""
+        """Return the arithmetic of a quantity that the study defines; None for one of maps."""
         text = self.quantities.get(measure.quantity or "")
         return None if text is None else Expression(text[1:], f"{measure.quantity}")
 
     def of_maps(self, measure: Measure) -> tuple[str, ...]:
-        """Quantities of maps that a measure is made of."""
+        """Return the quantities of maps that a measure needs."""
         formula = self.formula(measure)
         if formula is not None:
             return tuple(sorted(formula.names))
         return () if measure.quantity is None else (measure.quantity,)
 
     def case_of(self, measure: Measure) -> str:
-        """Name of the case that a measure belongs to; "" for the one without a name."""
+        """Return the name of a measure's case; "" for the default case."""
         return measure.case or next(iter(self.cases), "")
 
     def case(self, name: str) -> Case:
@@ -368,7 +368,7 @@ class Study(StudyModel):
 
     @property
     def size(self) -> int:
-        """How many designs there are at most."""
+        """Largest number of designs."""
         if self.method.kind == "grid":
             return math.prod(len(v.grid) for v in self.variables.values())
         return self.method.designs or 64
@@ -377,20 +377,20 @@ class Study(StudyModel):
 def read_study(
     source: str | Path | Mapping[str, Any], given: Mapping[str, Any] | None = None
 ) -> tuple[Study, Path]:
-    """A study and the folder that its mechanism's path is relative to.
+    """Read a study; also return the folder that its mechanism's path is relative to.
 
     Parameters
     ----------
     source : str, Path or mapping
-        Its file, or its content.
+        File or content of the study.
     given : mapping, optional
-        What is said instead of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case`
-        under "load" replace those of every case.
+        Replacements of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case` under
+        "load" replace those of every case.
 
     Raises
     ------
     InputError
-        The first thing that is wrong, with file, line and key.
+        For the first fault, with file, line and key.
     """
     lines: Lines = {}
     if isinstance(source, Mapping):
@@ -428,7 +428,7 @@ def read_study(
 
 
 def _with(data: dict[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """A study's data, and what is said beside it."""
+    """Return a study's data with the given replacements."""
     load = options.get("load")
     own = {key: value for key, value in options.items() if key != "load" and value is not None}
     if load:

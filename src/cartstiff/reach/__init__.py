@@ -1,1 +1,1 @@
-"""Where a mechanism can be: assembly modes, and the workspace with what limits it."""
+"""Assembly modes, and the workspace with the limits of its boundary."""

@@ -1,8 +1,8 @@
 r"""Assembly modes: all poses in which the same actuator positions hold a mechanism.
 
-Of a six-legged platform all of them are known (`cartstiff.kinematics.platform_assembly`); of a
-closed chain those that random starts lead to, with the actuators where they are. Struts with
-flexures come to rest near the pose that ideal joints would take.
+For a six-legged platform all modes are found (`cartstiff.kinematics.platform_assembly`); for a
+closed chain those that random starts lead to, with the actuators held. Struts with flexures come to
+rest near the pose of ideal joints.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.modes import modes
 
-# Starts that the engine tries one by one; more are given up where recorded steps leave them open.
-_BY_ENGINE = 100
+# Number of starts that are closed one by one if recorded Newton steps do not close them.
+_MAX_SINGLE_STARTS = 100
 
 
 def closed_from(
@@ -50,10 +50,10 @@ def closed_from(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Array], list[Array]]:
-    """Coordinates (n,) that differ, first those of `q`, and where all joints and the body are then.
+    """Close a chain from random starts; return distinct coordinates (n,) and places of the joints.
 
-    `q` is closed; its actuated and virtual joints stay. `progress` is called with how many starts
-    are done, and of how many.
+    `q` is closed and comes first; its actuated and virtual joints are held. `progress` is called
+    with (done, total) starts.
     """
     held = list(chain.actuated or ())
     solver = JointPoses(elastic, limits=False)
@@ -61,9 +61,9 @@ def closed_from(
     begin = np.vstack([q, begin])
     begin[:, chain.held] = q[chain.held]
     fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
-    # Most starts lead to no closed chain, and their steps take the time: all at once.
+    # Most starts do not close, and their steps take most of the time: all are iterated at once.
     begin, is_closed, _ = Closer(elastic, "portable", len(begin))(begin)
-    first = _BY_ENGINE if is_closed.any() else len(begin)
+    first = _MAX_SINGLE_STARTS if is_closed.any() else len(begin)
     closed: list[Array] = []
     places: list[Array] = []
     for done, row in enumerate(begin, 1):
@@ -86,8 +86,8 @@ def closed_from(
     return closed, places
 
 
-# Steps of a search that leads to a rest at all are fewer.
-_STEPS = 20
+# Largest number of steps of the search for an equilibrium of flexures; successful ones take fewer.
+_EQUILIBRIUM_STEPS = 20
 
 
 def at_rest_with(
@@ -97,12 +97,12 @@ def at_rest_with(
     q: Array,
     stiffness: Callable[[Array], PostureStiffness],
 ) -> tuple[PostureStiffness, tuple[Note, ...]]:
-    """The stiffness of a platform with actuators at leg lengths (m,), at or near a pose q (6,).
+    """Return the stiffness of a platform with leg lengths (m,), at or near a pose q (6,).
 
-    Legs between ideal joints hold it at q itself. Struts with flexures hold at `home`, where they
-    were made, with the actuators where these need no load; from there they are commanded to the
-    lengths. They come to rest beside q; where no rest is found, the answer is that at q, with a
-    note. `stiffness` is `analyse` at a pose, under the load.
+    Legs between ideal joints hold the platform at q. Struts with flexures are undeflected at
+    `home`; from there their actuators are commanded to the lengths, and the platform comes to rest
+    near q. If no equilibrium is found, the result is that at q, with a note. `stiffness` is
+    `analyse` at a pose, under the load.
     """
     if not isinstance(elastic.springs, FlexureStruts):
         return stiffness(q), ()
@@ -111,7 +111,7 @@ def at_rest_with(
         moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]
         elastic = elastic.with_springs(rest=at_home.rest + moved)  # type: ignore[union-attr]
     try:
-        return equilibrium(elastic, q=q, iterations=_STEPS).stiffness, ()
+        return equilibrium(elastic, q=q, iterations=_EQUILIBRIUM_STEPS).stiffness, ()
     except (ConvergenceError, UndefinedError):
         message = "flexures hold the platform in no balance near this pose: it is ideal joints'"
         return analyse(elastic, q), (Note("struts-not-in-equilibrium", message, {"q": q.tolist()}),)
@@ -124,14 +124,14 @@ class AssemblyMode(ShownInLines):
     Attributes
     ----------
     result : PostureStiffness
-        What `cartstiff.analyse` finds there; ``result.q`` and ``result.pose`` say where it is.
+        Result of `cartstiff.analyse` there, with ``result.q`` and ``result.pose``.
     residual : float
-        Largest difference from the lengths wanted, or gap of the closures.
+        Largest difference from the required lengths, or gap of the closures.
     multiplicity : int
-        1; more at a singular pose in which several solutions meet, and which is known to a root
-        of the digits.
+        1; more at a singular pose in which several solutions coincide, and which is found with
+        fewer digits.
     more_notes : tuple of Note
-        Beside those of the result: that struts with flexures are not at rest here.
+        Notes besides those of the result: that struts with flexures are not in equilibrium here.
     """
 
     result: PostureStiffness
@@ -147,12 +147,12 @@ class AssemblyMode(ShownInLines):
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """All that must be known of this mode."""
+        """Notes of this mode and of its result."""
         return (*self.more_notes, *self.result.notes)
 
     @property
     def q(self) -> Array:
-        """Coordinates (n,); of a platform x, y, z, roll, pitch, yaw."""
+        """Coordinates (n,); for a platform x, y, z, roll, pitch, yaw."""
         return self.result.q
 
     @property
@@ -162,9 +162,9 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def eigenvalue(self) -> float | None:
-        """Smallest eigenvalue of the tangent stiffness, force per length.
+        """Smallest eigenvalue of the tangent stiffness, force per length; None if none exists.
 
-        Symmetric part; angles times the characteristic length. None where no K exists.
+        Of the symmetric part, with angles times the characteristic length.
         """
         K = self.result.tangent
         if K is None:
@@ -175,16 +175,16 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def stable(self) -> bool | None:
-        """Whether every motion meets a restoring force; None where that is not decided.
+        """Whether every motion has a restoring force; None if that is not decided.
 
-        That is at singular poses, and where neither stiffness nor compliance exists.
+        It is not decided at singular poses, and without both stiffness and compliance.
         """
         undecided = {"type-2-singularity", "singular-stiffness", "struts-not-in-equilibrium"}
         if self.multiplicity > 1 or undecided & {note.code for note in self.notes}:
             return None
         if self.eigenvalue is not None:
             return self.eigenvalue > 0.0
-        C = self.result.tangent_compliance  # of what has fewer than six free motions
+        C = self.result.tangent_compliance  # exists with fewer than six free motions
         if C is None:
             return None
         scale = np.repeat([self.result.posture.length, 1.0], 3)
@@ -193,9 +193,9 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def determinant(self) -> float | None:
-        """Of the six legs' lines, moments over the characteristic length; None of chains.
+        """Determinant of six legs' lines, moments over the characteristic length; None for chains.
 
-        Its sign is that of the region between singularities.
+        Its sign is constant in a region between singularities.
         """
         lines = self.result.posture.actuation
         if not self.result.posture.coordinates_are_pose or lines is None or len(lines) != 6:
@@ -204,7 +204,7 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def frequencies(self) -> Array | None:
-        """Natural frequencies [Hz] in this pose; None without masses or where there are none."""
+        """Natural frequencies [Hz] in this pose; None without masses or modes."""
         elastic = self.result.elastic
         if not sum(elastic.masses.values()) > 0.0:
             return None
@@ -230,14 +230,14 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def _own_notes(self) -> list[Note]:
-        """Those that are not of loading."""
+        """Notes of this mode without those of the mechanism."""
         general = {note.code for note in self.result.elastic.notes}
         return [note for note in self.notes if note.code not in general]
 
 
 _Stiffness = Callable[[Array], PostureStiffness]
-# Random starts of closed chains, where none are said.
-_STARTS = 64
+# Default number of random starts of closed chains.
+_DEFAULT_STARTS = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,12 +251,12 @@ class AssemblyModes(ShownInLines):
     given : mapping
         Leg lengths, or positions of the actuated joints, by name.
     modes : tuple of AssemblyMode
-        The nearest to the default posture first.
+        Modes by distance from the default posture.
     search : PathCount or Search or None
-        What has become of the 40 paths, or how many starts there were; None where nothing was
-        searched, for the reason in the notes.
+        Ends of the 40 paths, or number of starts; None if nothing was searched, with the reason in
+        the notes.
     notes : tuple of Note
-        What was assumed, and why modes are missing.
+        Assumptions, and reasons why modes are missing.
     """
 
     elastic: ElasticMechanism
@@ -286,7 +286,7 @@ class AssemblyModes(ShownInLines):
 
     @property
     def is_complete(self) -> bool:
-        """Whether it is certain that no isolated mode is missing; of chains it never is."""
+        """Whether it is certain that no isolated mode is missing; never for chains."""
         return isinstance(self.search, PathCount) and self.search.is_complete
 
     def _lines(self) -> list[str]:
@@ -328,36 +328,36 @@ def assemble(
     every: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> AssemblyModes:
-    """All assembly modes of a mechanism, with the stiffness in each.
+    """Find all assembly modes of a mechanism, with the stiffness in each.
 
-    Of a six-legged platform the 40 complex solutions of a general platform are followed to this
-    one; `PathCount` says what has become of each, and nothing isolated is missing where none is
-    lost. Of a closed chain with named actuated joints, these are held and random starts closed.
+    For a six-legged platform the 40 complex solutions of a general platform are continued to this
+    one. `PathCount` counts their ends; no isolated mode is missing if no path is lost. For a closed
+    chain the named actuated joints are held, and the chain is closed from random starts.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         A platform of six legs, or a closed chain.
     lengths : array_like (6,), optional
-        Leg lengths; default those at `q`. Of platforms only.
+        Leg lengths of a platform; default those at `q`.
     q : array_like (n,) or mapping, optional
-        Default the file's posture: its leg lengths, or positions of its actuated joints, are
-        meant, and modes near it come first.
+        Posture with the leg lengths or the positions of the actuated joints; modes near it come
+        first. Default the file's posture.
     starts, seed : int, optional
-        Of closed chains alone: how many random starts, default 64, and their seed, default 0.
-        Of more than 100 those are given up that 40 steps of Newton do not close.
+        For closed chains: number of random starts, default 64, and their seed, default 0. Beyond
+        100, starts that 40 Newton steps do not close are dropped.
     every : bool
         List all modes; else only the one nearest to `q`.
     wrench, load_kind, load_at, load_axes : optional
-        The load under which the stiffness of every mode is taken, as in `cartstiff.analyse`: the
-        held actuators carry it in each.
+        The load under which the stiffness of every mode is computed, as in `cartstiff.analyse`;
+        the held actuators carry it.
     progress : callable, optional
-        Called with how many starts are done, and of how many.
+        Called with (done, total) starts.
 
     Returns
     -------
     AssemblyModes
-        None found where the architecture is singular: a note says so.
+        The modes; none for a singular architecture, with a note.
 
     Raises
     ------
@@ -402,7 +402,7 @@ def assemble(
             got=mechanism.kind,
             expected="for an arm, inverse_kinematics",
         )
-    starts = _STARTS if starts is None else starts
+    starts = _DEFAULT_STARTS if starts is None else starts
     return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness, progress)
 
 

@@ -1,51 +1,42 @@
-r"""The workspace of a platform: its volume, the limit that cuts each boundary, what fits inside.
+r"""The workspace of a platform: volume, limiting constraints, inscribed bodies, singular poses.
 
-From a centre, rays leave in directions of a product rule on the sphere (Gauss in height, equal
-steps around). Along each the poses are scanned and every boundary is bisected: that says which
-limit cuts where. The volume is that of columns along z over a grid of the box around them, each
-scanned and bisected too, so that holes and parts that are not connected count.
+*Workspace.* Rays start at a centre, in the directions of a product rule on the sphere (Gauss in
+height, equal steps around). The poses along each ray are scanned and every boundary is bisected,
+which shows the limit that is reached there. The volume is that of columns along z over a grid of
+the bounding box, scanned and bisected in the same way, so that holes and disconnected parts count.
+Orientations are scanned along rays in the ball of rotation vectors, where turns by up to theta
+about an axis are the share ``(theta - sin theta) / pi`` of all rotations in that direction.
 
-Of orientations the same rays run in the ball of rotation vectors, where a turn by up to theta about
-an axis takes ``(theta - sin theta) / pi`` of all rotations in that direction.
-
-How far poses of a platform, or of a body on legs, are from each limit, many poses at once.
-
-A margin is zero at the limit and negative beyond it. Cables, or more than six legs, with limits of
-their tensions carry a wrench W if ``sum t_i g_i = W`` has a solution within them: W then lies in a
-zonotope, whose facets are normal to n with n . g = 0 for five of the lines each
-([BouchardGosselin]_),
+*Margins* are the distances of poses from each limit, zero at the limit and negative beyond it.
+Cables, or more than six legs, with limits of their tensions carry a wrench W if
+``sum t_i g_i = W`` has a solution within the limits. W then lies in a zonotope, whose facets are
+normal to n with n . g = 0 for five of the lines each ([BouchardGosselin]_),
 
     n . W <= sum_i max(n . g_i t_i),    t_i between its limits,
 
 and the least of these differences, over \|n\|, is the margin: the wrench (moments over the body's
-length) that may be added in any direction.
+length) that may be added in any direction. The distribution of tensions nearest to the middle t_m
+of the limits has a closed form,
 
-One distribution of tensions is known in closed form, the nearest to the middle t_m of the limits:
+    t = t_m + A^+ (W - A t_m),    A = (g_1, ..., g_m),
 
-    t = t_m + A^+ (W - A t_m),    A = (g_1, ..., g_m).
+but exceeds the limits at some poses at which other distributions do not.
 
-It leaves the limits somewhat before the last distribution does.
+*Legs made of joints.* The joints of each leg follow from the body's pose. With the drives held, the
+twists of the legs' passive joints J_i are equal at the body,
 
-The joints of legs follow from the body's pose leg by leg. With the drives held, the passive joints'
-twists J_i of the legs meet in the body,
+    J_1 dq_1 = J_2 dq_2 = ... = J_m dq_m.
 
-    J_1 dq_1 = J_2 dq_2 = ... = J_m dq_m,
+Without redundancy these are as many equations as passive joints. Where their determinant vanishes
+the body moves with all drives held; beyond that pose the determinant has the other sign.
 
-as many equations as passive joints where nothing is redundant: where their determinant vanishes the
-body moves though all drives are held. Beyond it the determinant has the other sign.
-
-Parts of a space of poses that are inside: rays from a centre, columns, the largest ball.
-
-Boundaries are bracketed by a scan, and all brackets are divided at once until they are narrow.
-
-Singular poses around a pose: where a determinant changes its sign, and how far that is.
-
-Poses around (R, p) are ``(R exp(x_1..3 / L), p + x_4..6)`` with L the body's length: \|x\| is then
-the distance in the metric ``d^2 = |dp|^2 + (L angle)^2``. The nearest x with det(x) = 0 solves
+*Singular poses* are those where a determinant changes its sign. Poses around (R, p) are
+``(R exp(x_1..3 / L), p + x_4..6)`` with L the body's length: \|x\| is then the distance in the
+metric ``d^2 = |dp|^2 + (L angle)^2``. The nearest x with det(x) = 0 is the limit of
 
     x <- g (g . x - det) / |g|^2,    g = grad det,
 
-from the nearest changes of sign on rays: the shortest x that a linear determinant would ask for.
+the shortest root of the linearised determinant, started at the nearest changes of sign on rays.
 """
 
 from __future__ import annotations
@@ -83,7 +74,7 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_l
 
 
 class PoseMargins:
-    """Margins of the limits of a body's poses: those of `Limits`, and others after them.
+    """Margins of the limits of a body's poses: first those of `Limits`, then others.
 
     Parameters
     ----------
@@ -95,15 +86,15 @@ class PoseMargins:
     Attributes
     ----------
     limits : Limits
-        Its limits.
+        Limits of the mechanism.
     sign : float
-        Of the determinant at the centre, beyond whose change poses do not count; 0: all count.
+        Sign of the determinant at the centre; poses of the other sign do not count. 0: all count.
     free : sequence of int
-        Coordinates of the pose that the body takes; the others follow.
+        Independent coordinates of the pose; the others follow.
     is_slow : bool
-        Whether a pose costs more than a few products.
+        Whether a pose takes more than a few matrix products.
     is_quick : bool
-        Whether no iterations are needed.
+        Whether a pose needs no iterations.
     """
 
     is_slow = is_quick = True
@@ -112,41 +103,41 @@ class PoseMargins:
     def __init__(self, elastic: ElasticMechanism, length: float) -> None:
         self.elastic, self.length, self.sign = elastic, length, 0.0
         self.limits = limits = Limits(elastic.mechanism)
-        # Lengths and angles of a platform's legs are not below zero.
+        # Lengths and angles of a platform's legs are never negative.
         needless = (limits.lower == 0.0) & (limits.legs is not None)
         self._lower = np.flatnonzero(np.isfinite(limits.lower) & ~needless)
         self._upper = np.flatnonzero(np.isfinite(limits.upper))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What is limited, and at which side."""
+        """Names of the limits, with the side of each."""
         sides = (self._lower, "least"), (self._upper, "most")
         own = (f"{self.limits.names[i]}, {side}" for which, side in sides for i in which)
         home = self.elastic.mechanism.at(self.elastic.q).pose[None]
         q = self.solved(home)
-        return (*own, *self.others(q, home, self._limited(q, home)))
+        return (*own, *self.others(q, home, self._limit_margins(q, home)))
 
     def solved(self, poses: Array) -> Array:
-        """Coordinates (N, n) at poses (N, 4, 4) of M, NaN where the body does not get there."""
+        """Coordinates (N, n) at poses (N, 4, 4) of M, NaN at poses that are not reached."""
         return at_poses(self.elastic, _coordinates(poses))[0]
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:
-        """Further margins (N,) by name, beside those of the limits (N, l)."""
+        """Further margins (N,) by name, besides those of the limits (N, l)."""
         raise NotImplementedError
 
     def rates(self, q: Array, poses: Array) -> Array | None:
-        """Matrices (N, p, p) that are singular where the body is; None if they are not square."""
+        """Matrices (N, p, p) that are singular at singular poses; None if they are not square."""
         raise NotImplementedError
 
     def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
-        """Name of the distribution of tensions, and those at a pose; empty where none matter."""
+        """Name of the distribution of tensions, and those at a pose; empty without limits."""
         return {}
 
     def reach(self, pose: Array) -> float:
-        """How far from a pose the body can be."""
+        """Upper bound of the distance of the body from a pose."""
         raise NotImplementedError
 
-    def _limited(self, q: Array, poses: Array) -> Array:
+    def _limit_margins(self, q: Array, poses: Array) -> Array:
         values = self.limits.values(q, poses)
         lower, upper = self._lower, self._upper
         return np.hstack(
@@ -157,16 +148,16 @@ class PoseMargins:
         )
 
     def at(self, poses: Array) -> Array:
-        """Margins (N, k) at poses (N, 4, 4) of M; infinity where a limit says nothing."""
+        """Margins (N, k) at poses (N, 4, 4) of M; infinity where a limit does not apply."""
         q = self.solved(poses)
-        limited = self._limited(q, poses)
+        limited = self._limit_margins(q, poses)
         limited[~np.isfinite(q).all(axis=1)] = np.inf
         return np.column_stack([limited, *self.others(q, poses, limited).values()])
 
     def inside(self, poses: Array) -> NDArray[np.bool_]:
-        """Which poses (N,) are within all limits."""
+        """Return which poses (N,) are within all limits."""
         q = self.solved(poses)
-        limited = self._limited(q, poses)
+        limited = self._limit_margins(q, poses)
         inside = np.asarray((limited >= 0.0).all(axis=1) & np.isfinite(q).all(axis=1))
         if (rows := np.flatnonzero(inside)).size:
             others = self.others(q[rows], poses[rows], limited[rows])
@@ -174,11 +165,11 @@ class PoseMargins:
         return inside
 
     def determinants(self, poses: Array) -> Array:
-        """Of `rates` (N,), NaN where there are none."""
+        """Determinants (N,) of `rates`, NaN where these do not exist."""
         return self._read(numerics.determinants, poses, np.nan)
 
     def ratios(self, poses: Array) -> Array:
-        """Smallest over largest singular value of `rates` (N,), infinite where there are none."""
+        """Smallest over largest singular value (N,) of `rates`, infinite where none exist."""
         return self._read(numerics.ratios, poses, np.inf)
 
     def _read(self, read: Callable[[Array], Array], poses: Array, otherwise: float) -> Array:
@@ -195,11 +186,11 @@ class LegMargins(PoseMargins):
     Parameters
     ----------
     elastic : ElasticMechanism
-        A closed chain that falls apart into legs where its body is held.
+        A closed chain whose legs are independent when its body is held.
     pose : ndarray (4, 4)
-        Of M: the centre, whose side of singular poses counts.
+        Pose of M at the centre, whose side of the singular poses counts.
     through : bool
-        Whether poses beyond singular ones count, too.
+        Whether poses beyond singular ones count as well.
     """
 
     def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
@@ -216,7 +207,7 @@ class LegMargins(PoseMargins):
             self.sign = float(np.sign(numerics.determinants(rates)[0]))
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:  # noqa: ARG002
-        """How short each leg is where the body does not get there, else 1; the determinant."""
+        """Missing length of each leg at poses that are not reached, and the determinant."""
         known, margins = np.isfinite(q).all(axis=1), dict[str, Array]()
         reached = np.where(known, np.inf, -1.0)
         for i, leg in enumerate(self.chain.legs):
@@ -233,17 +224,17 @@ class LegMargins(PoseMargins):
         return margins
 
     def reach(self, pose: Array) -> float:  # noqa: ARG002
-        """As far as all links of a leg in a row, its slides at their ends."""
+        """Twice the length of the shortest stretched leg, with its slides at their ends."""
         chain, lengths = self.chain, []
         bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
         for leg in self.legs:
             links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
             slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
             lengths.append(sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum())
-        return 2.0 * _bounded(lengths, "the slides have no limits")
+        return 2.0 * _finite_least(lengths, "the slides have no limits")
 
     def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
-        """The equations (N, p, p) above, lengths over `length`; None if they are not square."""
+        """Matrices (N, p, p) of the equations of the module, lengths over `length`; or None."""
         parts = [self._passive(leg, q) for leg in self.legs]
         total = sum(part.shape[2] for part in parts)
         rows = 6 * (len(parts) - 1)
@@ -273,8 +264,8 @@ def _coordinates(poses: Array) -> Array:
     return np.hstack([poses[:, :3, 3], se3.roll_pitch_yaw(poses)])
 
 
-def _bounded(lengths: Iterable[float], without: str) -> float:
-    """The least length, which must be finite."""
+def _finite_least(lengths: Iterable[float], without: str) -> float:
+    """Return the least length, which must be finite."""
     least = float(min(lengths))
     if not np.isfinite(least):
         raise InputError(
@@ -283,13 +274,13 @@ def _bounded(lengths: Iterable[float], without: str) -> float:
     return least
 
 
-#: How a load acts, (moment, force) (6,) about its point, and the axes along which these are the
-#: same at all poses.
+#: Kind of a load, its (moment, force) (6,) about its point, and the axes along which these are
+#: constant.
 CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
 
 
 def limits_forces(elastic: ElasticMechanism) -> bool:
-    """Whether a load bears on which poses are within the limits: cables, or legs with `force`."""
+    """Whether a load affects the limits: for cables, and for legs with `force`."""
     platform, springs = elastic.mechanism, elastic.springs
     if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
         return False
@@ -306,7 +297,7 @@ def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
 def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Array:
     """Margins (N,) of wrenches (N, 6) that lines (N, m, 6) carry with tensions within limits (m,).
 
-    Where tensions have no upper limit, infinity means that every wrench can be carried (closure).
+    For tensions without upper limits, infinity means that every wrench can be carried (closure).
     """
     m = lines.shape[1]
     margins, spanned = np.full(len(lines), np.inf), np.zeros(len(lines), bool)
@@ -344,19 +335,19 @@ class Margins(PoseMargins):
     elastic : ElasticMechanism
         A platform, or a body on cables.
     load : CarriedLoad, optional
-        What the legs carry where their forces are limited, besides the weights that gravity acts
-        on. Their forces are those of `cartstiff.analyse`.
+        Load that legs with limited forces carry besides the weights. Their forces are those of
+        `cartstiff.analyse`.
     sign : float
-        Of the determinant of six legs' lines; poses of the other sign count as beyond the limit
-        "singularity". 0: it does not count.
+        Sign of the determinant of six legs' lines; poses of the other sign count as beyond the
+        limit "singularity". 0: no such limit.
     tensions : {"any", "closed-form"}
-        Whether any tensions within their limits may carry the load, or those nearest to the middle
-        of the limits must.
+        Tensions that may carry the load: any within their limits, or only those nearest to the
+        middle of the limits.
 
     Attributes
     ----------
     names : tuple of str
-        What is limited, and at which side.
+        Names of the limits, with the side of each.
     """
 
     def __init__(
@@ -387,7 +378,7 @@ class Margins(PoseMargins):
                     "the forces in fewer than six legs do not follow from a load", got=m
                 )
         if self.is_spread:
-            # Which tensions, of many that balance, is decided by their limits, not by rest lengths.
+            # The limits choose among the balancing tensions, not the rest lengths.
             rest = np.full(m, np.nan)
             free = replace(springs, rest_length=rest, unilateral=False, balanced_at=None)
             self.elastic = replace(elastic, springs=free)
@@ -407,23 +398,23 @@ class Margins(PoseMargins):
         self.is_slow = self.is_spread or isinstance(springs, FlexureStruts)
 
     def solved(self, poses: Array) -> Array:
-        """Nothing: poses are what a platform's limits follow from."""
+        """Return placeholders: a platform's limits follow from its poses alone."""
         return np.zeros((len(poses), 6))
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:  # noqa: ARG002
-        """Margins of tensions or forces, the determinant, whether struts stand."""
+        """Margins of tensions or forces, the determinant, and the stability of struts."""
         _, lines = lines_at(self.platform, poses)
         margins = dict[str, Array]()
         if self.forces is not None:
             t = self._tensions(poses)
             least, most = self.forces.T
             if self.is_spread and self.tensions == "any":
-                room = wrench_margins(lines, _sums(lines, t), least, most)
-                # On the edge itself nothing more can be carried, as by cables without tension.
+                room = wrench_margins(lines, _wrenches_of(lines, t), least, most)
+                # At the edge itself, as for cables without tension, no more can be carried.
                 margins["tensions"] = np.where(room > 0.0, room, np.fmin(room, -1.0))
             else:
                 if self.is_spread:
-                    t = self.middle_tensions(lines, _sums(lines, t))
+                    t = self.middle_tensions(lines, _wrenches_of(lines, t))
                 t = np.where(np.isfinite(t), t, np.inf)
                 for side, left in (("least", t - least), ("most", most - t)):
                     margins |= {f"force of leg{i + 1}, {side}": x for i, x in enumerate(left.T)}
@@ -431,14 +422,14 @@ class Margins(PoseMargins):
             margins["singularity"] = self.sign * numerics.determinants(lines)
         if isinstance(self.springs, FlexureStruts):
             every = np.column_stack([limited, *margins.values()])
-            margins["flexures"] = self._standing(poses, every, self.springs)
+            margins["flexures"] = self._strut_margins(poses, every, self.springs)
         return margins
 
     @staticmethod
-    def _standing(poses: Array, others: Array, struts: FlexureStruts) -> Array:
-        """1 where all struts are stable, -1 where one has buckled or finds no balance (N,).
+    def _strut_margins(poses: Array, others: Array, struts: FlexureStruts) -> Array:
+        """Return 1 where all struts are stable, -1 where one buckles or has no equilibrium (N,).
 
-        Asked only where all `others` are kept; infinity elsewhere.
+        Computed only at poses within all `others`; infinity elsewhere.
         """
         standing = np.full(len(poses), np.inf)
         for rows in np.array_split(
@@ -461,23 +452,23 @@ class Margins(PoseMargins):
         return np.where(carried[:, None], middle + change, np.inf)
 
     def distribution(self, pose: Array) -> dict[str, Any]:
-        """Name of the distribution, and the nearest to the middle of the limits at a pose."""
+        """Name of the distribution, and the tensions nearest to the middle of the limits."""
         if self.forces is None or not self.is_spread:
             return {}
         answer: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
         if np.isfinite(self.forces).all():
             lines = lines_at(self.platform, pose[None])[1]
-            t = self.middle_tensions(lines, _sums(lines, self._tensions(pose[None])))
+            t = self.middle_tensions(lines, _wrenches_of(lines, self._tensions(pose[None])))
             answer["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
         return answer
 
     def reach(self, pose: Array) -> float:
-        """Where the legs' longest lengths end."""
+        """Distance that the legs' longest lengths allow."""
         platform = self.platform
         longest = np.inf if platform.limits is None else platform.limits[:, 1]
         ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
         lengths = np.linalg.norm(ends, axis=1) + longest
-        return _bounded(lengths, "the lengths of the legs have no upper limit")
+        return _finite_least(lengths, "the lengths of the legs have no upper limit")
 
     def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
         """Six legs' lines (N, 6, 6), moments over the body's length."""
@@ -485,24 +476,25 @@ class Margins(PoseMargins):
         return lines if lines.shape[1] == 6 else None
 
     def _tensions(self, poses: Array) -> Array:
-        """Tensions (N, m) that balance weights and load, as of `cartstiff.analyse`; or NaN."""
+        """Tensions (N, m) that balance weights and load, as in `cartstiff.analyse`; or NaN."""
         kind, wrench, axes = self.load or (DEAD_AT_ORIGIN, None, "body")
         q = self.platform.coordinates_of(poses)
         return tensions_of_many(self.elastic, q, wrench, kind, axes)
 
 
-def _sums(lines: Array, tensions: Array) -> Array:
-    """The wrenches (N, 6) that lines (N, m, 6) with tensions (N, m) carry."""
+def _wrenches_of(lines: Array, tensions: Array) -> Array:
+    """Return the wrenches (N, 6) that lines (N, m, 6) with tensions (N, m) carry."""
     return np.asarray((tensions[:, None] @ lines)[:, 0])
 
 
-# A call with few poses costs as much as one with so many: few brackets are cut into more parts.
-_AT_ONCE, _MOST = 512, 4
+# Calls with fewer poses take as long as with this number, so that few brackets are divided into
+# more parts: at most 2**_MAX_DIVISIONS.
+_POSES_PER_CALL, _MAX_DIVISIONS = 512, 4
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines, and where along them the sign of a state changes.
+    """Straight lines along which changes of the sign of a state are located.
 
     Attributes
     ----------
@@ -511,7 +503,7 @@ class Lines:
     starts, ways : ndarray (N, d)
         Points and directions of the lines.
     places : ndarray (N, n)
-        Where along each line it is scanned.
+        Places along each line at which it is scanned.
     """
 
     state: Callable[[Array], Array]
@@ -520,9 +512,9 @@ class Lines:
     places: Array
 
     def signs(self, progress: Progress | None = None) -> Array:
-        """Signs (N, n) of the state at the places; `progress` is told of lines."""
+        """Return the signs (N, n) of the state at the places; `progress` counts lines."""
         count, n = self.places.shape
-        signs, block = np.empty((count, n)), max(1, _ROWS // n)
+        signs, block = np.empty((count, n)), max(1, _SCAN_BLOCK // n)
         for i in range(0, count, block):
             rows = np.arange(i, min(i + block, count))
             found = self._sign(np.repeat(rows, n), self.places[rows].ravel())
@@ -535,13 +527,15 @@ class Lines:
         return np.sign(self.state(self.starts[rows] + places[:, None] * self.ways[rows]))
 
     def changes(self, signs: Array, halvings: int) -> Changes:
-        """Where signs (N, n) of the places change, each bracket as if bisected so often."""
+        """Locate the changes of signs (N, n); brackets narrow as by this number of bisections."""
         line, step = np.nonzero(signs[:, 1:] * signs[:, :-1] < 0.0)
         before, left, tried = signs[line, step], halvings, 0
         near = start = self.places[line, step]
         far = self.places[line, step + 1]
         while left > 0 and len(near):
-            at_once = min(_MOST, left, max(1, int(np.log2(_AT_ONCE / len(near) + 1.0))))
+            at_once = min(
+                _MAX_DIVISIONS, left, max(1, int(np.log2(_POSES_PER_CALL / len(near) + 1.0)))
+            )
             shares = np.linspace(0.0, 1.0, 2**at_once + 1)
             places = near[:, None] + shares * (far - near)[:, None]
             places[:, -1] = far
@@ -562,11 +556,11 @@ class Changes(NamedTuple):
     line : ndarray of int (k,)
         Number of the line.
     start, near, far : ndarray (k,)
-        The place of the scan before, and neighbouring places before and after the change.
+        Last place of the scan, and bracketing places, before and after the change.
     enters : ndarray of bool (k,)
-        Whether the state is negative before.
+        Whether the state is negative before the change.
     tried : int
-        Points at which the state was asked for.
+        Number of evaluations of the state.
     """
 
     line: NDArray[np.intp]
@@ -577,12 +571,14 @@ class Changes(NamedTuple):
     tried: int
 
 
-# Bisections of each boundary: of a scan's step 1e-6 is left.
+# Bisections of each boundary, which leave 1e-6 of a scan's step.
 _HALVINGS = 20
-_ROWS = 20_000
-# The box of the columns is widened so often while there are poses at its sides.
+# Largest number of poses evaluated at once in a scan.
+_SCAN_BLOCK = 20_000
+# Largest number of times that the box of the columns is widened.
 _WIDENINGS = 5
-# Of the search for what fits inside: directions, and in the end, poses along each, places tried.
+# Search for inscribed bodies: directions of the search and of the result, poses along each
+# direction, and places tried.
 _DIRECTIONS, _CHECKED, _SCAN, _PLACES = 50, 800, 10, 40
 Progress = Callable[[int, int], None]
 #: Poses (N, 4, 4) of offsets (N, 3) from the centre.
@@ -598,16 +594,16 @@ class Rays:
     directions : ndarray (d, 3)
         Unit vectors.
     weights : ndarray (d,)
-        Of the rule; their sum is 1.
+        Weights of the rule, of sum 1.
     first : ndarray (d,)
-        Distance (or angle) to the first boundary; 0 where the centre is outside.
+        Distance (or angle) to the first boundary; 0 if the centre is outside.
     edges : list of (ray, distance, enters, limit)
-        Every boundary: the number of its ray, its distance, whether the ray enters there, and the
-        name of the limit that cuts.
+        Every boundary: number of its ray, distance, whether the ray enters there, and name of the
+        limit that is reached.
     reach : float
-        How far the rays were followed.
+        Length of the rays.
     poses : int
-        How many poses were tried.
+        Number of poses evaluated.
     """
 
     directions: Array
@@ -619,11 +615,11 @@ class Rays:
 
     @property
     def is_cut_short(self) -> bool:
-        """Whether a ray is still inside where it ends."""
+        """Whether the end of a ray is inside."""
         return any(x >= (1.0 - 0.5**_HALVINGS) * self.reach for _, x, _, _ in self.edges)
 
     def total(self, measure: Callable[[float], float]) -> float:
-        """Sum over the rays of what a measure gives to the parts inside, weighted."""
+        """Weighted sum over the rays of a measure of their parts inside."""
         return float(
             sum(
                 self.weights[ray] * (-1.0 if enters else 1.0) * measure(distance)
@@ -632,7 +628,7 @@ class Rays:
         )
 
     def shares(self) -> dict[str, float]:
-        """Share of the outermost boundary, by solid angle from the centre, that each limit cuts."""
+        """Share of each limit in the outermost boundary, by solid angle from the centre."""
         last: dict[int, tuple[float, str]] = {}
         for ray, distance, enters, name in self.edges:
             if not enters and distance > last.get(ray, (-1.0, ""))[0]:
@@ -645,7 +641,7 @@ class Rays:
 
 
 def sphere_rule(count: int) -> tuple[Array, Array]:
-    """About `count` directions (d, 3) and weights (d,): Gauss in height, equal steps around."""
+    """Return about `count` directions (d, 3) and weights (d,): Gauss in height, equal turns."""
     rows = max(2, round(np.sqrt(count / 2.0)))
     height, weight = np.polynomial.legendre.leggauss(rows)
     turns = (np.arange(2 * rows) + 0.5) * np.pi / rows
@@ -663,7 +659,7 @@ def rays_to_boundaries(
     scan: int,
     progress: Progress | None = None,
 ) -> Rays:
-    """Boundaries along rays; `pose_at` makes poses (N, 4, 4) of offsets (N, 3) from the centre."""
+    """Find boundaries along rays; `pose_at` maps offsets (N, 3) from the centre to poses."""
     directions, weights = sphere_rule(count)
     d = len(directions)
     steps = np.tile(np.linspace(0.0, reach, scan + 1), (d, 1))
@@ -674,7 +670,7 @@ def rays_to_boundaries(
     outside = np.where(enters, near, far)
     cuts = margins.at(pose_at(outside[:, None] * directions[ray])).argmin(axis=1)
     names = np.array(margins.names)[cuts]
-    edge = np.where(enters, far, near)  # the last pose that is within
+    edge = np.where(enters, far, near)  # the bracketing pose within the limits
     first = np.zeros(d)
     rays, where = np.unique(ray, return_index=True)
     first[rays] = np.where(enters[where], 0.0, edge[where])
@@ -683,26 +679,25 @@ def rays_to_boundaries(
 
 
 def _side(margins: PoseMargins, pose_at: Moved) -> Callable[[Array], Array]:
-    """1 at offsets (N, 3) within all limits, -1 at others."""
+    """Return the function that is 1 at offsets (N, 3) within all limits, -1 at others."""
     return lambda offsets: np.where(margins.inside(pose_at(offsets)), 1.0, -1.0)
 
 
 class Columns(NamedTuple):
-    """Columns of positions inside, along z.
+    """Columns of positions inside the workspace, along z.
 
     Attributes
     ----------
     volume : float
-        Of all of them.
+        Volume of all columns.
     ends : ndarray (k, 2)
         Lower and upper end of each part inside, in F.
     area : float
-        Across a column.
+        Cross-section of a column.
     poses : int
-        How many poses were tried.
+        Number of poses evaluated.
     error : float
-        Three standard errors of the volume: it is the mean of what four grids of every second
-        column give.
+        Three standard errors of the volume, from the scatter of four grids of every second column.
     """
 
     volume: float
@@ -712,7 +707,7 @@ class Columns(NamedTuple):
     error: float = 0.0
 
     def slices(self, count: int) -> list[tuple[float, float]]:
-        """Height and area of so many slices across z, at equal distances."""
+        """Height and area of `count` slices normal to z, at equal distances."""
         if not len(self.ends):
             return []
         low, high = float(self.ends[:, 0].min()), float(self.ends[:, 1].max())
@@ -731,7 +726,7 @@ def columns_inside(
     scan: int,
     reach: float,
 ) -> Columns:
-    """Columns over the box around boundary positions (k, 3), widened until it holds all.
+    """Scan columns over the box around boundary positions (k, 3), widened until it holds all.
 
     Positions further than `reach` from the centre do not count.
     """
@@ -777,7 +772,7 @@ def columns_inside(
 def inscribed(
     margins: PoseMargins, pose_at: Moved, centre: Array, positions: Rays
 ) -> tuple[tuple[Array, float], tuple[Array, float]]:
-    """Largest sphere and cube inside, from the best of some starts by a direct search."""
+    """Find the largest sphere and cube inside by a direct search that starts at the centre."""
     from scipy.optimize import minimize
 
     reach, scan = positions.reach, _SCAN
@@ -787,7 +782,7 @@ def inscribed(
     steps = np.linspace(0.0, reach, scan + 1)
 
     def room(place: Array, directions: Array, size: Array) -> float | None:
-        """Least of the sizes (d,) times the distances to the boundary; None outside."""
+        """Return the least of sizes (d,) times distances to the boundary; None outside."""
         d = len(directions)
         starts, places = np.tile(place, (d, 1)), np.tile(steps, (d, 1))
         lines = Lines(_side(margins, pose_at), starts, directions, places)
@@ -797,7 +792,7 @@ def inscribed(
         signs[:, -1] = -1.0
         k = np.argmin(signs, axis=1)
         signs[np.arange(scan + 1) > k[:, None]] = -1.0  # the first boundary counts
-        # Directions that end farther away than another one's bracket are not looked at again.
+        # Directions whose boundary is farther than another bracket are not refined.
         signs[steps[k - 1] * size > (steps[k] * size).min()] = 0.0
         ends = lines.changes(signs, _HALVINGS // 2)
         return float((ends.near * size[ends.line]).min())
@@ -827,8 +822,9 @@ def inscribed(
 
 #: Determinants (N,) at poses (N, 4, 4), NaN where there is none.
 Determinant = Callable[[Array], Array]
+# Search for the nearest singular pose: bisections on rays, Newton steps and starts.
 _BISECTIONS, _STEPS, _STARTS = 40, 60, 48
-# Of the determinant's change over a length, for its slope.
+# Step of the difference quotients of the determinant, as a share of the characteristic length.
 _STEP = numerics.DIFFERENCE
 
 
@@ -839,15 +835,15 @@ class Singular:
     Attributes
     ----------
     surface : ndarray (k, 3)
-        Values of the workspace's axes at which the determinant changes its sign, on the rays, with
-        or without limits.
+        Values of the workspace's axes at which the determinant changes its sign on the rays,
+        regardless of limits.
     distance : float or None
-        To the nearest singular pose found, turned or not, in the metric above; a length. None
-        where none was found.
+        Distance of the nearest singular pose found, in the metric of the module, a length; None if
+        none was found.
     pose : ndarray (4, 4) or None
         That pose of M.
     shift : float or None
-        To the nearest singular position found with the orientation kept.
+        Distance of the nearest singular position found with the same orientation.
     length : float
         L of the metric.
     """
@@ -866,9 +862,9 @@ class Singular:
 def singular_around(
     margins: PoseMargins, pose: Array, moved: Moved, rays: Rays, scan: int
 ) -> Singular | None:
-    """Singular poses around a pose, the surface on rays; None where no determinant tells.
+    """Find singular poses around a pose, the surface on rays; None without a determinant.
 
-    The surface is given in offsets.
+    The surface is returned as offsets from the pose.
     """
     if not margins.sign:
         return None
@@ -890,7 +886,7 @@ def singular_around(
 
 
 def least_ratio(margins: PoseMargins, moved: Moved, rays: Rays) -> tuple[float, Array] | None:
-    """The least ratio of singular values on the part of each ray that hangs on the centre."""
+    """Return the least ratio of singular values on the first part of each ray, and its offset."""
     shares = np.linspace(0.0, 1.0, 9)
     offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
     ratio = margins.ratios(moved(offsets))
@@ -903,7 +899,7 @@ def least_ratio(margins: PoseMargins, moved: Moved, rays: Rays) -> tuple[float, 
 def crossings(
     signed: Determinant, moved: Moved, directions: Array, reach: float | Array, scan: int
 ) -> Array:
-    """Offsets (k, d) along rays, up to `reach` (of each), where a determinant changes its sign."""
+    """Return offsets (k, d) along rays of length `reach` where a determinant changes its sign."""
     steps = np.linspace(np.zeros(len(directions)), reach, scan + 1, axis=-1)
 
     def state(offsets: Array) -> Array:
@@ -912,7 +908,7 @@ def crossings(
     lines = Lines(state, np.zeros_like(directions), directions, steps)
     ray, start, near, far, *_ = lines.changes(lines.signs(), _BISECTIONS)
     points: Array = near[:, None] * directions[ray]
-    # Where a determinant jumps it has no root: legs fold over, or change their branch.
+    # A jump of the determinant is no root: a leg folds over or changes its branch.
     if len(points):
         low, high, there = (np.abs(state(x[:, None] * directions[ray])) for x in (near, far, start))
         points = points[np.maximum(low, high) <= numerics.LOST_ERROR * there]
@@ -927,10 +923,10 @@ def nearest_singular(
     axes: Sequence[int],
     rays: int = 200,
 ) -> Array | None:
-    """Shortest x (6,) found of the module's metric at which a determinant vanishes.
+    """Return the shortest x (6,) found, in the module's metric, at which a determinant vanishes.
 
-    Only the components `axes` of x, of which there are six, are moved. It is looked for on so many
-    rays per component, up to `reach`; None where it vanishes on none.
+    Only the components `axes` of x vary. The search starts on `rays` rays per component of length
+    `reach`; None if the determinant changes its sign on none of them.
     """
     rng = np.random.default_rng(6)
     n = len(axes)
@@ -955,7 +951,7 @@ def nearest_singular(
             new = g * ((g * x).sum(axis=1) - value)[:, None] / (g * g).sum(axis=1)[:, None]
         known = np.isfinite(new).all(axis=1)
         step = np.where(known[:, None], new - x, 0.0)
-        # Long steps leave what is linear.
+        # Limit steps to the range in which the determinant is about linear.
         size = np.linalg.norm(step, axis=1)
         x = x + step * np.minimum(1.0, 0.2 * length / np.maximum(size, h))[:, None]
         best = np.where((size <= h)[:, None], x, best)
@@ -971,7 +967,7 @@ def nearest_singular(
 
 
 def around(pose: Array, turns: Array, shifts: Array) -> Array:
-    """Poses (N, 4, 4) turned from one by vectors (N or 1, 3) of M, shifted by those of F."""
+    """Turn a pose by rotation vectors (N or 1, 3) in M and shift it by vectors in F: (N, 4, 4)."""
     count = np.broadcast_shapes(turns.shape, shifts.shape)[0]
     poses = np.tile(pose, (count, 1, 1))
     poses[:, :3, :3] = pose[:3, :3] @ se3.exp(np.hstack([turns, 0.0 * turns]))[:, :3, :3]
@@ -982,7 +978,7 @@ def around(pose: Array, turns: Array, shifts: Array) -> Array:
 def carried(
     kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array
 ) -> CarriedLoad:
-    """The load along the axes in which it is the same at all poses, from those at the start."""
+    """Convert a load to the axes along which it is constant at all poses."""
     if kind.kind == "conservative":
         raise InputError(
             "a moment that turns by half depends on where the body comes from",
@@ -997,7 +993,7 @@ def carried(
 
 
 def singular_note(margins: Margins, pose: Array) -> Note | None:
-    """The note on an architecture, or an orientation, that is singular everywhere."""
+    """Return the note on an architecture or orientation that is singular everywhere, or None."""
     platform, m = margins.platform, len(margins.platform.points)
     note = None if m < 6 else architecture_of(platform).note()
     if note is not None or m != 6 or margins.springs.unilateral:
@@ -1014,14 +1010,14 @@ def singular_note(margins: Margins, pose: Array) -> Note | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Workspace(ShownInLines):
-    """What a platform, or a body on legs, reaches with one orientation, and around one position.
+    """Workspace of a platform or a body on legs: positions at one orientation, and rotations.
 
     Attributes
     ----------
     elastic : ElasticMechanism
         The mechanism.
     pose : ndarray (4, 4)
-        Centre of the rays: orientation and position of M.
+        Pose of M at the centre of the rays.
     positions, turns : Rays or None
         Rays of positions with the orientation of `pose`, and of rotations at its position.
     columns : Columns or None
@@ -1032,21 +1028,21 @@ class Workspace(ShownInLines):
         Least ratio of singular values of six legs' lines, moments over the body's length, on the
         poses inside, and where it is.
     singular : Singular or None
-        Where the determinant of six legs changes its sign, and how far the nearest such pose is.
+        Poses where the determinant of six legs changes its sign, and distance of the nearest one.
     margin : float
-        Least margin at the centre: negative where it is outside.
+        Least margin at the centre, negative if it is outside.
     distribution : dict
-        Name of the "distribution" of tensions and those "at_centre" (m,); empty where no tensions
-        are limited.
+        Name of the "distribution" of tensions and those "at_centre" (m,); empty if no tensions are
+        limited.
     axes : tuple of str
-        Coordinates of the pose that are followed: x, y, z, or those that a body with fewer freedoms
-        takes. Rays and columns count angles as lengths, a quarter of a turn as the reach.
+        Coordinates of the pose that vary: x, y, z, or those of a body with fewer freedoms. Rays and
+        columns use angles as lengths, with a quarter of a turn equal to the reach.
     scales : ndarray (3,)
-        What makes them coordinates again.
+        Factors from offsets on rays to these coordinates.
     load : mapping, optional
         The wrench that is carried, its kind, point and axes.
     notes : tuple of Note
-        What was assumed, and what does not exist.
+        Assumptions, and results that do not exist.
     """
 
     elastic: ElasticMechanism
@@ -1067,7 +1063,7 @@ class Workspace(ShownInLines):
 
     @property
     def volume(self) -> float | None:
-        """Of the positions with this orientation, in the units of the axes."""
+        """Volume of the positions at this orientation, in the units of the axes."""
         return None if self.columns is None else self.columns.volume * float(self.scales.prod())
 
     @property
@@ -1085,19 +1081,19 @@ class Workspace(ShownInLines):
 
     @property
     def share_of_rotations(self) -> float | None:
-        """Of all rotations, the share that is allowed at this position."""
+        """Share of all rotations that is allowed at this position."""
         if self.turns is None:
             return None
         return self.turns.total(lambda angle: (angle - np.sin(angle)) / np.pi)
 
     @property
     def least_turn(self) -> float | None:
-        """Angle in rad that the body can turn by about every axis, from the centre."""
+        """Largest angle in rad by which the body can turn about every axis, from the centre."""
         return None if self.turns is None else float(self.turns.first.min())
 
     @property
     def boundary(self) -> Array:
-        """Values (k, 3) of the axes on the boundary: the last ones within the limits."""
+        """Values (k, 3) of the axes on the boundary, just within the limits."""
         if self.positions is None:
             return np.empty((0, 3))
         return _places(self.positions) * self.scales + self.centre
@@ -1110,7 +1106,7 @@ class Workspace(ShownInLines):
 
     @property
     def slices(self) -> list[tuple[float, float]]:
-        """Values of the last axis, and areas across it, at equal distances."""
+        """Values of the last axis at equal distances, and cross-sections normal to it."""
         (a, b, c), z = self.scales, self.centre[2]
         areas = [] if self.columns is None else self.columns.slices(9)
         return [(z + c * (x - z), a * b * area) for x, area in areas]
@@ -1164,48 +1160,48 @@ def workspace(
     fits: bool = True,
     progress: Progress | None = None,
 ) -> Workspace:
-    """Where a platform, or a body on cables or legs, can be within all limits of its file.
+    """Workspace of a platform, or of a body on cables or legs, within all limits of its file.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        With limits of legs: lengths, angles of joints, diameters, forces or tensions; or a body on
-        legs made of joints, with their limits and what its legs reach. Of a body with fewer than
-        six freedoms the first three coordinates that it takes are followed.
+        A mechanism with limits of its legs: lengths, angles of joints, diameters, forces or
+        tensions; or a body on legs made of joints, with the limits of these. For a body with fewer
+        than six freedoms its first three independent coordinates vary.
     q : array_like (6,), optional
-        Pose whose orientation is kept, and around whose position rotations are tried; rays start
-        there. Default the file's pose.
+        Pose at the centre: its orientation is kept for positions, and its position for rotations.
+        Default the file's pose.
     wrench : array_like (6,), optional
-        Load W (moment, force) that the environment applies to the body at `load_at`; it counts
-        where forces or tensions are limited, as the body's weight does under gravity.
+        Load W (moment, force) that the environment applies to the body at `load_at`. It is taken
+        into account for limits of forces or tensions, as the body's weight under gravity is.
     load_kind : {"dead", "follower"}
-        Whether it keeps its direction in the room while the body turns, or turns with it.
+        dead: it keeps its direction in the room while the body turns; follower: it turns with it.
     load_at : array_like (3,)
         The point of the body, in M, about which its moment is and at which its force acts.
     load_axes : {"body", "world"}
-        Whose axes its components are along: those of M at the pose the rays start from, or F's.
+        Axes of its components: those of M at the centre, or F's.
     directions : int, optional
-        About how many rays, and columns; 1000, or 200 for cables, for more than six legs with
-        limited forces, for struts with flexures, and for legs made of joints.
+        Approximate number of rays, and of columns; 1000, or 200 for cables, for more than six legs
+        with limited forces, for struts with flexures, and for legs made of joints.
     scan : int
         Poses along each ray before boundaries are bisected: gaps and parts thinner than
         ``reach / scan`` may be missed.
     radius : float, optional
-        How far positions are followed; default where the longest lengths end.
+        Largest distance of positions; default the one that the longest lengths allow.
     through_singularities : bool
         Count poses beyond singular ones, where the determinant of six legs has the other sign.
     tensions : {"any", "closed-form"}
-        Of cables, and of more than six legs with limited forces: a pose counts where any tensions
-        within the limits carry the load, or where those nearest to the middle of the limits do.
+        For cables, and for more than six legs with limited forces: a pose counts if any tensions
+        within the limits carry the load, or if those nearest to the middle of the limits do.
     fits : bool
-        Look for the largest sphere and cube inside.
+        Find the largest sphere and cube inside.
     progress : callable, optional
         Called with (done, total).
 
     Returns
     -------
     Workspace
-        Volumes, boundaries with the limit that cuts each, sphere and cube, singularities.
+        Volumes, boundaries with the limit of each, sphere and cube, singularities.
 
     Raises
     ------
@@ -1257,12 +1253,12 @@ def workspace(
             margins.sign = float(np.sign(margins.determinants(pose[None])[0]))
     count = directions or (200 if margins.is_slow else 1000)
     most = margins.reach(pose) if radius is None else checked_length(radius, "radius")
-    axes, scales, moved = _followed(margins, pose, most)
+    axes, scales, moved = _axes_of_rays(margins, pose, most)
     here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load)
     turned = partial(around, pose, shifts=np.zeros((1, 3)))
     at_centre, reach = margins.at(pose[None])[0], most
     first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
-    if first.edges and radius is None:  # the ends of the legs are far beyond most workspaces
+    if first.edges and radius is None:  # the longest lengths reach far beyond most workspaces
         reach = min(reach, 1.3 * max(distance for _, distance, *_ in first.edges))
     positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
     while reach < most and positions.is_cut_short and radius is None:
@@ -1310,17 +1306,17 @@ def workspace(
 
 
 def _places(rays: Rays) -> Array:
-    """Offsets (k, 3) of the boundary from the centre."""
+    """Return the offsets (k, 3) of the boundary from the centre."""
     return np.array([x * rays.directions[r] for r, x, *_ in rays.edges]).reshape(-1, 3)
 
 
-def _followed(
+def _axes_of_rays(
     margins: PoseMargins, pose: Array, most: float
 ) -> tuple[tuple[str, ...], Array, Moved]:
-    """Coordinates that rays and columns follow, what offsets are times, and poses of offsets.
+    """Return the coordinates that vary, factors from offsets to them, and the poses of offsets.
 
-    Three coordinates of the pose that the body takes: the position, if it is among them. Angles go
-    as far as a quarter of a turn where lengths go as far as `most`.
+    These are the first three independent coordinates of the pose. Angles vary up to a quarter of a
+    turn where lengths vary up to `most`.
     """
     axes = list(margins.free[:3])
     if len(axes) < 3:

@@ -1,27 +1,20 @@
-r"""The posture of best stiffness along a path: what to do with a free rotation or a spare joint.
+r"""Postures of best stiffness along a path, by choice of a free rotation or a redundant joint.
 
 A tool that is symmetric about its axis, or an arm with more joints than it needs, leaves a choice
-at every point of a path. All branches of the inverse kinematics on a grid of the choice are
-candidates; those near singularities are dropped, steps larger than a joint may make from point to
-point are forbidden, and the best way through is found exactly among them by dynamic programming.
-Then each point moves along its self-motion by ever smaller steps, again with the best way through
-all of them.
+at every point of a path. The candidates of a point are all branches of the inverse kinematics on a
+grid of the free choices. Candidates near singularities are dropped, and steps of a joint beyond its
+bound are forbidden. Dynamic programming finds the best sequence of candidates exactly. Then each
+point moves along its self-motion by steps that are halved, again with dynamic programming.
 
-What a posture costs on a path: a named quantity of its stiffness, as something to keep small.
+*Cost*: a named quantity of the stiffness at a posture, or one over it, so that smaller is better.
 
-A path with the postures found for it, as a value.
+*Candidates*: a cell is one value of each free choice, a turn about the tool's axis or the position
+of a redundant joint. From point to point the branches found are followed, and a few random starts
+search for new ones. Every solution of a cell is a start in the neighbouring cells.
 
-Candidates for the points of a path: every posture that a grid of the free choices leads to.
-
-From point to point the branches found are followed, and a few random starts look for new ones. What
-is found in a cell is looked for in its neighbours: a cell is one value of each free choice, a turn
-about the tool's axis or a spare joint's position.
-
-The best way through layers of candidates, one of each, where not every step is allowed.
-
-Dynamic programming, exact: first the way whose worst candidate is least, then among all ways that
-are no worse the one of least sum. Costs are not negative; what costs infinitely much is never
-taken.
+*Dynamic programming*: first the sequence whose worst candidate costs least, then among all
+sequences that are no worse the one of least sum. Costs are not negative; candidates of infinite
+cost are never taken.
 """
 
 from __future__ import annotations
@@ -62,13 +55,13 @@ from cartstiff.toolpaths.tool_path import ToolPath
 from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.response import Damping
 
-#: What is made small: the worst cost (and after it the sum), or the sum alone.
+#: What is minimised: the worst cost (and after it the sum), or the sum alone.
 Objective = Literal["worst", "mean"]
 
-# Costs are equal within this: the worst one must not exclude itself by rounding.
-_EQUAL = 1.0 + numerics.ROUNDING
-# Candidates of a layer that are tried at first; four times as many each time after.
-_FEW = 100
+# Factor within which costs are equal, so that rounding does not exclude the worst candidate itself.
+_ROUNDING_FACTOR = 1.0 + numerics.ROUNDING
+# Number of candidates of a layer in the first trial; each further trial takes four times as many.
+_FIRST_CANDIDATES = 100
 
 
 def best_way(
@@ -76,24 +69,25 @@ def best_way(
     steps: Callable[[int, Array, Array], Array],
     objective: Objective = "worst",
 ) -> tuple[list[int] | None, list[Array]]:
-    """One candidate of each layer.
+    """Find the best sequence of one candidate of each layer.
 
     Parameters
     ----------
     costs : sequence of ndarray (c_i,)
         Costs of the candidates of each layer.
     steps : callable
-        ``steps(i, a, b)`` gives what steps from candidates a (indices in layer i) to candidates b
-        (in layer i + 1) add to the sum, infinite where one is forbidden: (len(a), len(b)).
+        ``steps(i, a, b)`` returns the costs (len(a), len(b)) of steps from candidates a (indices in
+        layer i) to candidates b (in layer i + 1), infinite for forbidden steps.
     objective : {"worst", "mean"}
         See `Objective`.
 
     Returns
     -------
     way : list of int, or None
-        Indices; None if no way goes through all layers.
+        Indices; None if no sequence passes through all layers.
     reached : list of ndarray
-        Candidates of each layer that some way from the first layer leads to, as far as any does.
+        Candidates of each layer that can be reached from the first layer, up to the last layer that
+        is reached.
     """
     check_name("objective", objective, get_args(Objective))
     usable = [np.flatnonzero(np.isfinite(c)) for c in costs]
@@ -101,7 +95,7 @@ def best_way(
         total, reached, _ = _cheapest(costs, steps, usable, worst=True)
         if total is None:
             return None, reached
-        bound = float(total.min()) * _EQUAL
+        bound = float(total.min()) * _ROUNDING_FACTOR
         usable = [rows[c[rows] <= bound] for c, rows in zip(costs, usable, strict=True)]
     total, reached, origins = _cheapest(costs, steps, usable, worst=False)
     if total is None:
@@ -123,11 +117,12 @@ def _cheapest(
     usable: Sequence[Array],
     worst: bool,
 ) -> _Ways:
-    """`_forward` through what can be on a way no dearer than one through the cheapest few.
+    """Run `_forward` on the candidates that can be part of an optimal sequence.
 
-    Ever more of each layer are tried until there is a way, or all are.
+    A sequence through the cheapest candidates of each layer bounds the optimum. The number of these
+    candidates is increased until a sequence exists or all candidates are used.
     """
-    count, most = _FEW, max(map(len, usable))
+    count, most = _FIRST_CANDIDATES, max(map(len, usable))
     while count < most:
         few = [
             np.sort(rows[np.argsort(c[rows], kind="stable")[:count]])
@@ -135,9 +130,9 @@ def _cheapest(
         ]
         total, *_ = _forward(costs, steps, few, worst)
         if total is not None:
-            # A way through a candidate costs at least it and the cheapest of all other layers.
+            # Lower bound of a sequence: its candidate and the cheapest ones of all other layers.
             least = [float(c[rows].min()) for c, rows in zip(costs, usable, strict=True)]
-            bound = float(total.min()) * _EQUAL
+            bound = float(total.min()) * _ROUNDING_FACTOR
             bounds = [bound - (0.0 if worst else sum(least) - own) for own in least]
             usable = [
                 rows[c[rows] <= most_of]
@@ -154,7 +149,7 @@ def _forward(
     usable: Sequence[Array],
     worst: bool,
 ) -> _Ways:
-    """Costs of the best ways to the last layer, candidates reached, and whence each is reached."""
+    """Return the least costs to the last layer, the candidates reached, and their predecessors."""
     reached, origins = [usable[0]], []
     total = costs[0][usable[0]]
     for i in range(1, len(costs)):
@@ -162,7 +157,7 @@ def _forward(
         if not a.size:
             break
         step = steps(i - 1, a, b)
-        # The worst candidate is what counts: a step is free or forbidden.
+        # For the worst candidate a step has no cost: it is allowed or forbidden.
         step = np.where(np.isfinite(step), 0.0, np.inf) if worst else step
         arriving = total[:, None] + step
         origin = np.argmin(arriving, axis=0)
@@ -178,20 +173,21 @@ def _forward(
 
 @dataclass(eq=False)
 class Steps:
-    """What a step of the coordinates costs: forbidden beyond a bound, dearer the larger below it.
+    """Costs of steps of the coordinates: they grow with the step and are infinite beyond a bound.
 
     Parameters
     ----------
     q : sequence of ndarray (c_i, n)
         Coordinates of the candidates.
     periodic : ndarray of bool (n,)
-        Coordinates of which whole turns do not count.
+        Coordinates whose steps are taken modulo whole turns.
     bounds : ndarray (n,)
-        Largest step of each.
+        Largest step of each coordinate.
     price : float
-        Price of a step in which every coordinate reaches its bound; others cost by the mean square.
+        Cost of a step in which every coordinate reaches its bound; the cost of other steps is
+        proportional to the mean square.
     sides : sequence of ndarray (c_i,), optional
-        A step from one number to another is forbidden.
+        Side of a singularity of each candidate; steps between sides are forbidden.
     """
 
     q: Sequence[Array]
@@ -201,14 +197,14 @@ class Steps:
     sides: Sequence[Array] | None = None
 
     def crosses(self, i: int, a: Array, b: Array) -> Array:
-        """Which steps change sides: bool (len(a), len(b))."""
+        """Return which steps change sides: bool (len(a), len(b))."""
         if self.sides is None:
             return np.zeros((len(a), len(b)), bool)
         changed: Array = self.sides[i][a][:, None] != self.sides[i + 1][b]
         return changed
 
     def shares(self, i: int, a: Array, b: Array) -> tuple[Array, Array]:
-        """Mean square, and largest, of step over bound of all coordinates: (len(a), len(b))."""
+        """Return mean square and maximum of step over bound of all coordinates (len(a), len(b))."""
         square, worst = np.zeros((2, len(a), len(b)))
         for j, bound in enumerate(self.bounds):
             step = self.q[i + 1][b, j] - self.q[i][a, j][:, None]
@@ -220,15 +216,15 @@ class Steps:
         return square / len(self.bounds), worst
 
     def __call__(self, i: int, a: Array, b: Array) -> Array:
-        """Cost of steps from candidates a of layer i to candidates b of the next."""
+        """Return the costs of steps from candidates a of layer i to candidates b of the next."""
         square, worst = self.shares(i, a, b)
         allowed = (worst <= 1.0) & ~self.crosses(i, a, b)
         return np.where(allowed, self.price * square, np.inf)
 
 
-#: What finds postures at poses: for joints, or for platforms.
+#: Solvers of postures at poses, for joints and for platforms.
 PathSolver = JointPoses | PlatformPoses
-#: Joints that turn stay so near to a required posture (rad).
+#: Largest distance of revolute joints from a required posture (rad).
 NEARBY = 0.5 * np.pi
 
 
@@ -241,11 +237,11 @@ class Choices:
     free : {"none", "x", "y", "z", "rotation"}
         Rotation left free.
     angles : ndarray (a,)
-        Turns about the tool's axis from the path's own pose (rad); one where they are no choice.
+        Turns about the tool's axis from the path's own pose (rad); one value without a choice.
     joint : int or None
         The joint whose position is chosen.
     positions : ndarray (b,)
-        Its positions; one where they are no choice.
+        Its positions; one value without a choice.
     dimension : int
         Dimension of the self-motions, all choices together.
     size : float
@@ -280,7 +276,7 @@ class Choices:
         return self.turns + (self.joint is not None) == self.dimension > 0
 
     def at(self, cell: int) -> dict[str, float]:
-        """The choices of a cell: "angle" and "position", as far as they exist."""
+        """Return the choices of a cell: "angle" and "position", as far as they exist."""
         a, b = divmod(cell, len(self.positions))
         values = {"angle": float(self.angles[a])} if self.turns else {}
         return values if self.joint is None else {**values, "position": float(self.positions[b])}
@@ -291,7 +287,7 @@ class Choices:
         return "none" if self.turns else self.free
 
     def targets(self, pose: Array) -> Array:
-        """Wanted poses (cells, 4, 4) at a point."""
+        """Return the required poses (cells, 4, 4) at a point."""
         turned = _turned_about(pose, self.free, self.angles) if self.turns else pose[None]
         return np.repeat(turned, len(self.positions), axis=0)
 
@@ -312,7 +308,7 @@ class Choices:
 
 
 def _turned_about(poses: Array, axis: str, angle: Array) -> Array:
-    """Poses turned about one of their own axes by angles, all broadcast together."""
+    """Turn poses about one of their own axes by angles, all broadcast together."""
     twist = np.zeros((*np.shape(angle), 6))
     twist[..., "xyz".index(axis)] = angle
     turned: Array = poses @ se3.exp(twist)
@@ -340,7 +336,7 @@ def choices_of(
     if free in ("x", "y", "z") and dimension > left:
         angles = -np.pi + 2 * np.pi * np.arange(samples) / samples
     if left > 0 and free != "rotation" and isinstance(solver, JointPoses):
-        joint = _most_idle(solver) if redundant is None else names.index(redundant)
+        joint = _most_moving_joint(solver) if redundant is None else names.index(redundant)
         low, high = (bound[joint] for bound in solver.region())
         if solver.periodic[joint]:
             positions = low + (high - low) * np.arange(samples) / samples
@@ -350,10 +346,10 @@ def choices_of(
     return Choices(free, angles, joint, positions, dimension, size)
 
 
-def _most_idle(solver: JointPoses) -> int:
-    """The joint that moves most with the self-motion, even where it moves little.
+def _most_moving_joint(solver: JointPoses) -> int:
+    """Return the joint whose motion in the self-motion has the largest lower decile.
 
-    Where a joint does not move while the others move, its position tells nothing about theirs.
+    The position of a joint that stands still while the others move does not determine theirs.
     """
     q = solver.random_starts(200, np.random.default_rng(0))
     moving = solver.self_motions(q, "none", solver.redundancy("none")) / solver.sizes[:, None]
@@ -366,7 +362,7 @@ def path_solver(
     ranges: Mapping[str, tuple[float, float]] | None,
     near: Mapping[str, float] | ArrayLike | None,
 ) -> PathSolver:
-    """What finds postures, within the ranges that were asked for."""
+    """Return the solver of postures within the given ranges."""
     if isinstance(elastic.mechanism, Platform):
         if ranges or near is not None:
             raise InputError(
@@ -390,19 +386,19 @@ def path_solver(
     return solver
 
 
-# Random starts a cell has at each point but the first.
-_MORE = 2
-# Of the cells that differ in the sampled joint's position alone one in so many has starts of its
-# own: they are solved with that joint free, and what they find is followed through all of them.
-_EVERY = 6
-_NONE = np.empty(0, int)
+# Number of random starts of a cell at each point but the first.
+_LATER_STARTS = 2
+# Among the cells that differ only in the sampled joint's position one in so many has random starts.
+# These are solved with that joint free, and their solutions are followed through the other cells.
+_START_SPACING = 6
+_NO_CELLS = np.empty(0, int)
 
 
 class Layer(NamedTuple):
     """Candidates of one point: coordinates (c, n) and the cell (c,) of each.
 
-    A candidate between the positions of the sampled joint is in no cell: -1 less the index of its
-    angle.
+    A candidate between the positions of the sampled joint is in no cell: its number is -1 minus the
+    index of its angle.
     """
 
     q: Array
@@ -418,7 +414,7 @@ def layers(
     tolerance: float = numerics.REACHED,
     advance: Callable[[], None] | None = None,
 ) -> list[Layer]:
-    """Candidates for each pose (m, 4, 4), within the limits, up to the first that has none.
+    """Candidates within the limits for each pose (m, 4, 4), up to the first pose without any.
 
     At the first point each cell has `starts` random starts. `advance` is called after each point.
     """
@@ -426,13 +422,14 @@ def layers(
     layers: list[Layer] = []
     for pose in poses:
         cells = _Cells(solver, grid, grid.targets(pose), tolerance)
-        more = starts if not layers or not grid.is_grid else _MORE
-        before = layers[-1] if layers else Layer(solver.start[None][:0], _NONE)
+        more = starts if not layers or not grid.is_grid else _LATER_STARTS
+        before = layers[-1] if layers else Layer(solver.start[None][:0], _NO_CELLS)
         inside = before.cell >= 0
         begin = Layer(before.q[inside], before.cell[inside])
         layer = cells.solved(_joined(begin, cells.random(more, rng)))
-        # At first everything is looked for next door; later what a neighbour seems to lack.
-        frontier = cells.spread(layer, cells.lonely(layer) if layers else None)
+        # At the first point all solutions are tried in the neighbouring cells, later only those of
+        # cells with more solutions than their neighbour.
+        frontier = cells.spread(layer, cells.richer_than_neighbours(layer) if layers else None)
         while len(frontier.q):
             new = cells.apart(layer, cells.solved(frontier), SAME, np.inf)
             layer = _joined(layer, new)
@@ -450,7 +447,7 @@ def _joined(a: Layer, b: Layer) -> Layer:
 
 
 class _Cells:
-    """The cells of one point. What is found in one is looked for in its neighbours."""
+    """The cells of one point, whose solutions are starts in the neighbouring cells."""
 
     def __init__(self, solver: PathSolver, grid: Choices, targets: Array, tolerance: float) -> None:
         self.solver, self.grid, self.targets, self.tolerance = solver, grid, targets, tolerance
@@ -459,11 +456,11 @@ class _Cells:
     def random(self, count: int, rng: np.random.Generator) -> Layer:
         """Random starts, and the default posture.
 
-        Where a joint is sampled, postures at the pose are found with that joint free, and start in
-        the cells on both sides of where it came to rest.
+        For a sampled joint, postures at the pose are solved with that joint free; they are starts
+        in the cells on both sides of its solution.
         """
         solver, grid = self.solver, self.grid
-        every = min(_EVERY, len(grid.positions))
+        every = min(_START_SPACING, len(grid.positions))
         cells = np.repeat(np.arange(0, grid.count, every), count + 1)
         q = solver.random_starts(len(cells), rng)
         if not len(q):  # a platform: one posture at every pose
@@ -479,7 +476,7 @@ class _Cells:
         return Layer(np.vstack([q, q]), np.concatenate([cells // b * b + side for side in sides]))
 
     def solved(self, begin: Layer) -> Layer:
-        """Different solutions that starts lead to, each in its cell."""
+        """Solve from the starts; return the distinct solutions of each cell."""
         solver, grid = self.solver, self.grid
         q, cells, held = np.clip(begin.q, solver.lower, solver.upper), begin.cell, None
         if grid.joint is not None:
@@ -489,13 +486,14 @@ class _Cells:
         q, cells = solver.within(q[good]), cells[good]
         rows = [np.flatnonzero(cells == cell) for cell in np.unique(cells)]
         keep = [own[distinct(q[own], solver.periodic, solver.sizes)] for own in rows]
-        kept = np.concatenate(keep) if keep else _NONE
+        kept = np.concatenate(keep) if keep else _NO_CELLS
         return Layer(q[kept], cells[kept])
 
     def traced(self, layer: Layer, more: Layer) -> Layer:
-        """Candidates with those between, one spacing apart along each self-motion.
+        """Add candidates between the cells, one spacing from each other along each self-motion.
 
-        Near where the sampled joint turns back on a self-motion, its positions are far apart.
+        Where the sampled joint reverses its direction on a self-motion, its positions alone leave
+        wide gaps.
         """
         solver, grid = self.solver, self.grid
         if grid.joint is None or solver.redundancy("none") != 1:
@@ -504,7 +502,7 @@ class _Cells:
         spacing = grid.position_spacing
         angle = np.where(layer.cell >= 0, -1 - layer.cell // b, layer.cell)
         known = frontier = Layer(layer.q, angle)
-        begin = more  # what the point before had between comes first
+        begin = more  # first the candidates between the cells of the previous point
         while True:
             targets = self.targets[(-1 - begin.cell) * b]
             q, good = solver.solve(targets, begin.q, grid.task, self.tolerance)
@@ -516,24 +514,24 @@ class _Cells:
             motion = spacing * solver.self_motions(frontier.q, "none", 1)[:, :, 0]
             moved = np.vstack([frontier.q + motion, frontier.q - motion])
             begin = Layer(np.clip(moved, solver.lower, solver.upper), np.tile(frontier.cell, 2))
-            frontier = Layer(layer.q[:0], _NONE)
+            frontier = Layer(layer.q[:0], _NO_CELLS)
         rest = slice(len(layer.q), None)
         return _joined(layer, Layer(known.q[rest], known.cell[rest]))
 
     def _inside(self, q: Array) -> Array:
-        """Which postures are in the region: without limits a self-motion may have no end."""
+        """Return which postures are in the region: without limits a self-motion may not end."""
         low, high = self.solver.region()
         return np.asarray(((q >= low) & (q <= high) | self.solver.periodic).all(axis=1))
 
     def apart(self, known: Layer, more: Layer, radius: float, norm: float) -> Layer:
-        """What is not near anything known, nor near what comes before it; in a p-norm."""
+        """Return the new candidates farther than `radius` from known and from earlier new ones."""
         both = _joined(known, more)
         keep: list[int] = []
         first = len(known.q)
         turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
         places = both.q / self.solver.sizes
         places = np.where(turns > 0, places % np.where(turns > 0, turns, 1.0), places)
-        places = np.where((turns > 0) & (places >= turns), 0.0, places)  # by rounding
+        places = np.where((turns > 0) & (places >= turns), 0.0, places)  # rounding of the modulo
         for cell in np.unique(more.cell):
             rows = np.flatnonzero(both.cell == cell)
             tree = cKDTree(places[rows], boxsize=turns)
@@ -548,14 +546,14 @@ class _Cells:
         rows = np.array(keep, int)
         return Layer(both.q[rows], both.cell[rows])
 
-    def lonely(self, layer: Layer) -> list[Array]:
-        """For each direction, the solutions in cells that have more than their neighbour there."""
+    def richer_than_neighbours(self, layer: Layer) -> list[Array]:
+        """For each direction, the solutions in cells that have more than their neighbour."""
         counts = np.bincount(layer.cell, minlength=self.grid.count)
         return [counts[to] < counts[layer.cell] for to in self._neighbours(layer.cell)]
 
     def spread(self, layer: Layer, chosen: list[Array] | None = None) -> Layer:
-        """Solutions as starts in all neighbouring cells, or those chosen for each direction."""
-        q, cells = [layer.q[:0]], [_NONE]
+        """Return all solutions, or those chosen by direction, as starts in neighbouring cells."""
+        q, cells = [layer.q[:0]], [_NO_CELLS]
         for side, to in enumerate(self._neighbours(layer.cell)):
             rows = (to != layer.cell) if chosen is None else chosen[side]
             q.append(layer.q[rows])
@@ -574,7 +572,7 @@ class _Cells:
 
 
 class Judged(NamedTuple):
-    """N postures judged.
+    """Costs of N postures.
 
     Attributes
     ----------
@@ -585,8 +583,8 @@ class Judged(NamedTuple):
     cost : ndarray (N,)
         The value, or one over it where larger is better; infinite where there is none.
     ratio : ndarray (N,)
-        Smallest over largest singular value of the length-scaled Jacobian (of a platform's lines),
-        of as many as the mechanism has at most postures.
+        Smallest over largest singular value of the length-scaled Jacobian (of a platform's lines);
+        as many singular values are counted as the Jacobian has at most postures.
     side : ndarray (N,)
         Sign of the Jacobian's determinant, which changes only through a singularity; 0 where the
         Jacobian is not square (or not on the motions that the mechanism has).
@@ -599,17 +597,17 @@ class Judged(NamedTuple):
     side: Array
 
     def taken(self, rows: Array | int) -> Judged:
-        """Some of them, or one."""
+        """Select rows, or one row."""
         return Judged(*(each[rows] for each in self))
 
 
 def criteria() -> dict[str, Quantity]:
-    """The quantities that can be a criterion, by name: those of which one end is the better."""
+    """Return the quantities that can be a criterion, by name: those with a better end."""
     return {name: q for name, q in QUANTITIES.items() if q.better is not None}
 
 
 def ready(elastic: ElasticMechanism) -> ElasticMechanism:
-    """The same mechanism with all rest positions open: a controller commands them at each point.
+    """Return the mechanism with free rest positions, which a controller commands at each point.
 
     Raises
     ------
@@ -620,7 +618,7 @@ def ready(elastic: ElasticMechanism) -> ElasticMechanism:
         raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
     springs = elastic.springs
     if isinstance(elastic.mechanism, Platform) and len(springs.stiffness) != 6:
-        return elastic  # preload is a property of the file there, and not the load's alone
+        return elastic  # such a platform's preload is a property of its file, not only of the load
     return replace(elastic, springs=springs.replaced(springs.stiffness, springs.rest * np.nan))
 
 
@@ -631,9 +629,9 @@ class PathCost:
     Attributes
     ----------
     elastic : ElasticMechanism
-        From `ready`.
+        The mechanism, from `ready`.
     path : ToolPath
-        With wrenches or directions, as the quantity asks.
+        The path, with wrenches or directions if the quantity needs them.
     quantity : Quantity
         One of `criteria`.
     connection : {"A", "B", "K", "F", "load"}
@@ -641,15 +639,15 @@ class PathCost:
     loaded : bool
         Whether that stiffness is the one under the path's wrenches, balanced by the springs.
     load : LoadKind
-        What these do while the body moves, and the point of the body at which they act.
+        Behaviour of the wrenches while the body moves, and the point at which they act.
     length : float
         Characteristic length.
     rank : int
         Rank of the Jacobian at most postures.
     movable : ndarray of bool
-        Columns of the Jacobian that are joints to be moved, and not a link that gives.
+        Columns of the Jacobian that are joints to be moved, not deflections of compliant links.
     damping : Damping
-        What damps the vibrations.
+        Damping of the vibrations.
     milling : Milling, optional
         The cutter of a limiting depth.
     """
@@ -691,7 +689,7 @@ class PathCost:
         )
 
     def __call__(self, q: Array, points: Array, poses: Array) -> Judged:
-        """Judge postures (N, n) at points (N,) of the path, their poses (N, 4, 4) known."""
+        """Return the costs of postures (N, n) with poses (N, 4, 4) at points (N,) of the path."""
         count = len(q)
         value, ratio = np.full(count, np.nan), np.full(count, np.nan)
         if not count:
@@ -746,9 +744,9 @@ class PathCost:
         return ratio, side
 
     def _motions(self, scaled: Array) -> Array | None:
-        """Basis (6, rank) of the body's motions, if they are the same at all postures.
+        """Basis (6, rank) of the body's motions if they are the same at all postures, else None.
 
-        Its signs are those of the first axes that it has, so that it is the same every time.
+        It is built from the first independent axes, so that its signs are reproducible.
         """
         if self.rank == 6:
             return np.eye(6)
@@ -766,13 +764,13 @@ class PathCost:
 
 @dataclass(frozen=True, eq=False)
 class ConstantChoice:
-    """The best that one value of the free choices can do, held along the whole path.
+    """Best path with constant values of the free choices.
 
     Attributes
     ----------
     choice : dict of str to float
-        "angle": turn about the tool's axis from the path's own poses (rad); "position": of the
-        redundant joint (rad or length).
+        "angle": turn about the tool's axis from the path's own poses (rad); "position": that of
+        the redundant joint (rad or length).
     q : ndarray (m, n)
         Coordinates.
     values : ndarray (m,)
@@ -793,40 +791,40 @@ class OptimisedPath:
     elastic : ElasticMechanism
         The mechanism.
     path : ToolPath
-        What was asked for.
+        The required path.
     q : ndarray (m, n)
-        Coordinates; joints that can turn further than once go on through whole turns.
+        Coordinates, continuous through whole turns of joints whose limits allow them.
     poses : ndarray (m, 4, 4)
-        ``T_F_M`` that the body has.
+        ``T_F_M`` of the body at the points.
     angles : ndarray (m,), or None
-        Turn about the tool's axis from the path's own poses (rad), where it is free.
+        Turn about the tool's axis from the path's own poses (rad), if it is free.
     values : ndarray (m,)
         The criterion along the path.
     ratios : ndarray (m,)
         Smallest over largest singular value of the length-scaled Jacobian.
     criterion : Quantity
-        What `values` are.
+        Quantity of `values`.
     connection, loaded
         The stiffness that is read, and whether under the path's load.
     load : LoadKind
-        What that load does while the body moves, and where it acts.
+        Behaviour of that load while the body moves, and its point.
     free : str
         Rotation that was left free.
     joint : str or None
         Redundant joint that was sampled.
     constant : ConstantChoice or None
-        None where there is nothing to choose, or no constant choice can follow the path.
+        None if nothing is free, or no constant choice can follow the path.
     candidates : int
-        Postures that were compared before the refinement.
+        Number of postures compared before the refinement.
     notes : tuple of Note
-        From loading.
+        Notes of the mechanism.
     collisions : dict or str
-        What was tested (`cartstiff.loading.collisions.Collisions`), or that nothing was.
+        Result of the test (`cartstiff.loading.collisions.Collisions`), or that none was made.
     off_singular : bool or None
-        Whether steps through singularities were forbidden; None where there are more joints than
-        motions, and configurations are connected without any.
+        Whether steps through singularities were forbidden; None for redundant mechanisms, whose
+        configurations are connected without a singularity.
     nearby : float or None
-        How near (rad) all joints that turn stay to the posture that was asked for.
+        Largest distance (rad) of revolute joints from the required posture.
     """
 
     elastic: ElasticMechanism
@@ -868,7 +866,7 @@ class OptimisedPath:
         return np.diff(self.q, axis=0)
 
     def summary(self) -> dict[str, Any]:
-        """Worst and mean of the criterion, with and without the free choice, and what limits."""
+        """Worst and mean of the criterion, optimised and with a constant choice; largest steps."""
         largest = np.abs(self.steps).max(axis=0, initial=0.0)
         values: dict[str, Any] = {
             "worst": self.worst,
@@ -888,7 +886,7 @@ class OptimisedPath:
 
     @property
     def configuration(self) -> str:
-        """What is known of flips from one configuration to another, in words."""
+        """Largest step and whether the configuration is kept, in words."""
         largest = np.abs(self.steps).max(axis=0, initial=0.0)
         j = int(np.argmax(largest))
         step, units = shown(self.elastic, largest)[j], self.elastic.units
@@ -959,7 +957,7 @@ class OptimisedPath:
         return self.path.wrenches_in_body(np.arange(len(self.path)), self.poses, self.load.at)
 
     def as_csv(self) -> str:
-        """One line a point: coordinates, wrench, free angle, criterion, distance from singularity.
+        """One line per point: coordinates, wrench, free angle, criterion, singular value ratio.
 
         `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
         """
@@ -981,12 +979,12 @@ class OptimisedPath:
         return csv_text(np.hstack(columns), names)
 
 
-#: Characteristic lengths beyond which no robot reaches: the unit is another.
-_FAR = 50.0
+#: Distance in characteristic lengths beyond which a point suggests another unit of length.
+_FAR_LENGTHS = 50.0
 
 
 def colliding(point: int, count: int) -> UndefinedError:
-    """The error for a point (counted from 0) that is reached in colliding postures only."""
+    """Return the error for a point (counted from 0) reached only in colliding postures."""
     return UndefinedError(
         f"point {point + 1} of the path is reached only in postures in which links collide "
         f"({count} were compared)",
@@ -1004,7 +1002,7 @@ def impossible(
     ratios: Array,
     singular: float,
 ) -> UndefinedError:
-    """The error for a point (counted from 0) without any usable candidate."""
+    """Return the error for a point (counted from 0) without any usable candidate."""
     values: dict[str, Any] = {"point": point + 1, "candidates": len(ratios)}
     here = f"point {point + 1} of the path"
     if not len(ratios):
@@ -1012,7 +1010,7 @@ def impossible(
         if excess is None:
             away = float(np.linalg.norm(pose[:3, 3]))
             far = f": it is {away:.4g} away. Millimetres? Say --units mm, or x [mm] in the head"
-            words = far if away > _FAR * solver.length else ""
+            words = far if away > _FAR_LENGTHS * solver.length else ""
             return UndefinedError(
                 f"{here} is out of reach{words}", code="path-unreachable", values=values
             )
@@ -1043,12 +1041,12 @@ def impossible(
 def broken(
     costs: list[Array], steps: Steps, bounds: Array, wound: Sequence[str] = ()
 ) -> UndefinedError:
-    """The error for a path whose points all have candidates, but no continuous way through them.
+    """Return the error for a path without a continuous sequence through its candidates.
 
-    `wound` are joints that would follow if they could turn on beyond their limits.
+    `wound` are joints that would have to turn on beyond their limits.
     """
     _, reached = best_way(costs, steps, "mean")
-    # The last layer that a way leads to; the next is reached by none of its candidates.
+    # No candidate of the last reached layer leads to the next one.
     i = len(reached) - 2
     a, b = reached[i], np.flatnonzero(np.isfinite(costs[i + 1]))
     share = np.where(steps.crosses(i, a, b), np.inf, steps.shares(i, a, b)[1])
@@ -1076,8 +1074,8 @@ def broken(
 
 #: Largest step of a joint from point to point (rad, or characteristic lengths).
 MAX_STEP = 0.5
-# Refinements, each with half the step of the one before.
-_LEVELS = 12
+# Number of refinements, each with half the step of the previous one.
+_REFINEMENTS = 12
 
 
 @checked
@@ -1112,16 +1110,16 @@ def optimise_path(
     Parameters
     ----------
     elastic : ElasticMechanism
-        A serial arm or a platform with springs. Its rest positions are taken to be commanded: at
-        each posture they carry gravity, and with `loaded` the path's wrench as well.
+        A serial arm or a platform with springs. Its rest positions are commanded, so that at each
+        posture they carry gravity, and with `loaded` the path's wrench as well.
     path : ToolPath
-        Poses of the body frame M, with wrenches or directions as the criterion asks.
+        Poses of the body frame M, with wrenches or directions if the criterion needs them.
     free : {"none", "x", "y", "z", "rotation"}
-        The body's rotation about one of its axes (a spindle, a welding wire) is free; or all of
-        its rotation is, which is sampled at random.
+        Free rotation of the body: about one of its axes (a spindle, a welding wire), or any
+        rotation, which is sampled at random.
     redundant : str, optional
-        The joint whose position is sampled where joints are left over; default the one without
-        which the others move the body best.
+        The joint of a redundant arm whose position is sampled; default the one that moves most
+        with the self-motion.
     criterion : str
         A quantity of `cartstiff.toolpaths.optimise.criteria`: "deflection" under the path's wrench,
         "along_free" for the stiffness along the path's directions, "translation_free_min", ...
@@ -1131,42 +1129,44 @@ def optimise_path(
     loaded : bool
         Whether it is the stiffness under the path's wrench.
     load_kind : {"dead", "follower", "conservative"}
-        What that wrench does while the body moves, as in `cartstiff.analyse`.
+        Behaviour of that wrench while the body moves, as in `cartstiff.analyse`.
     load_at : array_like (3,)
-        The point of the body, in M, about and at which the path's wrenches are given.
+        The point of the body, in M, about which the path's wrenches are given and at which they
+        act.
     objective : {"worst", "mean"}
-        Make the worst point as good as possible, then the sum; or the sum alone. Where larger
-        is better, what is added up is one over the value.
+        Minimise the cost of the worst point, then the sum of costs; or the sum alone. The cost is
+        the value, or one over it where larger is better.
     max_step : float, mapping or array_like (n,), optional
         Largest step of each joint from one point to the next; default 0.5 rad, or half a
         characteristic length.
     singular : float
-        Postures are left out whose smallest singular value of the length-scaled Jacobian is
-        below this share of the largest, and steps through a singularity. 0 allows all.
+        Postures are excluded whose smallest singular value of the length-scaled Jacobian is below
+        this share of the largest, and so are steps through a singularity. 0 allows all.
     smoothness : float
-        What a step adds to the sum in which every joint moves as far as it may, as a share of a
-        point's typical cost; others add by the mean square. It decides where stiffness does not.
+        Cost of a step in which every joint moves as far as allowed, as a share of a point's typical
+        cost; the cost of other steps follows the mean square. It decides between equally stiff
+        postures.
     samples : int
-        Values of each free choice.
+        Number of values of each free choice.
     starts, seed : int
         Random starts of the inverse kinematics for each value at the first point.
     refine : bool
-        Move on continuously from the best of the samples.
+        Refine the free choices continuously from the best samples.
     damping, milling
         For the criteria ``damping_1`` ... and ``limiting_depth``, as in `compute_map`.
     ranges : mapping of str to (low, high), optional
-        Joints kept within ranges of their own, besides their limits.
+        Ranges of joints besides their limits.
     near : mapping or array_like (n,), optional
-        A posture near which the path stays: all joints that turn within `NEARBY` of it.
+        A posture near which the path stays: all revolute joints within `NEARBY` of it.
     collisions : Collisions, optional
-        Leaves out postures in which links collide; without it nothing is said of collisions.
+        Test that excludes postures in which links collide; without it collisions are not checked.
     progress : callable, optional
         Called with (done, total) steps of the search.
 
     Returns
     -------
     OptimisedPath
-        Coordinates and criterion along the path, and what the best constant choice gives.
+        Coordinates and criterion along the path, and those of the best constant choice.
 
     Raises
     ------
@@ -1211,7 +1211,7 @@ def optimise_path(
         damping if isinstance(damping, Damping) else Damping(damping),
         milling,
     )
-    levels = _LEVELS if refine and grid.dimension else 0
+    levels = _REFINEMENTS if refine and grid.dimension else 0
     done, total = count(1), 2 * len(path) + levels
 
     def advance() -> None:
@@ -1284,7 +1284,7 @@ def _angles(path: ToolPath, poses: Array, free: Free) -> Array | None:
 
 @dataclass(eq=False)
 class _Search:
-    """The search for one path: judging candidates, and ways through them."""
+    """The search for one path: costs of candidates, and the best sequence of them."""
 
     solver: PathSolver
     path: ToolPath
@@ -1299,12 +1299,12 @@ class _Search:
     price: float = 0.0
 
     def judged(self, q: Array, points: Array) -> tuple[Judged, Array]:
-        """Judgement of postures (N, n) at points (N,), and their poses."""
+        """Return the costs of postures (N, n) at points (N,), and their poses."""
         poses = self.solver.kinematics.at(q).pose
         return self.cost(q, points, poses), poses
 
     def _layers(self, q: list[Array]) -> list[Judged]:
-        """Judgement of each layer, with what is near singularities ruled out."""
+        """Return the costs of each layer, infinite near singularities."""
         counts = [len(rows) for rows in q]
         whole, _ = self.judged(np.vstack(q), np.repeat(np.arange(len(q)), counts))
         whole = whole._replace(cost=np.where(whole.ratio < self.singular, np.inf, whole.cost))
@@ -1312,7 +1312,7 @@ class _Search:
         return [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
 
     def _free_of_collisions(self, layers: list[Judged]) -> list[Judged]:
-        """Layers with what collides ruled out as well."""
+        """Return the layers with infinite costs of colliding postures."""
         free = []
         for point, layer in enumerate(layers):
             self.advance()
@@ -1326,7 +1326,7 @@ class _Search:
         return free
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
-        """Best postures (m, n) among candidates, and the best constant choice."""
+        """Return the best postures (m, n) among candidates, and the best constant choice."""
         layers = self._layers([c.q for c in candidates])
         for point, layer in enumerate(layers):
             if not np.isfinite(layer.cost).any():
@@ -1354,7 +1354,7 @@ class _Search:
         least = np.full((len(layers), self.grid.count), np.inf)
         for row, layer, cell in zip(least, layers, cells, strict=True):
             np.minimum.at(row, cell[cell >= 0], layer.cost[cell >= 0])
-        # No way through a cell costs less than its cheapest candidates.
+        # Lower bound of a cell: the costs of its cheapest candidates.
         size_of = np.max if self.objective == "worst" else np.sum
         bounds = size_of(least, axis=0)
         for cell in np.argsort(bounds, kind="stable"):
@@ -1371,11 +1371,11 @@ class _Search:
         return None if best is None else best[1]
 
     def _way(self, layers: list[Judged]) -> tuple[Array, list[Judged]] | UndefinedError:
-        """Postures of the best way, and what is taken of each layer; or why there is none.
+        """Return postures and candidates of the best sequence, or the error if there is none.
 
-        Whole turns are left out of the comparison first: joints turn on as far as their limits let
-        them. If they do not let one follow the way that was found, its turns become candidates of
-        their own, and the way is sought anew.
+        At first postures are compared modulo whole turns, and joints are then unwrapped within
+        their limits. For a joint whose limits forbid that, each turn becomes a candidate of its
+        own, and the search is repeated.
         """
         periodic = self.solver.periodic.copy()
         while True:
@@ -1393,7 +1393,7 @@ class _Search:
             layers = [self._all_turns(layer, wound) for layer in layers]
 
     def _turned_on(self, q: Array, periodic: Array) -> tuple[Array, Array]:
-        """Coordinates without jumps of whole turns, and the joints whose limits forbid that."""
+        """Unwrap the coordinates; also return the joints whose limits forbid that."""
         q = np.where(periodic, np.unwrap(q, axis=0), q)
         wound = np.zeros(q.shape[1], bool)
         for j in np.flatnonzero(periodic):
@@ -1406,7 +1406,7 @@ class _Search:
         return q, wound
 
     def _all_turns(self, layer: Judged, joints: Array) -> Judged:
-        """Postures with all turns of some joints within their limits."""
+        """Return the postures with all turns of some joints within their limits."""
         for j in np.flatnonzero(joints):
             low, high = self.solver.lower[j], self.solver.upper[j]
             turns = np.arange(np.ceil((low - high) / (2 * np.pi)), (high - low) / (2 * np.pi) + 1)
@@ -1416,12 +1416,12 @@ class _Search:
         return layer
 
     def steps(self, layers: list[Judged], periodic: Array) -> Steps:
-        """What steps from layer to layer cost."""
+        """Return the costs of steps from layer to layer."""
         sides = [layer.side for layer in layers] if self.singular > 0 else None
         return Steps([layer.q for layer in layers], periodic, self.bounds, self.price, sides)
 
     def refined(self, q: Array) -> Array:
-        """Postures moved along their self-motions, by steps that are halved again and again."""
+        """Move the postures along their self-motions, by steps that are halved repeatedly."""
         m, d = len(q), self.grid.dimension
         reach = (-2.0, -1.0, 1.0, 2.0) if d == 1 else (-1.0, 1.0)
         shifts = np.array(
@@ -1432,7 +1432,7 @@ class _Search:
         points = np.repeat(np.arange(m), len(shifts))
         never = np.zeros(q.shape[1], bool)
         step = 0.5 * self.grid.spacing
-        for _ in range(_LEVELS):
+        for _ in range(_REFINEMENTS):
             motions = self.solver.self_motions(q, self.grid.free, d)
             begin = q[points] + step * (motions @ shifts.T).swapaxes(1, 2).reshape(-1, q.shape[1])
             begin = np.clip(begin, self.solver.lower, self.solver.upper)
@@ -1444,7 +1444,7 @@ class _Search:
                 for rows, cost in zip(around, costs, strict=True):
                     cost[self.collisions(rows)] = np.inf
             way, _ = best_way(costs, self.steps(layers, never), self.objective)
-            if way is not None:  # the present postures are among them, so there is one
+            if way is not None:  # the present postures are among the candidates
                 q = np.array([rows[k] for rows, k in zip(around, way, strict=True)])
             step *= 0.5
             self.advance()

@@ -1,4 +1,4 @@
-"""Where to put the workpiece: the place from which the whole path is stiffest."""
+"""Placement of the workpiece: the place at which the worst stiffness along a path is best."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ COORDINATES = ("x", "y", "z", "yaw")
 
 
 def workpiece_pose(place: Mapping[str, float]) -> Array:
-    """Pose ``T_F_P`` of a workpiece from its coordinates; those left out are zero."""
+    """Return the pose ``T_F_P`` of a workpiece from its coordinates; missing ones are zero."""
     x, y, z, yaw = (float(place.get(name, 0.0)) for name in COORDINATES)
     return se3.from_roll_pitch_yaw([x, y, z], [0.0, 0.0, yaw])
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Places of the workpiece compared, and the best one.
+    """Comparison of places of the workpiece, and the best one.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ class Placement:
     worst : ndarray
         Worst value of the criterion along the path, on the grid; NaN where it cannot be followed.
     codes : ndarray of str
-        Why it cannot be followed, on the grid; "" where it can.
+        Reason on the grid why the path cannot be followed; "" where it can.
     points : ndarray of int
-        The point of the path (from 1) where it breaks; 0 where it does not.
+        The point of the path (from 1) where it breaks; 0 if it can be followed.
     place : dict of str to float
         The best place, after the search around the best of the grid.
     path : OptimisedPath
@@ -69,7 +69,7 @@ class Placement:
         return workpiece_pose(self.place)
 
     def counts(self) -> dict[str, int]:
-        """How many places of the grid cannot be used, by the reason."""
+        """Return the number of unusable places of the grid by reason."""
         return _counted(self.codes)
 
     def as_dict(self) -> dict[str, Any]:
@@ -131,31 +131,31 @@ def best_placement(
 ) -> Placement:
     """Place of the workpiece at which the worst stiffness along a path is best.
 
-    Every place of a grid is judged by the best path there (`optimise_path`); then the best of them
-    is moved along each coordinate, by steps that begin at half the grid's and are halved. What
-    this finds is the best of the grid's neighbourhoods, not proven to be the best of all places.
+    Every place of a grid is rated by the best path there (`optimise_path`). Then the best place
+    moves along each coordinate by half a step of the grid, a quarter, and so on. The result is a
+    local optimum, not proven to be the best of all places.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     path : ToolPath
-        Poses in the workpiece's frame P. What is given in world axes keeps them.
+        Poses in the workpiece's frame P. Wrenches and directions in world axes stay in them.
     region : mapping of {"x", "y", "z", "yaw"} to array_like
-        Values of P's coordinates in F to be tried, in order; those left out are zero.
+        Increasing values of P's coordinates in F; missing coordinates are zero.
     halvings : int
-        Steps of the search around the best place of the grid; 0 stays there.
+        Number of steps of the search around the best place of the grid.
     progress : callable, optional
         Called with (done, total) places of the grid.
     **options
-        As in `optimise_path`; the continuous refinement is left to the best place.
+        As in `optimise_path`; only the best place is refined continuously.
 
     Raises
     ------
     UnknownNameError
         For another coordinate.
     InputError
-        For values that do not rise, or what `optimise_path` refuses.
+        For values that do not increase, or input that `optimise_path` refuses.
     UndefinedError
         Code ``"no-placement"`` if the path can be followed from no place of the grid.
     """
@@ -229,7 +229,7 @@ def _around(
     at: Callable[[Mapping[str, float]], OptimisedPath],
     halvings: int,
 ) -> dict[str, float]:
-    """The best place near one, within the grid's ends."""
+    """Return a better place near the best one, within the grid's ends."""
     cost, place = best
     steps = {n: float(np.diff(v).min()) for n, v in axes.items() if len(v) > 1}
     for level in range(1, halvings + 1):

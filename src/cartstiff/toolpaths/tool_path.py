@@ -1,4 +1,4 @@
-"""A path of the tool: poses, and the load or direction that counts at each of them."""
+"""A path of the tool: poses, with the load or the direction of interest at each of them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.applied_load import wrench_in_body
 
-#: Axes in which wrenches and directions are given: those of the path's own poses, of F, or of the
-#: body, which also turns by whatever rotation is left free.
+#: Axes of wrenches and directions: those of the path's poses, of F, or of the body, which also
+#: turns by the free rotation.
 Axes = Literal["path", "world", "body"]
 
 
 @dataclass(frozen=True, eq=False)
 class ToolPath:
-    """A sequence of poses of the body frame M, with what acts on the tool.
+    """A sequence of poses of the body frame M, with wrenches or directions.
 
     Attributes
     ----------
@@ -32,9 +32,9 @@ class ToolPath:
     wrenches : ndarray, shape (m, 6), or None
         (moment, force) that the process exerts on the body, about the origin of M.
     directions : ndarray, shape (m, 3), or None
-        Directions along which stiffness counts; any length but zero.
+        Directions along which the stiffness is read; of any length but zero.
     axes : {"path", "world", "body"}
-        Axes of both.
+        Axes of wrenches and directions.
 
     Raises
     ------
@@ -73,10 +73,10 @@ class ToolPath:
         directions: ArrayLike | None = None,
         axes: Axes = "path",
     ) -> ToolPath:
-        """Path from positions (m, 3) and directions of the tool's axis (m, 3) or (3,), both in F.
+        """Make a path of positions (m, 3) and directions of the tool's axis (m, 3) or (3,), in F.
 
-        The first pose is turned from F by the smallest angle that aligns the axis, and each next
-        one from the pose before it. `axes` are those of wrenches and directions, as of `ToolPath`.
+        The first pose is turned from F by the smallest angle that aligns the axis, and each later
+        pose from the previous one. `axes` are those of wrenches and directions, as in `ToolPath`.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class ToolPath:
         return len(self.poses)
 
     def moved(self, T_F_P: ArrayLike) -> ToolPath:
-        """The path of a workpiece that is put down at ``T_F_P``; what has world axes keeps them."""
+        """Return the path of a workpiece placed at ``T_F_P``; world axes stay world axes."""
         return replace(self, poses=checked_pose(T_F_P, "T_F_P") @ self.poses)
 
     @property
@@ -111,21 +111,21 @@ class ToolPath:
         return self.axes == "body"
 
     def wrench(self, point: int) -> Array | None:
-        """Wrench at a point, components in F, or in M where it turns with the body."""
+        """Return the wrench at a point, components in F, or in M if it turns with the body."""
         return self._at(self.wrenches, point)
 
     def wrenches_in_body(
         self, points: Array, poses: Array, at: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Array:
-        """Wrenches (N, 6) of points (N,), components in M at poses (N, 4, 4).
+        """Return the wrenches (N, 6) of points (N,), components in M at poses (N, 4, 4).
 
-        They act at a point of the body; default about the point that they are given for.
+        `at` is the point of the body at which they act; default M's origin.
         """
         wrenches = np.array([self.wrench(i) for i in range(len(self))])[points]
         return wrench_in_body(wrenches, poses, at, "body" if self.turns_with_body else "world")
 
     def direction(self, point: int) -> Array | None:
-        """Direction at a point, components in F, or in M where it turns with the body."""
+        """Return the direction at a point, components in F, or in M if it turns with the body."""
         return self._at(self.directions, point)
 
     def _at(self, rows: Array | None, point: int) -> Array | None:
@@ -141,11 +141,11 @@ def _rows(value: ArrayLike, m: int, width: int, what: str) -> Array:
 
 
 def _least_turn(a: Array, b: Array) -> Array:
-    """Rotation that takes one unit vector to another by the smallest angle."""
+    """Return the rotation by the smallest angle that takes one unit vector to another."""
     axis = np.cross(a, b)
     sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
     angle = np.arctan2(sine, cosine)
-    if sine < numerics.ROUNDING:  # the same or opposite: half a turn about any axis across
+    if sine < numerics.ROUNDING:  # equal or opposite: half a turn about any normal axis
         axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         sine = float(np.linalg.norm(axis))
     turn: Array = se3.exp(np.concatenate([axis / sine * angle, np.zeros(3)]))[:3, :3]

@@ -42,8 +42,8 @@ from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.vibration.modes import Modes, modes
 from cartstiff.vibration.response import Damping, motion_at, transfer
 
-#: Decimals of pi as people type it.
-_DIGITS = 4
+#: Decimals to which pi may be rounded in an exit angle.
+_PI_DECIMALS = 4
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Milling:
             raise InputError(
                 "number of teeth cannot be used", expected="a whole number from 1", got=self.teeth
             )
-        if np.pi < self.exit <= round(np.pi, _DIGITS):
+        if np.pi < self.exit <= round(np.pi, _PI_DECIMALS):
             object.__setattr__(self, "exit", np.pi)
         if not 0.0 <= self.entry < self.exit <= np.pi:
             raise InputError(
@@ -127,8 +127,9 @@ class Milling:
         return at(self.exit) - at(self.entry)
 
 
-# Frequencies between which chatter is sought, as shares of the lowest and the highest mode.
-_BELOW, _ABOVE, _COUNT = 0.5, 1.8, 4000
+# Range of the search for chatter, as shares of the lowest and of the highest frequency, and number
+# of frequencies in it.
+_LOWEST_SHARE, _HIGHEST_SHARE, _COUNT = 0.5, 1.8, 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,11 +206,11 @@ class Lobes(Result):
     depths : ndarray (N,)
         Largest stable depth of cut.
     chatter : ndarray (N,)
-        Frequency [Hz] at which it chatters beyond.
+        Frequency [Hz] of the chatter beyond that depth.
     least : float
         Depth that is stable at every speed.
     assumed : str
-        What holds the tool.
+        Assumptions about the parts that hold the tool.
     """
 
     speeds: Array
@@ -259,8 +260,8 @@ def _receptance(
             )
         # Dense about every mode, as deep as the damping is narrow.
         near = (f[:, None] * (1 + np.geomspace(1e-4, 1.0, 200))).ravel()
-        below = (f[:, None] * (1 - np.geomspace(1e-4, _BELOW, 50))).ravel()
-        wide = np.geomspace(_BELOW * f[0], _ABOVE * f[-1], _COUNT)
+        below = (f[:, None] * (1 - np.geomspace(1e-4, _LOWEST_SHARE, 50))).ravel()
+        wide = np.geomspace(_LOWEST_SHARE * f[0], _HIGHEST_SHARE * f[-1], _COUNT)
         hertz = np.unique(np.concatenate([near, below, wide]))
     else:
         hertz = checked_array(frequencies, ("n",), "frequencies")
@@ -270,7 +271,7 @@ def _receptance(
 
 
 def _eigenvalues(matrices: Array) -> Array:
-    """Both (N, 2) of 2x2 matrices, the larger first; the smaller keeps its digits."""
+    """Return both eigenvalues (N, 2) of 2x2 matrices, the larger first, without cancellation."""
     (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
     half, root = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
     large = half + np.where(np.abs(half + root) >= np.abs(half - root), root, -root)
@@ -285,9 +286,9 @@ def limiting_depth(
     damping: Damping | float = 0.0,
     frequencies: ArrayLike | None = None,
 ) -> float:
-    """Depth of cut (unit of length) that is stable at every speed, by the zeroth-order theory.
+    """Return the depth of cut that is stable at every speed, by the zeroth-order theory.
 
-    Infinite where no frequency has a limit.
+    It is infinite if no frequency has a limit.
     """
     _, depths, _ = _limits(modes, milling, damping, frequencies)
     return float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
@@ -314,7 +315,7 @@ def lobes(
     damping : Damping or float
         As for `cartstiff.vibration.response.frequency_response`.
     frequencies : array_like, optional
-        Where chatter is sought [Hz]; default about all modes.
+        Frequencies [Hz] of the search for chatter; default around all modes.
 
     Raises
     ------
@@ -330,7 +331,7 @@ def lobes(
     for column in range(depths.shape[1]):
         f, a, w = hertz[:, column], depths[:, column], (phases[:, column] / (2 * np.pi)) % 1.0
         whole = np.isfinite(a[1:]) & np.isfinite(a[:-1]) & (np.abs(np.diff(w)) < 0.5)
-        # Waves between teeth, f tau = k + w: between neighbours they pass whole numbers k.
+        # Waves between teeth, f tau = k + w, with whole numbers k between neighbouring frequencies.
         for i in np.flatnonzero(whole):
             low, high = f[i] * period - w[i], f[i + 1] * period - w[i + 1]
             first = np.ceil(np.minimum(low, high))
@@ -344,7 +345,7 @@ def lobes(
 
 
 def _assumed(modes: Modes | MeasuredReceptance) -> str:
-    """What holds the tool, and what is taken as rigid."""
+    """State which parts are compliant and which are taken as rigid."""
     if isinstance(modes, MeasuredReceptance):
         across = modes.matrices[:, [0, 1], [1, 0]].any()
         alike = np.array_equal(modes.matrices[:, 0, 0], modes.matrices[:, 1, 1])

@@ -1,9 +1,9 @@
-r"""What shortcuts make of the frequencies: a 6x6 stiffness and a mass at the tip.
+r"""Frequencies of simplified models: a 6x6 stiffness and a mass at the tip.
 
-Engineers take ``J^-T K_q J^-1`` and the rigid body at the tip. Of a mechanism with six free motions
-the pair (K^X, Lambda) with ``Lambda = (J M^-1 J^T)^-1``, all masses as the tip feels them, has the
-frequencies of (``J^T K^X J``, M): right where K^X is the tangent under the load, off by the load's
-part elsewhere. With the rigid body at the tip alone all other masses are missing besides.
+A common shortcut is ``J^-T K_q J^-1`` with the rigid body at the tip. For a mechanism with six free
+motions the pair (K^X, Lambda), where ``Lambda = (J M^-1 J^T)^-1`` is the operational-space mass,
+has the frequencies of (``J^T K^X J``, M): exact if K^X is the tangent under the load, else off by
+the load's part. With only the rigid body at the tip all other masses are missing as well.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.vibration.modes import Modes
 
-#: What can be compared: stiffness matrices, the load's tangent, and the energy itself.
+#: Models to compare: stiffness matrices, the tangent under the load, and the full problem.
 COMPARED = ("A", "B", "K", "F", "load", "energy")
 
 
@@ -35,12 +35,12 @@ class Shortcut(Result):
     name : str
         Name of the matrix; "energy" is the full problem.
     all_masses, body_alone : ndarray (6,) or None
-        Hz, with all masses as the tip feels them, and with the rigid body at the tip alone; NaN of
-        motions that grow or swing with complex omega^2. None where either does not exist.
+        Hz, with the operational-space mass, and with only the rigid body at the tip; NaN for
+        motions with negative or complex omega^2. None if the mass or the matrix does not exist.
     errors, body_errors : ndarray or None
-        Relative, against the nearest of the true ones (each in its place where they are six).
+        Relative errors against the nearest exact frequency (in order if there are six).
     missing : str or None
-        Why there are none.
+        Why there are no frequencies.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Shortcut(Result):
 
 
 def mass_at_tip(modes: Modes) -> Array | None:
-    """Lambda (6, 6): all masses as M feels them; None where M cannot move in every direction."""
+    """Operational-space mass (6, 6) at M; None if M cannot move in every direction."""
     J, sizes = modes.posture.motion.jacobian @ modes.basis, np.diag(modes.mass)
     if not (sizes > 0.0).all():
         return None
@@ -66,7 +66,7 @@ def mass_at_tip(modes: Modes) -> Array | None:
 
 
 def _body(modes: Modes) -> Array | None:
-    """Inertia (6, 6) of the rigid body that M is fixed to."""
+    """Return the inertia (6, 6) of the rigid body that M is fixed to."""
     mechanism = modes.elastic.mechanism
     if isinstance(mechanism, Platform):
         return mechanism.body_inertia if mechanism.mass > 0.0 else None
@@ -81,7 +81,7 @@ def _body(modes: Modes) -> Array | None:
 
 
 def _frequencies(K: Array, mass: Array | None, units: Units) -> Array | None:
-    """Hz (6,), NaN where omega^2 is negative or complex."""
+    """Return the frequencies (6,) in Hz, NaN where omega^2 is negative or complex."""
     if mass is None:
         return None
     inverse = numerics.invert(mass)
@@ -107,14 +107,14 @@ def _errors(hertz: Array | None, true: Array) -> Array | None:
 
 
 def compare(modes: Modes, names: Sequence[str] = COMPARED) -> list[Shortcut]:
-    """Frequencies by 6x6 matrices at the tip beside the true ones.
+    """Compute the frequencies of 6x6 matrices at the tip, and their errors.
 
     Parameters
     ----------
     modes : Modes
         Modes of a held posture.
     names : sequence of str
-        Of `COMPARED`.
+        Names of `COMPARED`.
 
     Raises
     ------

@@ -1,12 +1,12 @@
 r"""Impedance controllers: damping that fits a wanted stiffness and the masses at a posture.
 
-The stiffness K wanted at M and the masses as M feels them, ``Lambda = (J M^-1 J^T)^-1``, are made
-diagonal together (double diagonalisation, [AlbuSchaffer]_):
+The required stiffness K at M and the operational-space mass ``Lambda = (J M^-1 J^T)^-1`` are
+diagonalised together (double diagonalisation, [AlbuSchaffer]_):
 
     Lambda = Q Q^T,   K = Q diag(k) Q^T,   D = Q diag(2 zeta sqrt k) Q^T
 
-so that the closed loop falls apart into six oscillators, each with its ratio. The other rule,
-``D = zeta (Lambda^1/2 K^1/2 + K^1/2 Lambda^1/2)``, gives ratios that are about the one wanted.
+so that the closed loop decouples into six oscillators, each with its ratio. The square-root rule,
+``D = zeta (Lambda^1/2 K^1/2 + K^1/2 Lambda^1/2)``, yields ratios close to the required one.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def double_diagonalisation(
         )
     Q = M @ V
     D = (Q * (2 * zeta * np.sqrt(squares))) @ Q.T
-    return _half(D), V, squares
+    return _symmetrised(D), V, squares
 
 
 def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.7) -> Array:
@@ -97,7 +97,7 @@ def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.
     M, K = (_symmetric(m, what) for m, what in ((mass, "mass"), (stiffness, "stiffness")))
     zeta = float(_ratios(ratio, 1)[0])
     a, b = _root(M, "mass"), _root(K, "stiffness")
-    return _half(zeta * (a @ b + b @ a))
+    return _symmetrised(zeta * (a @ b + b @ a))
 
 
 def _root(matrix: Array, what: str) -> Array:
@@ -109,7 +109,7 @@ def _root(matrix: Array, what: str) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
-def _half(matrix: Array) -> Array:
+def _symmetrised(matrix: Array) -> Array:
     return 0.5 * matrix + 0.5 * matrix.T
 
 
@@ -122,7 +122,7 @@ def _symmetric(matrix: ArrayLike, what: str) -> Array:
             expected="its symmetric part",
             got=f"|A - A^T| up to {np.abs(array - array.T).max():.3g}",
         )
-    return _half(array)
+    return _symmetrised(array)
 
 
 def _ratios(ratios: float | Sequence[float], n: int) -> Array:
@@ -136,7 +136,7 @@ def _ratios(ratios: float | Sequence[float], n: int) -> Array:
     return np.broadcast_to(values, (n,))
 
 
-_SHOWN = [
+_PRINTED = [
     "stiffness",
     "damping",
     "by_square_roots",
@@ -158,28 +158,28 @@ class Impedance:
     stiffness, damping : ndarray (6, 6)
         At M, axes of M, order angular-linear.
     by_square_roots : ndarray (6, 6)
-        The damping of the other rule.
+        Damping of the square-root rule.
     ratios : ndarray (6,)
-        What the other rule makes of the ratio: the diagonal of its damping in the basis of the
-        first, over ``2 omega``; NaN of motions without stiffness.
+        Damping ratios of the square-root rule: the diagonal of its damping in the basis of the
+        double diagonalisation, over ``2 omega``; NaN for motions without stiffness.
     coupling : float
-        What it leaves beside that diagonal, as a share.
+        Largest entry of that damping off the diagonal, as a share of the largest entry.
     mass : ndarray (6, 6)
-        Masses as M feels them.
+        Operational-space mass at M.
     frequencies : ndarray (6,)
-        Hz, of the closed loop without damping.
+        Frequencies in Hz of the closed loop without damping.
     joint_stiffness, joint_damping : ndarray (n, n)
         ``J^T K J`` and ``J^T D J``.
     null_motions : ndarray (n - 6, n)
-        Motions of the joints, of unit size, that leave M where it is, and get neither stiffness
-        nor damping from these.
+        Motions of the joints, of unit size, that do not move M and get neither stiffness nor
+        damping from the controller.
     null_masses : ndarray (n - 6,)
         ``z^T M z`` of each: with a stiffness k of its own, ``2 zeta sqrt(k m)`` damps it.
     modes : Modes
-        The posture and its masses.
+        Modes at the posture.
     dropped : float
-        Largest entry of the antisymmetric part of what was wanted, which no impedance controller
-        can give, over the largest of its block.
+        Largest entry of the antisymmetric part of the required stiffness, which no impedance
+        controller can realise, over its largest entry.
     """
 
     stiffness: Array
@@ -201,7 +201,7 @@ class Impedance:
         return {
             "order": "angular-linear",
             "axes": "body",
-            **{key: plain(getattr(self, key)) for key in _SHOWN},
+            **{key: plain(getattr(self, key)) for key in _PRINTED},
             "ratios_by_square_roots": plain(self.ratios),
             "coupling_by_square_roots": self.coupling,
             "antisymmetric_part_dropped": self.dropped,
@@ -210,14 +210,14 @@ class Impedance:
     def for_controller(
         self, order: Order = "linear-angular", axes: Axes = "base"
     ) -> dict[str, Any]:
-        """Stiffness and damping (6, 6) about M's origin, in an order and along axes.
+        """Return stiffness and damping (6, 6) about M's origin, in an order and along axes.
 
         Parameters
         ----------
         order : {"linear-angular", "angular-linear"}
             Order of rows and columns.
         axes : {"base", "body", "world"}
-            Of the robot's own base B, of M, or of the room F.
+            Axes of the robot's own base B, of M, or of the room F.
 
         Returns
         -------
@@ -239,12 +239,12 @@ class Impedance:
 def impedance(
     modes: Modes, wanted: StiffnessTensor | ArrayLike, ratios: float | Sequence[float] = 0.7
 ) -> Impedance:
-    """Damping and joint-space gains for a stiffness wanted at M.
+    """Damping and joint-space gains for a required stiffness at M.
 
     Parameters
     ----------
     modes : Modes
-        Modes of the arm at the posture: its masses count, its springs do not.
+        Modes of the arm at the posture; only its masses are used.
     wanted : StiffnessTensor or array_like (6, 6)
         A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of M, order
         angular-linear. Only the symmetric part is used.
@@ -254,7 +254,7 @@ def impedance(
     Raises
     ------
     UndefinedError
-        Where M cannot move in every direction, or not every motion has a mass.
+        If M cannot move in every direction, or a motion has no mass.
     InputError
         For a stiffness that is not positive semidefinite.
     """
@@ -268,7 +268,7 @@ def impedance(
     if isinstance(wanted, StiffnessTensor):
         wanted = wanted.to_order("angular-linear").matrix
     whole = checked_matrix(wanted, "stiffness wanted")
-    K = _half(whole)
+    K = _symmetrised(whole)
     dropped = float(np.abs(whole - K).max() / max(float(np.abs(whole).max()), numerics.TINY))
     D, V, squares = double_diagonalisation(mass, K, ratios)
     zeta = float(np.mean(_ratios(ratios, 6)))
@@ -276,10 +276,10 @@ def impedance(
     projected = V.T @ other @ V
     beside = projected - np.diag(np.diag(projected))
     with np.errstate(divide="ignore", invalid="ignore"):
-        felt = np.where(squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan)
+        achieved = np.where(squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan)
     size = float(np.abs(projected).max(initial=0.0))
     J = modes.posture.motion.jacobian
-    # J has rank 6 here, or there were no masses at the tip.
+    # J has rank 6 here; otherwise there is no operational-space mass.
     is_open = modes.posture.closure is None
     null = np.linalg.svd(J)[2][6:] if is_open else np.zeros((0, J.shape[1]))
     null_masses = (
@@ -289,7 +289,7 @@ def impedance(
         fixed(K),
         fixed(D),
         fixed(other),
-        fixed(felt),
+        fixed(achieved),
         float(np.abs(beside).max()) / size if size else 0.0,
         fixed(mass),
         fixed(np.sqrt(squares) / (2 * np.pi)),

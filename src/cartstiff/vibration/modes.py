@@ -5,8 +5,8 @@ On the motions that keep the closures
     K_q phi = omega^2 M phi,    phi^T M phi = 1
 
 K_q is the second derivative of all energies with the load's part, the matrix that decides the
-stability of `cartstiff.equilibrium`, and M the masses' matrix. A load moves the frequencies as it
-moves the stiffness: modes belong to one load, which every result names.
+stability of `cartstiff.equilibrium`, and M the mass matrix. A load changes the frequencies as it
+changes the stiffness: modes belong to one load, which every result names.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_b
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.tensor import codes_of
 
-# kg over the cube of the summed lengths of the links [m]: arms of robots are between 1 and 200, a
-# solid block of steel is 7850. Beyond these a unit is mistaken (grams, millimetres).
-_HEAVIEST, _LIGHTEST = 2000.0, 0.01
+# Bounds of the mass [kg] over the cube of the summed lengths of the links [m]. Robot arms are
+# between 1 and 200, a solid block of steel is 7850; beyond these bounds a unit is mistaken (grams,
+# millimetres).
+_MAX_DENSITY, _MIN_DENSITY = 2000.0, 0.01
 
 
 def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
-    """Masses [kg] by link, of the payload, the legs, and the payloads among the loads."""
+    """Return the masses [kg] of links, payload, legs, and payloads among the loads, by name."""
     masses = {name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0}
     hung = sum(p.mass for p in elastic.potentials if isinstance(p, DeadForce))
     if hung > 0.0:
@@ -56,7 +57,7 @@ def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
 
 
 def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
-    """What is missing or cannot be meant among the masses, with names and numbers."""
+    """Notes on missing and implausible masses, with names and numbers."""
     mechanism = elastic.mechanism
     if isinstance(mechanism, Platform):
         if mechanism.struts is None:
@@ -80,11 +81,13 @@ def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
         yield Note("inertia-missing", words, {"links": points})
     for potential in elastic.potentials:
         if isinstance(potential, Beam):
-            yield _on_beam(potential)
-    yield from _absurd(mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0])
+            yield _beam_note(potential)
+    yield from _implausible_masses(
+        mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0]
+    )
 
 
-def _on_beam(beam: Beam) -> Note:
+def _beam_note(beam: Beam) -> Note:
     values = {"link": beam.link, "mass": beam.mass, "segments": len(beam.indices)}
     if beam.mass > 0.0:
         words = (
@@ -100,15 +103,15 @@ def _on_beam(beam: Beam) -> Note:
     return Note("beam-massless", words, values)
 
 
-def _absurd(chain: Chain, bodies: dict[str, Any], metres: float) -> Iterator[Note]:
-    """Masses and inertias that no such machine has; its unit of length is so many metres."""
+def _implausible_masses(chain: Chain, bodies: dict[str, Any], metres: float) -> Iterator[Note]:
+    """Notes on masses and inertias that no such machine has; `metres` is its unit of length."""
     model = chain.tree.model
     steps = [float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]]
     size = metres * (sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3])))
     total = sum(float(body.mass) for body in list(model.inertias)[1:])
     if not (size > 0.0 and total > 0.0):
         return
-    if not _LIGHTEST < total / size**3 < _HEAVIEST:
+    if not _MIN_DENSITY < total / size**3 < _MAX_DENSITY:
         words = (
             f"{total:.4g} kg on links of {size:.4g} m in all are hardly meant: robots carry 1 to "
             "200 kg per cubic metre of that length (grams, or millimetres, in the file?)"
@@ -140,7 +143,7 @@ def _absurd(chain: Chain, bodies: dict[str, Any], metres: float) -> Iterator[Not
 def notes_on_states(
     squares: Array, shapes: Array, groups: Sequence[Sequence[int]], basis: Array, spectrum: Spectrum
 ) -> Iterator[Note]:
-    """What is to be known of modes beside their frequencies.
+    """Notes on free, unstable, repeated and massless motions.
 
     Parameters
     ----------
@@ -151,7 +154,7 @@ def notes_on_states(
     groups : sequence of sequences of int
         Numbers of the modes, those with one frequency together.
     basis : ndarray (n, f)
-        What the spectrum's motions are written in.
+        Basis of the spectrum's motions.
     spectrum : Spectrum
         The solutions.
     """
@@ -208,15 +211,16 @@ class Modes(Result, ShownInLines):
     elastic : ElasticMechanism
         The mechanism with the rest positions that were used.
     posture : MechanismPosture
-        Where it rests.
+        Posture of the rest state.
     basis : ndarray (n, f)
-        Motions that the constraints leave, as coordinate rates; spectrum and matrices are on them.
+        Motions that satisfy the constraints, as coordinate rates; spectrum and matrices are in this
+        basis.
     stiffness, mass : ndarray (f, f)
         K and M on the basis.
     spectrum : Spectrum
-        Their solutions, in the mechanism's units.
+        Solutions of the eigenvalue problem, in the mechanism's units.
     state : Equilibrium or None
-        Where they are those of a mechanism that came to rest by itself.
+        The equilibrium, for modes of a mechanism that came to rest by itself.
     """
 
     elastic: ElasticMechanism
@@ -239,27 +243,27 @@ class Modes(Result, ShownInLines):
 
     @cached_property
     def result(self) -> PostureStiffness | None:
-        """What a held posture is analysed as; None of an equilibrium."""
+        """Analysis of a held posture; None for an equilibrium."""
         return self._held() if callable(self._held) else self._held
 
     @property
     def held(self) -> PostureStiffness:
-        """`result` of a held posture; UndefinedError of an equilibrium."""
+        """`result` of a held posture; raises UndefinedError for an equilibrium."""
         if self.result is None:
             raise UndefinedError("the modes are those of no held posture", code="no-posture")
         return self.result
 
     @cached_property
-    def _said(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
-        """The load and the notes of the rest state, found when they are read."""
+    def _load_with_notes(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+        """Load and notes of the rest state, computed when first used."""
         if self._rest is not None or self.result is None:
             return self._rest or ({}, ())
-        return _load_and_notes(self.result)
+        return _load_of_posture(self.result)
 
     @property
     def load(self) -> Mapping[str, Any]:
-        """What acted: kind, point, wrench in the body frame, and words."""
-        return self._said[0]
+        """The load: kind, point, wrench in the body frame, and words."""
+        return self._load_with_notes[0]
 
     # -- frequencies and shapes -------------------------------------------------------------
 
@@ -276,7 +280,7 @@ class Modes(Result, ShownInLines):
 
     @cached_property
     def frequencies(self) -> Array:
-        """In Hz (k,); 0 of a motion that nothing holds, NaN where a motion grows."""
+        """Frequencies in Hz (k,); 0 for a motion without stiffness, NaN for one that grows."""
         squares = self.squares
         with np.errstate(invalid="ignore"):
             if np.iscomplexobj(squares):
@@ -288,7 +292,7 @@ class Modes(Result, ShownInLines):
 
     @cached_property
     def shapes(self) -> Array:
-        """Coordinate rates (n, k) of each mode, in columns; ``phi^T M phi = 1``."""
+        """Coordinate rates (n, k) of the modes, as columns; ``phi^T M phi = 1``."""
         vectors = self.basis @ self.spectrum.vectors
         if np.iscomplexobj(vectors):
             return vectors
@@ -320,9 +324,9 @@ class Modes(Result, ShownInLines):
 
     @cached_property
     def nodal_axes(self) -> list[Screw]:
-        """Axis and pitch of each mode's twist, in M: what it turns about.
+        """Axis and pitch of each mode's twist, in M.
 
-        Of repeated modes any axis of the subspace is one.
+        The axes of repeated modes depend on the basis of their subspace.
         """
         return [screw_of_twist(t, self.posture.length) for t in self.twists.real.T]
 
@@ -336,8 +340,8 @@ class Modes(Result, ShownInLines):
     def effective_masses(self) -> Array | None:
         """Mass [kg] (k, 3) that each mode moves along x, y, z of F; None without masses.
 
-        ``(A_d phi)^2`` with the momentum A per rate: what a shaken base feels. Over all modes they
-        make up what moves, less what only turns or is held.
+        ``(A_d phi)^2`` with the momentum A per rate, as for excitation by the base. Their sum over
+        all modes is the moving mass, without masses that only turn or are held.
         """
         if self._momentum is None or self.spectrum.is_complex:
             return None
@@ -357,18 +361,18 @@ class Modes(Result, ShownInLines):
 
     @cached_property
     def full_mass(self) -> Array:
-        """Masses' matrix (n, n) on all coordinates, kg and the mechanism's unit of length."""
+        """Mass matrix (n, n) on all coordinates, in kg and the mechanism's unit of length."""
         full = kinetic_matrix(self.posture, self.elastic.terms(), self.elastic.units)
         n = self.posture.coordinate_lengths.size
         return np.zeros((n, n)) if full is None else full
 
-    # -- what is told -----------------------------------------------------------------------
+    # -- notes and output --------------------------------------------------------------------
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """What was assumed and found."""
+        """Notes on assumptions, masses and states of the modes."""
         return (
-            *self._said[1],
+            *self._load_with_notes[1],
             *notes_on_masses(self.elastic),
             *notes_on_states(self.squares, self.shapes, self.groups, self.basis, self.spectrum),
         )
@@ -395,7 +399,7 @@ class Modes(Result, ShownInLines):
 
 
 def _screw_dict(screw: Screw) -> dict[str, Any]:
-    """Axis and pitch; None of a pure translation or of no motion at all."""
+    """Direction, point and pitch; None where a translation or no motion has none."""
     turns = bool(np.isfinite(screw.pitch))
     moves = bool(np.isfinite(screw.direction).all())
     return {
@@ -405,8 +409,8 @@ def _screw_dict(screw: Screw) -> dict[str, Any]:
     }
 
 
-def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
-    """What held a posture, and what its analysis says."""
+def _load_of_posture(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+    """Return the load of a held posture, and the notes of its analysis."""
     W = np.zeros(6) if result.wrench is None else result.wrench
     loaded = result.is_loaded
     load = {
@@ -484,7 +488,7 @@ def modes(
             "load_at": load_at,
         }
         if is_plain(subject):
-            return _plain(subject, q, load, kind)
+            return _modes_of_open_chain(subject, q, load, kind)
         subject = analyse(subject, q, **load)
     else:
         expected = "a mechanism, or what analyse or equilibrium answers"
@@ -497,12 +501,12 @@ def modes(
             )
         checked_load(load_kind, load_at, load_axes, given=False)
     if isinstance(subject, Equilibrium):
-        return _at_rest(subject)
-    return _held_at(subject)
+        return _modes_of_equilibrium(subject)
+    return _modes_of_posture(subject)
 
 
-def _at_rest(state: Equilibrium) -> Modes:
-    """Modes where a mechanism came to rest, with its contacts as they are."""
+def _modes_of_equilibrium(state: Equilibrium) -> Modes:
+    """Return the modes at an equilibrium, with its contacts unchanged."""
     balance, posture = state._solution.balance, state.posture
     terms, units = state._system.terms, state.elastic.units
     columns = posture.coordinate_lengths
@@ -524,8 +528,8 @@ def _at_rest(state: Equilibrium) -> Modes:
     return replace(solved, state=state)
 
 
-def _held_at(result: PostureStiffness) -> Modes:
-    """Modes of a posture that springs hold under a load."""
+def _modes_of_posture(result: PostureStiffness) -> Modes:
+    """Return the modes of a posture that springs hold under a load."""
     reduction, posture, W = result.reduction, result.posture, result.wrench
     if W is None:
         raise reduction.undefined()
@@ -535,7 +539,7 @@ def _held_at(result: PostureStiffness) -> Modes:
     if posture.closure is not None and reduction.motions is not None:
         stiff = np.abs(H * np.outer(columns, columns)).max(axis=0, initial=0.0)
         basis = columns[:, None] * numerics.stiffness_scaled_basis(reduction.motions, stiff)[0]
-    terms = terms + _rounded(result) / np.outer(columns, columns)
+    terms = terms + _force_roundoff(result) / np.outer(columns, columns)
     K, size = basis.T @ H @ basis, np.abs(basis).T @ terms @ np.abs(basis)
     if not (result.energy != result.energy or not _is_symmetric(D)):
         K = 0.5 * (K + K.T)
@@ -544,9 +548,9 @@ def _held_at(result: PostureStiffness) -> Modes:
 
 
 def is_plain(elastic: ElasticMechanism) -> bool:
-    """Whether linear springs in the joints of an open chain hold it, and nothing else acts.
+    """Whether only linear springs in all joints of an open chain hold it.
 
-    Then they carry any load, and no stiffness at the body is needed for the modes.
+    Then they carry any load, and the modes need no stiffness at the body.
     """
     springs, chain = elastic.springs, elastic.mechanism
     return (
@@ -560,13 +564,13 @@ def is_plain(elastic: ElasticMechanism) -> bool:
     )
 
 
-def _plain(
+def _modes_of_open_chain(
     elastic: ElasticMechanism,
     q: ArrayLike | Mapping[str, float] | None,
     load: dict[str, Any],
     kind: LoadKind,
 ) -> Modes:
-    """`_held_at` where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
+    """Return the modes where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
     elastic, posture = elastic.placed(q)
     columns, springs = posture.coordinate_lengths, elastic.springs
     k = springs.stiffness if isinstance(springs, JointSprings) else columns * np.nan
@@ -582,7 +586,7 @@ def _plain(
             bent, force = posture.motion.curvature(W) * np.outer(columns, columns), np.abs(J.T @ W)
             K = K - bent + J.T @ D @ J
             K = 0.5 * (K + K.T) if _is_symmetric(D) else K
-            noise = _noise(force, natural, W, posture)
+            noise = _stiffness_roundoff(force, natural, W, posture)
             terms = terms + np.abs(bent) + np.abs(J.T) @ np.abs(D) @ np.abs(J) + noise
             rested = elastic.with_rest_balancing(posture, W)
     rested = rested or elastic.at_rest(posture.q.copy())
@@ -592,7 +596,7 @@ def _plain(
 
 
 def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
-    """K_q (n, n) on all coordinates with the parts of load and closures; sizes of its terms.
+    """Return K_q (n, n) on all coordinates with load and closures, and the sizes of its terms.
 
     ``Hess Phi - S_W + J^T (K^load - K^B) J + sum lam_k c_k''``.
     """
@@ -608,10 +612,10 @@ def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
     return H, terms
 
 
-def _rounded(result: PostureStiffness) -> float:
-    """Stiffness, in natural units, that the rounding of forces may feign, over `IDLE`.
+def _force_roundoff(result: PostureStiffness) -> float:
+    """Stiffness in natural units, over `IDLE`, that round-off of forces may cause.
 
-    Of the closures' forces and of the load, and of what springs exert over a rounding error.
+    It counts the closures' forces and the load, and what springs exert beyond a rounding error.
     """
     columns, reduction = result.posture.coordinate_lengths, result.reduction
     g = np.abs(result.evaluation.gradient * columns)
@@ -619,10 +623,12 @@ def _rounded(result: PostureStiffness) -> float:
     forces = reduction.multipliers
     if reduction.force is not None:
         forces = np.append(forces, reduction.force)
-    return _noise(g, stiff, forces, result.posture)
+    return _stiffness_roundoff(g, stiff, forces, result.posture)
 
 
-def _noise(exerted: Array, stiff: Array, forces: Array, posture: MechanismPosture) -> float:
+def _stiffness_roundoff(
+    exerted: Array, stiff: Array, forces: Array, posture: MechanismPosture
+) -> float:
     least = float(np.minimum(exerted, numerics.ROUNDING * stiff).sum())
     carried = numerics.EPSILON * float(np.abs(forces).sum()) * max(1.0, posture.length)
     return (least + carried) / numerics.IDLE

@@ -8,7 +8,7 @@ a sum over the undamped modes where damping is proportional, else found from the
 each frequency. At frequency zero it is the compliance under the load. Motions without mass add
 their static part at every frequency.
 
-A base that shakes by u (translation) is felt through the momentum A per rate:
+A base that moves by u (translation) excites the mechanism through the momentum A per rate:
 ``(K - omega^2 M + i omega C) x = omega^2 A^T u``, and the body moves by ``u + J x`` in the room.
 """
 
@@ -46,12 +46,12 @@ from cartstiff.vibration.modes import Modes
 
 @dataclass(frozen=True)
 class Damping:
-    """What damps.
+    """Modal damping, Rayleigh damping, and the use of the mechanism's dampers.
 
     Attributes
     ----------
     ratios : float or sequence of float
-        Share of critical damping, of every mode or of each.
+        Share of critical damping: one for all modes, or one for each.
     mass, stiffness : float
         Rayleigh's alpha [1/s] and beta [s].
     dampers : bool
@@ -89,12 +89,12 @@ class Damping:
         return own or bool(np.any(self.ratios)) or self.mass > 0.0 or self.stiffness > 0.0
 
     def of_modes(self, modes: Modes) -> Array:
-        """Ratio (k,) of each mode by `ratios` and Rayleigh's numbers, without dampers.
+        """Return the ratio (k,) of each mode from `ratios` and Rayleigh damping, without dampers.
 
         Raises
         ------
         InputError
-            For as many ratios as there are no modes.
+            If the number of ratios is neither one nor that of the modes.
         """
         count = modes.squares.size
         ratios = real_array(self.ratios, "damping ratios")
@@ -111,7 +111,7 @@ class Damping:
 
 
 def dampers(modes: Modes) -> Array | None:
-    """Dampers' matrix (f, f) on the basis of the modes; None without any."""
+    """Return the matrix (f, f) of the mechanism's dampers in the basis; None without dampers."""
     elastic, posture = modes.elastic, modes.posture
     if elastic.damping is None:
         return None
@@ -148,7 +148,7 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
     Raises
     ------
     UndefinedError
-        Where a motion has no mass: its damped motion is of another order.
+        If a motion has no mass: its damped motion is of another order.
     """
     spectrum, f = modes.spectrum, len(modes.mass)
     if spectrum.vectors.shape[1] != f:
@@ -159,7 +159,7 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
     T = spectrum.vectors.real if not spectrum.is_complex else np.eye(f)
     inverse = np.linalg.inv(T.T @ modes.mass @ T * (force / length))
     K, C = (inverse @ T.T @ A @ T for A in (modes.stiffness, damping_matrix(modes, damping)))
-    # Time in units in which stiffness and inertia are alike.
+    # Time in units in which stiffness and inertia are of the same size.
     scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
     A = np.block([[np.zeros((f, f)), np.eye(f)], [-K / scale**2, -C / scale]])
     values = np.linalg.eigvals(A) * scale
@@ -184,9 +184,9 @@ class FrequencyResponse:
     units : Units
         Units of force and length; seconds and radians.
     damping : Damping
-        What damped.
+        Damping of the response.
     notes : tuple of Note
-        What was assumed.
+        Notes on the damping.
     """
 
     kind: str
@@ -197,7 +197,7 @@ class FrequencyResponse:
     notes: tuple[Note, ...] = ()
 
     def along(self, direction: ArrayLike, of: ArrayLike | None = None) -> Array:
-        """Motion (N,) along `of` per force (or motion of the base) along `direction`.
+        """Return the motion (N,) along `of` per force (or motion of the base) along `direction`.
 
         Both (3,), in the axes of the matrix; `of` is `direction` by default.
         """
@@ -261,7 +261,7 @@ def frequency_response(
     frequencies : array_like (N,)
         Hz, not negative.
     damping : Damping or float
-        What damps, or one ratio for all modes (beside the mechanism's dampers).
+        Damping, or one ratio for all modes (besides the mechanism's dampers).
     kind : {"receptance", "mobility", "accelerance"}
         Displacement, velocity or acceleration per force.
     at : array_like (3,)
@@ -323,7 +323,7 @@ def transmissibility(
 
 
 def motion_at(modes: Modes, point: ArrayLike) -> Array:
-    """Twist (6, f) at a point (3,) of the body, axes of M, per motion of the basis."""
+    """Return the twist (6, f) at a point (3,) of the body, axes of M, per motion of the basis."""
     J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
     return np.asarray(J @ modes.basis)
 
@@ -359,9 +359,9 @@ def transfer(modes: Modes, hertz: Array, damping: Damping, out: Array, into: Arr
     hertz : ndarray (N,)
         Frequencies.
     damping : Damping
-        What damps.
+        Damping.
     out, into : ndarray (rows, f), (f, columns)
-        What is read of the motions of the basis, and how what acts goes into them.
+        Output per motion of the basis, and generalised forces of the basis per input.
     """
     omega = 2 * np.pi * hertz
     own = dampers(modes) if damping.dampers else None
@@ -395,7 +395,7 @@ def _by_matrices(modes: Modes, omega: Array, damping: Damping, out: Array, into:
     length, force = convert_length(Units(), modes.elastic.units)
     M, C = modes.mass * (force / length), damping_matrix(modes, damping)
     w = omega[:, None, None]
-    # Angles and lengths alike: the sizes of the motions.
+    # Scaled by the stiffness of each motion, so that angles and lengths are comparable.
     size = np.sqrt(np.maximum(np.abs(np.diag(modes.stiffness)), numerics.TINY))
     dynamic = (modes.stiffness - w**2 * M + 1j * w * C) / np.outer(size, size)
     poles = np.linalg.det(dynamic) == 0.0

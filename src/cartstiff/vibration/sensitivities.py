@@ -1,18 +1,18 @@
-"""How stiffness, pose and frequencies depend on each parameter of a mechanism.
+"""Derivatives of stiffness, pose and frequencies by each parameter of a mechanism.
 
-Parameters are those of `cartstiff.analysis.tolerances`: stiffnesses, masses, placements or points,
-rest positions, and what the mechanism's file calls its parameters. A posture that is held keeps its
-place and its load, and rest positions follow. A mechanism that came to rest by itself comes to rest
-anew: the derivatives are total, with the motion of the rest in them.
+The parameters are those of `cartstiff.analysis.tolerances`: stiffnesses, masses, placements or
+points, rest positions, and the parameters of the mechanism's file. A held posture keeps its place
+and its load, and rest positions follow. A mechanism that came to rest by itself comes to rest again
+after each change: the derivatives are total, with the motion of the equilibrium.
 
-Every derivative is taken of the mechanism itself, changed and analysed again. Values below
-rounding are 0. Frequencies do not come from differences of frequencies, which cross: with left and
-right modes psi, phi and ``psi^T M phi = 1``
+Every derivative is a difference quotient of the changed mechanism, analysed again. Values below
+round-off are 0. Frequencies may cross, so that their derivatives follow from those of the matrices:
+with left and right modes psi, phi and ``psi^T M phi = 1``
 
     d(omega^2)/dp = psi^T (dK/dp - omega^2 dM/dp) phi + mu_psi . dC phi + mu_phi . dC psi
 
-where C is the constraints' Jacobian and ``C^T mu_phi = -(K - omega^2 M) phi`` what they carry. Of
-repeated modes it is the eigenvalues of that form on the subspace, in their order.
+where C is the constraints' Jacobian and ``C^T mu_phi = -(K - omega^2 M) phi`` their forces. For
+repeated modes the derivatives are the eigenvalues of that form on the subspace, in order.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import Modes, modes, stiffness_under_load
 
-_EVERY = Tolerances(1.0, 1.0, 1.0)
+_ALL_PARAMETERS = Tolerances(1.0, 1.0, 1.0)
 MATRICES = ("A", "B", "K", "F")
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Derivatives by one parameter, and what its natural size changes of a matrix, as a share."""
+    """Derivatives by one parameter, their error, and the relative effect of its natural size."""
 
     matrices: Array
     pose: Array
@@ -58,13 +58,13 @@ class Row:
 
 
 class Home:
-    """The mechanism as it is: looks at it with other parameters."""
+    """The nominal mechanism, which is analysed again with other parameters."""
 
     def __init__(
         self,
         subject: Modes | PostureStiffness | Equilibrium,
         reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
-        tolerances: Tolerances = _EVERY,
+        tolerances: Tolerances = _ALL_PARAMETERS,
     ) -> None:
         if isinstance(subject, Modes):
             subject = subject.state if subject.state is not None else subject.held
@@ -78,26 +78,27 @@ class Home:
         result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
         self.parameters = UncertainParameters(result, tolerances, reread, self.state is not None)
         self.nominal: PostureStiffness | Equilibrium = subject
-        #: Its stiffness; at rest with the part of its loads.
+        #: Its stiffness, for an equilibrium with the part of its loads.
         self.result = subject.stiffness if isinstance(subject, Equilibrium) else subject
         self._here: tuple[Array, ...] | None = None
         mechanism = subject.elastic.mechanism
-        #: Coordinates of a closed chain that stay where they are, if the others can close it.
+        #: Coordinates of a closed chain that are held, if the others can close it.
         self._held = list(mechanism.held) if isinstance(mechanism, Chain) else []
         self._seen: dict[float, Array] = {}
 
     def at(self, name: str, change: float) -> PostureStiffness | Equilibrium:
-        """The same with another value of a parameter."""
+        """Analyse with another value of a parameter."""
         value = self.parameters.value(name) + change
         result = self._at({name: value}, *self._start(change))
         self._seen[change] = result.q
         return result
 
     def _start(self, change: float) -> tuple[Array, bool]:
-        """Coordinates on the polynomial through those at other values of the parameter.
+        """Extrapolate start coordinates; also return whether a chain is closed by all coordinates.
 
-        And whether a chain is closed by all its coordinates. Then its drives must follow, by steps
-        of least change, whose sum depends on where they start: from where it is.
+        The start lies on the polynomial through the coordinates at other values of the parameter.
+        If the drives must move to close a chain, their steps of least change depend on the start,
+        which is then the nominal posture.
         """
         home, seen = self.nominal.q, self._seen
         moved = np.array([q - home for q in seen.values()]).reshape(-1, home.size)
@@ -122,9 +123,9 @@ class Home:
         return again(self.state, elastic, start)
 
     def row(self, name: str, modes: Modes | None) -> Row:
-        """Derivatives by one parameter; the first step is taken with which two orders agree.
+        """Return the derivatives by one parameter, with the first step at which two orders agree.
 
-        What hardly depends on it shows above the rounding with a wider one, if that agrees, too.
+        A small effect is computed again with a wider step, if two orders agree there as well.
         """
         best: Row | None = None
         refused: CartstiffError | None = None
@@ -135,7 +136,7 @@ class Home:
                 refused = error
                 continue
             if best is not None and row.error >= best.error:
-                break  # a tenth of the step shows more rounding, and the next shows more yet
+                break  # smaller steps only increase the round-off
             best = row
             if best.error <= numerics.CONVERGED:
                 break
@@ -154,7 +155,7 @@ class Home:
         given: Sensitivities | None,
         progress: Callable[[int, int], None] | None,
     ) -> tuple[dict[str, Row], str | None]:
-        """Derivatives by parameters, those that are given as they are; and which are none, why."""
+        """Return the derivatives by parameters, reusing given ones, and reasons for gaps."""
         rows: dict[str, Row] = {}
         missing = [] if (left_out := self.parameters.left_out) is None else [left_out]
         for done, name in enumerate(names, 1):
@@ -191,13 +192,13 @@ class Home:
         turn = dT[:3, :3] @ R.T
         pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
         squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM, dC)
-        # A matrix that does not depend on the parameter is compared with itself.
+        # The error of a matrix that does not depend on the parameter is relative to the matrix.
         off = effect = 0.0
         for x, e, there in zip(slopes, errors, here, strict=True):
             size = max(_largest(x), _largest(there) / natural)
             if size > 0.0:
                 off, effect = max(off, _largest(e) / size), max(effect, _largest(x) / size)
-        # What is no more than rounding, of all that an entry is beside, is told as 0.
+        # Entries below the round-off of their matrix are 0.
         noise = max(numerics.LAST_DIGITS, min(off, numerics.CLOSE)) / natural
         columns = np.repeat([1.0, self.nominal.posture.length], 3)
         energies = np.outer(columns, columns)
@@ -212,7 +213,7 @@ class Home:
 
 
 def _largest(values: Array) -> float:
-    """Size of the largest entry that exists; 0 without any."""
+    """Return the size of the largest finite entry; 0 without any."""
     return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
 
 
@@ -234,7 +235,7 @@ def _observed(state: PostureStiffness | Equilibrium, with_masses: bool) -> tuple
 def _stiffness_and_constraints(
     state: PostureStiffness | Equilibrium,
 ) -> tuple[Array, Array | None]:
-    """K (n, n) on all coordinates with all that acts, and the constraints' Jacobian (m, n)."""
+    """Return K (n, n) on all coordinates with all loads, and the constraints' Jacobian (m, n)."""
     if isinstance(state, Equilibrium):
         return state.full_stiffness
     closure = state.posture.closure
@@ -244,11 +245,11 @@ def _stiffness_and_constraints(
 def change_of_squares(
     modes: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
 ) -> Array:
-    """d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
+    """Return d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
     length, force = convert_length(Units(), modes.elastic.units)
     right, left = modes.basis @ modes.spectrum.vectors, modes.basis @ modes.spectrum.left
     squares, units = modes.spectrum.squares, length / force
-    carried = None if dC is None or not len(dC) else _carried(modes, right, left, squares)
+    carried = None if dC is None or not len(dC) else _constraint_forces(modes, right, left, squares)
     rates = np.empty(squares.size)
     for group in modes.groups:
         phi, psi, x = right[:, group], left[:, group], squares[group]
@@ -263,8 +264,10 @@ def change_of_squares(
     return rates * units
 
 
-def _carried(modes: Modes, right: Array, left: Array, squares: Array) -> tuple[Array, Array]:
-    """What the constraints carry while each mode swings, to the right and to the left modes."""
+def _constraint_forces(
+    modes: Modes, right: Array, left: Array, squares: Array
+) -> tuple[Array, Array]:
+    """Return the constraint forces of the right and of the left modes."""
     K, C = _stiffness_and_constraints(modes.held if modes.state is None else modes.state)
     M = modes.full_mass
     columns = modes.posture.coordinate_lengths[:, None]
@@ -283,12 +286,12 @@ class Sensitivities(Result):
     Attributes
     ----------
     names : tuple of str
-        As in `cartstiff.analysis.tolerances.UncertainParameters.nominal`.
+        Names as in `cartstiff.analysis.tolerances.UncertainParameters.nominal`.
     values : ndarray (p,)
         Nominal values.
     stiffness : mapping of str to ndarray (p, 6, 6)
         dK/dp of K^A, K^B, K^K, K^F at M's origin, per unit of the parameter; NaN where the matrix
-        does not exist. Of a mechanism at rest K holds the part of its loads.
+        does not exist. For an equilibrium K includes the part of its loads.
     pose : ndarray (p, 6)
         Rotation vector and displacement of M's origin along the axes of F, per unit.
     squares : ndarray (p, k)
@@ -296,11 +299,11 @@ class Sensitivities(Result):
     frequencies : ndarray (p, k)
         df/dp in Hz per unit; NaN where f is 0 or does not exist.
     errors : ndarray (p,)
-        Share of its largest entry by which a row of the matrices K and M may be off, at most.
+        Bound of the relative error of each row of the matrices K and M.
     angles : tuple of bool
         Which parameters are angles, in rad.
     left_out : str or None
-        Which parameters are not among them, and why.
+        Names of missing parameters, with reasons.
     """
 
     names: tuple[str, ...]
@@ -314,7 +317,7 @@ class Sensitivities(Result):
     left_out: str | None = None
 
     def of(self, name: str) -> Array:
-        """df/dp (k,) of a named parameter.
+        """Return df/dp (k,) of a named parameter.
 
         Raises
         ------
@@ -324,13 +327,13 @@ class Sensitivities(Result):
         return self.frequencies[self.index(name)]
 
     def index(self, name: str) -> int:
-        """Row of a named parameter; InputError for another name."""
+        """Return the row of a named parameter; raises InputError for another name."""
         if name not in self.names:
             raise InputError("unknown parameter", expected=", ".join(self.names), got=repr(name))
         return self.names.index(name)
 
     def row(self, name: str) -> Row | None:
-        """All derivatives by a parameter; None of one that is not among them."""
+        """Return all derivatives by a parameter; None if it is missing."""
         if name not in self.names:
             return None
         i = self.names.index(name)
@@ -339,7 +342,7 @@ class Sensitivities(Result):
 
     @property
     def relative(self) -> Array:
-        """Change (p, k) in Hz for one per cent of each parameter; NaN of those that are zero."""
+        """Change (p, k) in Hz for one per cent of each parameter; NaN for parameters of zero."""
         return 0.01 * np.where(self.values, self.values, np.nan)[:, None] * self.frequencies
 
     def as_dict(self) -> dict[str, Any]:
@@ -379,20 +382,20 @@ def sensitivities(
     Parameters
     ----------
     subject : Modes, PostureStiffness or Equilibrium
-        A held posture, or where a mechanism came to rest.
+        A held posture, or an equilibrium.
     geometry : bool
         Whether placements of joints, or points of platforms, are varied.
     reread : callable, optional
-        From values of the file's own parameters to the mechanism, for derivatives by these:
+        Function from values of the file's parameters to the mechanism, for derivatives by these:
         ``lambda values: cartstiff.load(file, parameters=values)``.
     progress : callable, optional
-        Called with how many parameters are done, and of how many.
+        Called with (done, total) parameters.
 
     Raises
     ------
     UndefinedError
-        Where modes flutter: a complex frequency has no derivative here; or where a posture has no
-        stiffness at all.
+        For modes that flutter, whose complex frequencies have no derivative here, and for a posture
+        without any stiffness.
 
     Examples
     --------
@@ -430,7 +433,7 @@ def sensitivities(
 
 
 def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
-    """Modes of a result; None where nothing that moves has a mass."""
+    """Return the modes of a result; None if nothing that moves has a mass."""
     kinds, expected = (PostureStiffness, Equilibrium), "what analyse or equilibrium answers"
     checked_kind(subject, kinds, "posture", expected)
     try:
@@ -440,19 +443,19 @@ def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
 
 
 def in_hertz(modes: Modes, squares: Array) -> Array:
-    """Changes (p, k) in Hz of those of omega^2; NaN where f is 0 or does not exist."""
+    """Convert changes (p, k) of omega^2 to Hz; NaN where f is 0 or does not exist."""
     with np.errstate(divide="ignore", invalid="ignore"):
         f = modes.frequencies
         return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
 
 
-# Contributors that are told of each number.
-_MAIN = 3
+# Largest number of contributors listed for each number.
+_MAX_CONTRIBUTORS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Standard deviations that tolerances leave, and who contributes.
+    """Standard deviations that follow from tolerances, and the contributing parameters.
 
     Attributes
     ----------
@@ -461,15 +464,15 @@ class Accuracy:
     spreads : ndarray (p,)
         Their standard deviations, in their units.
     nominal, deviations : mapping of str to ndarray
-        By quantity, to first order: "pose" (6,), of a mechanism that comes to rest by itself, the
-        rotation vector and the place of M's origin along the axes of F; "A", "B", "K", "F" (6, 6)
-        where they exist; "frequencies" (k,) in Hz.
+        By quantity, to first order: "pose" (6,) for an equilibrium, the rotation vector and the
+        position of M's origin along the axes of F; "A", "B", "K", "F" (6, 6) if they exist;
+        "frequencies" (k,) in Hz.
     shares : mapping of str to ndarray
-        Share (p, ...) of each parameter in the variance of each number; NaN where that is zero.
+        Share (p, ...) of each parameter in the variance of each number; NaN for a variance of zero.
     level, factor : float
         Probability of an interval of `factor` deviations to both sides.
     left_out : str or None
-        Which parameters are not varied, and why.
+        Names of parameters that are not varied, with reasons.
     """
 
     names: tuple[str, ...]
@@ -482,9 +485,9 @@ class Accuracy:
     left_out: str | None = None
 
     def main(self, quantity: str, index: int | tuple[int, ...]) -> list[tuple[str, float]]:
-        """The largest contributors to the variance of one number, with their shares."""
+        """Return the largest contributors to the variance of one number, with their shares."""
         shares = self.shares[quantity].T[index if isinstance(index, int) else index[::-1]]
-        order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAIN]
+        order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAX_CONTRIBUTORS]
         return [(self.names[i], float(shares[i])) for i in order if shares[i] > 0.0]
 
     def as_dict(self) -> dict[str, Any]:
@@ -519,22 +522,22 @@ def accuracy(
     given: Sensitivities | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Accuracy:
-    """Pose, stiffness and frequencies with what tolerances leave of them, to first order.
+    """Standard deviations of pose, stiffness and frequencies from tolerances, to first order.
 
     Parameters
     ----------
     subject : Modes, PostureStiffness or Equilibrium
-        A posture that is held, whose rest positions follow; or where a mechanism came to rest by
-        itself: only that has an error of its pose.
+        A held posture, whose rest positions follow; or an equilibrium, whose pose has an error as
+        well.
     tolerances : Tolerances, optional
         Standard deviations of stiffnesses (relative), lengths and angles. Without one of the
-        stiffness measured springs bring theirs.
+        stiffness, measured springs have their own.
     level : float, optional
         Probability between 0 and 1; default that of the measured springs, else 0.95.
     given : Sensitivities, optional
-        Those of `subject`, where they are known.
+        Sensitivities of `subject`, if already computed.
     progress : callable, optional
-        Called with how many parameters are done, and of how many.
+        Called with (done, total) parameters.
 
     Raises
     ------
@@ -577,7 +580,7 @@ def accuracy(
         parts = x * np.tensordot(R[np.ix_(varied, varied)], x, 1)
         variance = np.maximum(parts.sum(axis=0), 0.0)
         if quantity == "frequencies" and modes is not None:
-            for alike in modes.groups:  # modes with one frequency part: see `intervals`
+            for alike in modes.groups:  # repeated frequencies split: see `intervals`
                 parts[:, alike] = parts[:, alike].sum(axis=1, keepdims=True)
                 variance[alike] = variance[alike].sum()
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -606,7 +609,7 @@ def accuracy(
 
 
 def _by_compliance(modes: Modes, measured: Identified) -> Array:
-    """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
+    """Return d(omega^2) (P, k) for one deviation along each axis of the compliances' covariance."""
     if not measured.patterns:
         return np.zeros((0, modes.frequencies.size))
     elastic = linearised(replace(modes.elastic, identified=measured), modes.posture.q)
@@ -621,7 +624,7 @@ def _by_compliance(modes: Modes, measured: Identified) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyInterval(Result):
-    """What tolerances and identified springs leave of each frequency.
+    """Interval of each frequency from tolerances and identified springs.
 
     Attributes
     ----------
@@ -650,26 +653,26 @@ def intervals(
 ) -> FrequencyInterval:
     """Intervals of the frequencies from tolerances, and from the covariance of identified springs.
 
-    A compliance with pattern S on the elements B changes the stiffness by ``-B^T K S K B``. Modes
-    with one frequency part under any change: each of them gets the variances of all, which bound
-    ``tr F^2`` of the form F that parts them.
+    A compliance with pattern S on the elements B changes the stiffness by ``-B^T K S K B``.
+    Repeated frequencies split under any change: each of them gets the variances of all, which bound
+    ``tr F^2`` of the form F that splits them.
 
     Parameters
     ----------
     modes : Modes
         The modes.
     tolerances : Tolerances, optional
-        Standard deviations of stiffnesses (relative), lengths and angles. Where compliances are
-        identified that of the stiffness is for the other springs.
+        Standard deviations of stiffnesses (relative), lengths and angles. That of the stiffness
+        does not apply to springs with identified compliances.
     compliance_covariance : array_like, shape (j, j), optional
-        Covariance of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it; default
-        what the mechanism's file says of its measured springs.
+        Covariance of the joints' compliances (``1/k``), as from ``cartstiff identify``; default
+        that of the mechanism's file.
     joints : tuple of str, optional
         Their names; default all springs, in order.
     level : float, optional
         Probability between 0 and 1; default that of the measured springs, else 0.95.
     given : Sensitivities, optional
-        Where they are known.
+        Sensitivities of `modes`, if already computed.
 
     Raises
     ------
