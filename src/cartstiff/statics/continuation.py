@@ -15,6 +15,7 @@ range) or meets another one: a critical load.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -323,20 +324,8 @@ def _onset(
     is_beyond: Callable[[CurvePoint], bool],
 ) -> CurvePoint:
     """The first state in which vibrations grow, by halving."""
-    a, b = 0.0, size
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (a + b)
-        if b - a <= numerics.ATTAINABLE_PRECISION * size or middle in (a, b):
-            break
-        try:
-            state = path.step(start, middle)
-        except _LOST:
-            break
-        if is_beyond(state):
-            b, end = middle, state
-        else:
-            a = middle
-    return end
+    states = _bracketed(path, start, end, size, lambda state: 1.0 if is_beyond(state) else -1.0)
+    return [state for state in states if is_beyond(state)][-1]
 
 
 def _fluttering(state: CurvePoint) -> CriticalPoint:
@@ -353,34 +342,42 @@ def _located(
     size: float,
     measure: Callable[[CurvePoint], float],
 ) -> CurvePoint:
-    """Root by secants kept in their bracket (every third step halves it)."""
-    a, b = 0.0, size
-    value_a, value_b = measure(start), measure(end)
-    # Of this motion's own stiffness, not of the stiffest one's: rounding is no excuse to end early.
-    small = numerics.LAST_DIGITS * max(abs(value_a), abs(value_b))
-    best = start if abs(value_a) < abs(value_b) else end
-    for iteration in range(_BISECTIONS):
-        if b - a <= numerics.ATTAINABLE_PRECISION * size or value_a == value_b:
-            break
-        middle = 0.5 * (a + b)
-        if iteration % 3 != 2:
-            secant = b - value_b * (b - a) / (value_b - value_a)
-            margin = 1e-3 * (b - a) if iteration % 3 == 1 else 0.0
-            middle = min(max(secant, a + margin), b - margin)
-        try:
-            state = path.step(start, middle)
-        except _LOST:
-            break  # at a crossing of curves the way back is ambiguous; `best` is next to it
-        value = measure(state)
-        if abs(value) < abs(measure(best)):
-            best = state
-        if abs(value) <= small or middle in (a, b):
-            break
-        if (value < 0.0) == (value_a < 0.0):
-            a, value_a = middle, value
-        else:
-            b, value_b = middle, value
-    return best
+    """The state between two neighbours in which a measure is nearest to zero."""
+    states = _bracketed(path, start, end, size, measure)
+    return min(states, key=lambda state: abs(measure(state)))
+
+
+def _bracketed(
+    path: LoadPath,
+    start: CurvePoint,
+    end: CurvePoint,
+    size: float,
+    measure: Callable[[CurvePoint], float],
+) -> list[CurvePoint]:
+    """The states that Brent's method visits while it brackets a change of sign, both ends first."""
+    from scipy.optimize import brentq
+
+    states = [start, end]
+    # A share of this motion's own stiffness, not of the stiffest one's.
+    zero = numerics.LAST_DIGITS * max(abs(measure(start)), abs(measure(end)))
+
+    def value(distance: float) -> float:
+        if 0.0 < distance < size:
+            states.append(path.step(start, distance))
+        reached = measure(states[0 if distance == 0.0 else 1 if distance == size else -1])
+        return reached if abs(reached) > zero else 0.0
+
+    # Where curves cross, the way back is ambiguous: the last state is then next to the crossing.
+    with suppress(*_LOST):
+        brentq(
+            value,
+            0.0,
+            size,
+            xtol=numerics.ATTAINABLE_PRECISION * size,
+            maxiter=_BISECTIONS,
+            disp=False,
+        )
+    return states
 
 
 def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:

@@ -11,6 +11,7 @@ way join the constraints; those that pull are let go. Every loop is bounded.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -244,27 +245,18 @@ class _Iteration:
 
         Beside stiff springs a few, as what the first does to those the next takes back.
         """
-        start = self.point, self.balance
         before = self.balance.merit
         if np.isnan(self.point.evaluation.energy) or self.balance.stiffness.size == 0:
             return False
         if self.balance.modes[0][0] >= -_SADDLE:
             return False
-        try:
-            for _ in range(1 + _FOLLOWED if self._is_stiff() else 1):
-                step = self.balance.motion(-self.balance.solved(self.balance.force, _SOFTEST))
-                if not self._share(step)[0] >= 1.0:
-                    break
-                trial = self._trial(step)
-                if trial is None or trial[1] != self.contacts:
-                    break
-                self.point, self.balance = trial[0], self._balanced(trial[0])
-                if self.balance.merit <= share * before:
-                    return True
-        except (ConvergenceError, np.linalg.LinAlgError):
-            pass
-        self.point, self.balance = start
-        return False
+
+        def whole_step() -> Array | None:
+            step = self.balance.motion(-self.balance.solved(self.balance.force, _SOFTEST))
+            return step if self._share(step)[0] >= 1.0 else None
+
+        steps = 1 + _FOLLOWED if self._is_stiff() else 1
+        return self._followed(steps, whole_step, lambda: self.balance.merit <= share * before)
 
     def _downwards(self) -> bool:
         """One step by which energy or residual fall; False if none does."""
@@ -299,7 +291,7 @@ class _Iteration:
                     return True
                 self.contacts = old
             whole = halving == 0 and share == 1.0 and contacts == self.contacts
-            if whole and self._is_stiff() and self._followed(point, fall, fuzzy):
+            if whole and self._is_stiff() and self._watched(point, fall, fuzzy):
                 return True
             t *= 0.5
         return False
@@ -316,26 +308,48 @@ class _Iteration:
             stiffness_scale.min(initial=np.inf)
         )
 
-    def _followed(self, trial: Point, fall: float, fuzzy: float) -> bool:
-        """Follow a step that was refused; False, and nothing done, if that leads up as well.
+    def _watched(self, trial: Point, fall: float, fuzzy: float) -> bool:
+        """Take a refused step and a few more; False, and nothing done, if these lead up as well.
 
-        What a soft motion does to a stiff spring to second order may be more than it gains, and
-        would stop every step but the shortest; the next step takes it back.
+        To second order a soft motion may stretch a stiff spring by more energy than it releases,
+        which would stop every step but the shortest; the next step takes it back.
         """
-        start, before, energy = (self.point, self.balance), self.balance, self.point.evaluation
+        energy, merit = self.point.evaluation.energy, self.balance.merit
+
+        def capped_step() -> Array | None:
+            step, _ = self._direction()
+            t, largest = self._share(step)
+            return t * step if np.isfinite(t * largest) else None
+
+        def is_lower() -> bool:
+            gained = energy - self.point.evaluation.energy
+            is_gain = gained >= fall and gained > fuzzy
+            return is_gain or self.balance.merit <= (1.0 - _SUFFICIENT) * merit
+
+        return self._followed(_FOLLOWED, capped_step, is_lower, trial)
+
+    def _followed(
+        self,
+        steps: int,
+        next_step: Callable[[], Array | None],
+        is_better: Callable[[], bool],
+        first: Point | None = None,
+    ) -> bool:
+        """Take steps until one is better than the start; False, and back at the start, if none is.
+
+        Steps that touch a limit, or do not exist, end the attempt. `first` is a point to begin at.
+        """
+        start = self.point, self.balance
         try:
-            self.point, self.balance = trial, self._balanced(trial)
-            for _ in range(_FOLLOWED):
-                step, _ = self._direction()
-                t, largest = self._share(step)
-                tried = self._trial(t * step) if np.isfinite(t * largest) else None
-                if tried is None or tried[1] != self.contacts:
+            if first is not None:
+                self.point, self.balance = first, self._balanced(first)
+            for _ in range(steps):
+                step = next_step()
+                trial = None if step is None else self._trial(step)
+                if trial is None or trial[1] != self.contacts:
                     break
-                self.point, self.balance = tried[0], self._balanced(tried[0])
-                gained = energy.energy - self.point.evaluation.energy
-                if gained >= fall and gained > fuzzy:
-                    return True
-                if self.balance.merit <= (1.0 - _SUFFICIENT) * before.merit:
+                self.point, self.balance = trial[0], self._balanced(trial[0])
+                if is_better():
                     return True
         except (ConvergenceError, np.linalg.LinAlgError):
             pass

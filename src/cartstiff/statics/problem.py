@@ -422,8 +422,6 @@ class System:
         limits = limits_of(elastic.mechanism, ignore=not len(self.limits), contacts=True)
         if len(limits) == len(self.limits):
             limits = limits.leaving_out(self.limits.left_out)
-        if len(limits) == len(self.limits):
-            limits = limits.leaving_out(self.limits.left_out)
         return System(elastic, self.loads, self.held, limits)
 
     def at(self, q: ArrayLike) -> Point:
