@@ -1,4 +1,4 @@
-"""Commanded positions of the drives, as against the pose that results: shifted rest positions."""
+"""Commanded displacements of the drives: shifted rest positions, and the resulting pose."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def commanded(
     command: Mapping[str, float],
     q: ArrayLike | Mapping[str, float] | None = None,
 ) -> tuple[ElasticMechanism, Array]:
-    """The mechanism with its drives commanded to move on from where they are.
+    """The mechanism with its drives commanded to move by given steps.
 
-    Rest positions that are open are chosen at the posture first, where the mechanism is then at
-    rest; then those of the drives are shifted. Rigid drives go where they are commanded.
+    Open rest positions are first chosen so that the mechanism is at rest at the posture; then those
+    of the drives are shifted. Rigid drives move by their steps themselves.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     command : mapping of str to float
-        How far each drive is to move (rad, lengths), by the name of its joint, or leg1, ...
-        of a platform on lines.
+        Step of each drive (rad, lengths), by the name of its joint, or leg1, ... of a platform on
+        lines.
     q : array_like (n,) or mapping, optional
         Posture before the command; default the file's.
 
@@ -50,15 +50,15 @@ def commanded(
     elastic : ElasticMechanism
         With the shifted springs, and a note ``commanded``.
     q : ndarray (n,)
-        Where the search for its equilibrium should start.
+        Start of the search for its equilibrium.
 
     Raises
     ------
     UnknownNameError
         For a name that is no spring's.
     InputError
-        For a joint without a spring, which nobody tells anything, numbers that are not finite, or
-        rigid drives that cannot go there.
+        For a joint without a spring, which has no drive, numbers that are not finite, or rigid
+        drives that cannot move so far.
     """
     mechanism, names = checked_elastic(elastic).mechanism, elastic.spring_names
     elastic, posture = elastic.placed(q)
@@ -93,21 +93,21 @@ def after_command(
     load_axes: Literal["body", "world"] = "body",
     limits: bool = True,
 ) -> Equilibrium:
-    """Where the mechanism comes to rest after a command, with the load that it carried before.
+    """Equilibrium after a command, under the load that the mechanism carried before.
 
     Parameters
     ----------
     elastic, command, q
         As of `commanded`.
     wrench, load_kind, load_at, load_axes
-        As of `cartstiff.analyse`: at `q` the springs balance it, and it goes on acting.
+        As of `cartstiff.analyse`: at `q` the springs balance it, and it continues to act.
     limits : bool
         Whether joint and leg limits stop the motion.
 
     Returns
     -------
     Equilibrium
-        Its `elastic` has the shifted springs, its `displacement` is what the command has done.
+        Its `elastic` has the shifted springs, its `displacement` is the effect of the command.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def analyse_commanded(
     q: ArrayLike | Mapping[str, float] | None = None,
     **load: Any,
 ) -> PostureStiffness:
-    """Stiffness where the mechanism comes to rest after a command: `after_command`, analysed there.
+    """Stiffness at the equilibrium after a command, see `after_command`.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def analyse_commanded(
         As of `commanded`.
     load : dict
         `wrench` and its kind, point and axes, as of `after_command`. Without a wrench, kind and
-        point say what the forces of the springs do.
+        point are those of the springs' forces.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def analyse_commanded(
 
 
 def drives(elastic: ElasticMechanism) -> tuple[str, ...]:
-    """Names of what may be commanded: joints with a spring, or the legs of a platform on lines."""
+    """Names of the drives: joints with a spring, or the legs of a platform on lines."""
     names, springs = elastic.spring_names, elastic.springs
     undriven = _undriven(springs) if isinstance(springs, JointSprings) else set()
     return tuple(n for j, n in enumerate(names) if j not in undriven)
@@ -192,7 +192,7 @@ def _undriven(springs: JointSprings) -> set[int]:
 
 
 def _driven(mechanism: Any, q: Array, steps: Mapping[int, float]) -> Array:
-    """Coordinates with rigid drives moved, the closures met by the others."""
+    """Coordinates with rigid drives moved; the others satisfy the closures."""
     if not steps:
         return q
     wanted = np.array(q)

@@ -1,15 +1,15 @@
 r"""Load-deflection curves through limit points, critical loads, and the branches that start there.
 
-The loads are multiplied by a factor p that the curve is free to lower again. The linear prediction
-that the curve is compared with is the one of the compliance at its start, u = p C W. With g_N and
-H_N as in `cartstiff.statics.problem` and f_N = dg_N/dp, a point and the direction (t, t_p) of its
-curve satisfy
+The loads are multiplied by a factor p that may decrease again along the curve. The curve is
+compared with the linear prediction by the compliance at its start, u = p C W. With g_N and H_N as
+in `cartstiff.statics.problem` and f_N = dg_N/dp, a point and the direction (t, t_p) of its curve
+satisfy
 
     g_N(q, p) = 0,      H_N t + f_N t_p = 0,    |t|^2 + (t_p / range)^2 = 1
 
-A step goes along the direction and comes back at right angles to it [Keller]_, which passes points
-where the load is stationary. Where H_N is singular the curve has a limit point (f_N is not in its
-range) or meets another one: a critical load.
+A step follows the direction and returns to the curve at right angles to it [Keller]_, which passes
+points where the load is stationary. Where H_N is singular the curve has a limit point (f_N is not
+in its range) or meets another one: a critical load.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import Result, csv_text
+from cartstiff.arrays import Result, csv_text, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -60,9 +60,9 @@ from cartstiff.statics.small_motions import (
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import SCHEMA
 
-_CORRECTIONS = 25
-_LARGEST = 0.5
-# Where no next point is found.
+# Newton steps back to the curve, and the longest of them in natural units.
+_CORRECTIONS, _LONGEST_CORRECTION = 25, 0.5
+# Errors by which no next point is found.
 _LOST = (ConvergenceError, UndefinedError, np.linalg.LinAlgError)
 
 
@@ -77,9 +77,9 @@ class CurvePoint:
     direction : ndarray (n + 1,)
         (t, t_p / range), a unit vector, in natural units.
     eigenvalues : ndarray
-        Of H_N; where it is unsymmetric they depend on the choice of coordinates.
+        Eigenvalues of H_N; if it is unsymmetric they depend on the choice of coordinates.
     vibrations : Vibrations or None
-        Where the loads have no potential and every motion has a mass.
+        If the loads have no potential and every motion has a mass.
     push : ndarray (f,)
         f_N times the range.
     corrections : int
@@ -109,9 +109,9 @@ class LoadPath:
     elastic : ElasticMechanism
         With all rest positions chosen.
     loads : sequence of Potential
-        What the factor multiplies.
+        Loads that the factor multiplies.
     fixed : sequence of Potential
-        What acts besides.
+        Further loads.
     held : Held, optional
         Held displacement, with its reference.
     span : float
@@ -164,8 +164,8 @@ class LoadPath:
     def _solved(balance: Balance, push: Array, direction: Array, right: Array) -> Array:
         """Motions and load factor from the stiffness, bordered by the push and the direction.
 
-        Each motion is counted in units of its own stiffness, and the border in units of 1, so that
-        a stiff spring hides no soft motion when the rank is judged.
+        Each motion is measured in units of its own stiffness, and the border in units of 1, so that
+        a stiff spring hides no soft motion when the rank is decided.
         """
         t = direction[:-1] if balance.free is None else balance.free.T @ direction[:-1]
         per = 1.0 / np.sqrt(balance.stiffness_scale)
@@ -192,7 +192,10 @@ class LoadPath:
         return self.corrected(q, factor, direction)
 
     def corrected(self, q: Array, factor: float, direction: Array) -> CurvePoint:
-        """Newton's method at right angles to a direction; (0, 1) holds the load."""
+        """The point of the curve at right angles to a direction, by Newton's method.
+
+        The direction (0, 1) keeps the load.
+        """
         system = self.system
         q = system.retracted(q)
         best, kept, stalled = np.inf, (q, factor), 0
@@ -216,7 +219,7 @@ class LoadPath:
             solved = self._solved(balance, push, direction, right)
             motion = balance.motion(solved[:-1])
             largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
-            share = min(1.0, _LARGEST / max(largest, numerics.TINY))
+            share = min(1.0, _LONGEST_CORRECTION / max(largest, numerics.TINY))
             q = system.retracted(system.displaced(point, share * motion))
             factor = factor + share * float(solved[-1]) * self.span
         raise ConvergenceError(
@@ -224,8 +227,6 @@ class LoadPath:
         )
 
 
-# Share of f_N along the mode below which the load does not excite it: then curves cross.
-_UNFELT = numerics.NEGLIGIBLE_FORCE
 _BISECTIONS = 100
 
 Kind = Literal["limit", "bifurcation", "flutter"]
@@ -249,8 +250,7 @@ class CriticalPoint:
     mode : ndarray (n,)
         The motion, in natural units, of length 1.
     eigenvalue : float
-        What is left of the stiffness along it, as a share of the largest one just before; NaN for
-        flutter.
+        Remaining stiffness along it, as a share of the largest one just before; NaN for flutter.
     frequency : float or None
         In Hz, of the motion that flutters.
     """
@@ -276,7 +276,7 @@ def _negative(state: CurvePoint) -> int:
 
 
 def _measure(index: int) -> Callable[[CurvePoint], float]:
-    """What changes its sign at the critical point."""
+    """Function of a state that changes its sign at the critical point."""
 
     def value(state: CurvePoint) -> float:
         if state.is_conservative:
@@ -290,14 +290,14 @@ def _measure(index: int) -> Callable[[CurvePoint], float]:
 def crossings(
     path: LoadPath, start: CurvePoint, end: CurvePoint, size: float
 ) -> list[CriticalPoint]:
-    """Critical points between two neighbours on a curve, `size` apart along its direction."""
+    """Critical points between two neighbours on a curve, at a distance `size` of each other."""
     before, after = _negative(start), _negative(end)
     points = []
     for index in range(min(before, after), max(before, after)):
         state = _located(path, start, end, size, _measure(index))
         points.append(_named(state, float(np.abs(start.eigenvalues).max())))
     if not _grows(start) and _grows(end):
-        # A range of flutter may lie between them, and divergence at the end of it.
+        # A range of flutter may lie between them, with divergence at its end.
         onset = _onset(path, start, end, size, _grows)
         if _flutters(onset):
             points.append(_fluttering(onset))
@@ -367,7 +367,7 @@ def _bracketed(
         reached = measure(states[0 if distance == 0.0 else 1 if distance == size else -1])
         return reached if abs(reached) > zero else 0.0
 
-    # Where curves cross, the way back is ambiguous: the last state is then next to the crossing.
+    # At a crossing of curves the way back is ambiguous: the last state is then next to it.
     with suppress(*_LOST):
         brentq(
             value,
@@ -384,9 +384,11 @@ def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:
     H = state.balance.stiffness
     U, values, Vt = np.linalg.svd(H)
     left, mode = U[:, -1], Vt[-1]
-    felt = abs(float(left @ state.push))
+    exciting = abs(float(left @ state.push))
     scale = max(float(np.linalg.norm(state.push)), stiffest, numerics.TINY)
-    kind: Kind = "limit" if felt > _UNFELT * scale else "bifurcation"
+    # A load without a force along the mode does not excite it: curves cross.
+    is_limit = exciting > numerics.NEGLIGIBLE_FORCE * scale
+    kind: Kind = "limit" if is_limit else "bifurcation"
     motion = state.balance.motion(mode)
     return CriticalPoint(
         state.factor,
@@ -416,19 +418,19 @@ class LoadCurve(Result):
     displacement : ndarray (m, 6)
         From the unloaded pose: rotation vector and translation, axes of F.
     linear : ndarray (m, 6)
-        What the compliance at the start predicts; NaN if there is none.
+        Prediction by the compliance at the start; NaN if there is none.
     eigenvalue : ndarray (m,)
-        Smallest eigenvalue of H_N; NaN without an energy, where it depends on the coordinates.
+        Smallest eigenvalue of H_N; NaN without an energy, as it then depends on the coordinates.
     stable : tuple of bool or None
-        Whether H_N is positive definite; None at a zero eigenvalue. Without an energy False where
+        Whether H_N is positive definite; None at a zero eigenvalue. Without an energy False if
         vibrations grow, else None.
     critical : tuple of CriticalPoint
         In the order in which the curve meets them.
     reason : str
-        "factor-reached"; "factor-left": the load fell below what was asked for; "points-reached";
-        "limit-contact": a joint limit was met; "lost": no next point was found.
+        "factor-reached"; "factor-left": the load fell below the range wanted; "points-reached";
+        "limit-contact": a joint limit was reached; "lost": no next point was found.
     notes : tuple of Note
-        What was assumed.
+        Assumptions.
     """
 
     elastic: ElasticMechanism
@@ -451,15 +453,15 @@ class LoadCurve(Result):
 
     @property
     def weighed(self) -> GravityLoads:
-        """What gravity acts on, and payloads among the loads (at factor 1)."""
+        """Bodies under gravity, and payloads among the loads (at factor 1)."""
         return gravity_loads(self.elastic, (*self._path.system.loads, *self._path.loads))
 
     @cached_property
     def deviation(self) -> Array:
         """Distance of the linear prediction from the curve over the displacement, (m, 2).
 
-        The first column is that of the rotation vectors, the second that of the translations: they
-        are never added. 0 where nothing moves.
+        The first column is for the rotation vectors, the second for the translations: they are
+        never added. 0 without a motion.
         """
         length = self.elastic.mechanism.at(self.q[0]).length
         columns = []
@@ -489,30 +491,23 @@ class LoadCurve(Result):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {
+        of_critical = ("factor", "kind", "q", "mode", "frequency")
+        data = {
             "schema": SCHEMA,
             "units": self.elastic.units.as_dict(),
-            "joints": list(self.elastic.names),
+            "joints": self.elastic.names,
             **self.weighed.as_dict(),
-            "factor": self.factors.tolist(),
-            "q": self.q.tolist(),
-            "displacement": self.displacement.tolist(),
-            "linear": [None if np.isnan(row).any() else row.tolist() for row in self.linear],
-            "eigenvalue": [None if np.isnan(x) else x for x in self.eigenvalue.tolist()],
-            "stable": list(self.stable),
-            "critical": [
-                {
-                    "factor": c.factor,
-                    "kind": c.kind,
-                    "q": c.q.tolist(),
-                    "mode": c.mode.tolist(),
-                    "frequency": c.frequency,
-                }
-                for c in self.critical
-            ],
+            "factor": self.factors,
+            "q": self.q,
+            "displacement": self.displacement,
+            "linear": [None if np.isnan(row).any() else row for row in self.linear],
+            "eigenvalue": self.eigenvalue,
+            "stable": self.stable,
+            "critical": [{key: getattr(c, key) for key in of_critical} for c in self.critical],
             "reason": self.reason,
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
     def as_csv(self) -> str:
         """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
@@ -523,9 +518,8 @@ class LoadCurve(Result):
         return csv_text(np.column_stack([self.factors, q, moved, linear, self.eigenvalue]), names)
 
 
-_SMALLEST = numerics.NEGLIGIBLE_STEP
-# Neighbouring directions must agree to this cosine, or the step is halved.
-_COSINE = 0.9
+# A step whose direction changes by more than this cosine is halved, down to the smallest step.
+_SMALLEST_STEP, _COSINE = numerics.NEGLIGIBLE_STEP, 0.9
 
 
 def start_and_loads(
@@ -558,16 +552,16 @@ def load_curve(
     elastic : ElasticMechanism
         From `cartstiff.load`.
     q : array_like or mapping, optional
-        Where the search for the unloaded equilibrium starts; default the file's posture. A
-        potential in its place is the first of `loads`.
+        Start of the search for the unloaded equilibrium; default the file's posture. A potential in
+        its place is the first of `loads`.
     *loads : Potential
-        What the factor multiplies; factor 1 is the load as given.
+        Loads that the factor multiplies; factor 1 is the load as given.
     wrench, load_kind, load_at, load_axes
-        A load that the factor multiplies too, as in `equilibrium`.
+        One more load that the factor multiplies, as in `equilibrium`.
     to : float
         Factor at which to stop; not zero, negative to reverse the load.
     fixed : sequence of Potential
-        What acts besides, whatever the factor.
+        Further loads, which do not depend on the factor.
     held : Held or mapping, optional
         Displacement prescribed partly; see `equilibrium`.
     resolution : float
@@ -576,7 +570,7 @@ def load_curve(
     points : int
         Bound on the number of points.
     back : float
-        Past limit points the load may fall, and change its sign: as far as ``-back * to``.
+        Past limit points the load may decrease and change its sign: as far as ``-back * to``.
 
     Raises
     ------
@@ -676,7 +670,7 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
             break
         except _LOST as error:
             size *= 0.5
-            if size < _SMALLEST:
+            if size < _SMALLEST_STEP:
                 raise ConvergenceError(
                     "no branch can be entered here", iterations=0, residual=np.inf
                 ) from error
@@ -696,7 +690,7 @@ def _linear_rate(origin: CurvePoint, path: LoadPath) -> Array:
 
 
 def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
-    """Go on from the last of `states` until a reason to stop."""
+    """Continue from the last of `states` until a reason to stop."""
     path, goal = seed._path, seed._goal
     critical: list[CriticalPoint] = []
     reason: Reason = "points-reached"
@@ -716,7 +710,7 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
         found: list[CriticalPoint] = []
         if len(states) > 1 or not _is_singular(here):
             found = crossings(path, here, there, size_taken)
-            if _is_elsewhere(here, there, found) and size_taken >= 4 * _SMALLEST:
+            if _is_elsewhere(here, there, found) and size_taken >= 4 * _SMALLEST_STEP:
                 size = 0.25 * size_taken
                 continue
         limits = seed._limits
@@ -738,10 +732,10 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
 
 
 def _is_elsewhere(here: CurvePoint, there: CurvePoint, found: list[CriticalPoint]) -> bool:
-    """Whether a step has led to another curve, where an imperfection has opened a bifurcation.
+    """Whether a step has led to another curve, as where an imperfection splits a bifurcation.
 
-    Its limit points are none, or do not turn the load: by Cramer's rule det H_N = t_p det B, B the
-    bordered matrix, whose determinant keeps its sign along a curve that meets no other.
+    Then there are no true limit points between, or they do not turn the load: by Cramer's rule
+    det H_N = t_p det B, B the bordered matrix, whose determinant keeps its sign along one curve.
     """
     limits = [c for c in found if c.kind == "limit"]
     turns = here.direction[-1] * there.direction[-1] < 0.0
@@ -755,14 +749,14 @@ def _is_singular(state: CurvePoint) -> bool:
 
 
 def _advance(path: LoadPath, here: CurvePoint, size: float) -> tuple[CurvePoint, float] | None:
-    """The next point, with the step halved until the curve turns gently."""
-    while size >= _SMALLEST:
+    """The next point and its distance; the step is halved until the direction changes little."""
+    while size >= _SMALLEST_STEP:
         try:
             there = path.step(here, size)
         except _LOST:
             size *= 0.5
             continue
-        if float(there.direction @ here.direction) >= _COSINE or size < 4 * _SMALLEST:
+        if float(there.direction @ here.direction) >= _COSINE or size < 4 * _SMALLEST_STEP:
             return there, size
         size *= 0.5
     return None
@@ -786,7 +780,7 @@ def _land(
 
 
 def _verdict(state: CurvePoint) -> bool | None:
-    """Whether an equilibrium is stable; None where that is not decided."""
+    """Whether an equilibrium is stable; None if that is not decided."""
     if not state.is_conservative:
         return False if is_unstable(state.balance, state.vibrations) else None
     scaled = state.balance.modes[0]

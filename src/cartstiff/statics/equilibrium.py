@@ -1,9 +1,9 @@
-r"""Static equilibrium of any elastic mechanism under load: where it comes to rest, and how firmly.
+r"""Static equilibrium of any elastic mechanism under load, and its stability.
 
 The energy of springs, gravity and loads is minimised over all coordinates that keep the closures,
 the held components of the end-effector's displacement and the limits; forces that have no energy
-are balanced. See `cartstiff.statics.problem` for the equations, `cartstiff.statics.newton` for
-the method.
+are balanced directly. See `cartstiff.statics.problem` for the equations, `cartstiff.statics.newton`
+for the method.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
-    """Coordinates to which the self-motion settles while the end-effector stays at its pose.
+    """Coordinates of least energy along the self-motion, at a fixed pose of the end-effector.
 
     Under arbitrary joint torques a redundant arm is not in equilibrium with any wrench at its
     end-effector: it moves along its self-motion until the energy has a minimum over it. There
@@ -52,9 +52,9 @@ def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
     Parameters
     ----------
     elastic : ElasticMechanism
-        With the rest positions that make the torques.
+        With the rest positions that cause the torques.
     q : array_like (n,), optional
-        Where it is let go; default the file's posture.
+        Start; default the file's posture.
 
     Raises
     ------
@@ -66,10 +66,10 @@ def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
     return equilibrium(elastic, q=start.q, held=held, limits=False).q
 
 
-# Steps in which loads and displacements are put on where they cannot be put on at once.
+# Steps by which loads and displacements are increased if no equilibrium is found at once.
 _STAGES = 8
-# Points of the curve that is followed where that fails, too.
-_POINTS = 200
+# Bound on the points of the curve that is followed if that fails, too.
+_MAX_CURVE_POINTS = 200
 
 
 @checked
@@ -86,20 +86,20 @@ def equilibrium(
     settle: bool = True,
     iterations: int = 200,
 ) -> Equilibrium:
-    r"""Where a mechanism comes to rest under load.
+    r"""Equilibrium of a mechanism under load.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         Mechanism and potentials, from `cartstiff.load`. Springs without a rest position carry
-        gravity at `q`, where the mechanism is then at rest without load.
+        gravity at `q`, so that the mechanism is at rest there without load.
     q : array_like (n,) or mapping, optional
         Start, in rad and length units, in joint order or by name; default the file's posture. A
         potential in its place is the first of `loads`.
     *loads : Potential
-        What acts besides: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload`, or any energy.
+        Added loads: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload`, or any energy.
     wrench, load_kind, load_at, load_axes
-        Load (moment, force) on the body, what it does while the body moves, the point of the body,
+        Load (moment, force) on the body, its behaviour while the body moves, the point of the body,
         in M, at which it acts, and the axes of its components, those of M at the start or of F: as
         in `cartstiff.analyse`.
     held : Held or mapping, optional
@@ -108,10 +108,10 @@ def equilibrium(
     limits : bool
         Keep joint (or leg) limits, as contacts.
     settle : bool
-        Go on from an unstable equilibrium to a stable one, where the loads have a potential. Where
-        they have none, from a saddle whose stability only masses decide: the loads then act from
-        where the mechanism rests under similar ones with a potential. Without it the equilibrium
-        found first is returned, stable or not.
+        Continue from an unstable equilibrium to a stable one, if the loads have a potential; if
+        they have none, from a saddle whose stability only masses decide: the search then starts at
+        the equilibrium under similar loads with a potential. Without it the equilibrium found first
+        is returned, stable or not.
     iterations : int
         Bound on the number of Newton steps, for each stage of loading.
 
@@ -123,10 +123,10 @@ def equilibrium(
     Raises
     ------
     InputError
-        For a wrong count, an unknown name, numbers that are not finite, or a load that is none.
+        For a wrong count, an unknown name, numbers that are not finite, or a load of a wrong type.
     ConvergenceError
-        If no equilibrium is found, neither at once nor with the loads put on in stages; beside
-        stiff springs, nor along the curve of equilibria that ends in the load.
+        If no equilibrium is found, neither at once nor with the loads increased in stages; beside
+        stiff springs, nor along the curve of equilibria that ends at the load.
     UndefinedError
         If a force does not exist at the start (a line of zero length).
 
@@ -174,15 +174,15 @@ def equilibrium(
 
 
 def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equilibrium:
-    """Where a mechanism that differs a little comes to rest, under the same loads.
+    """Equilibrium of a mechanism that differs a little, under the same loads.
 
-    The search starts from coordinates `start`, the displacement counts from where it did before.
-    Held components and touched limits are the same.
+    The search starts at coordinates `start`; the displacement is measured from the same pose as
+    before. Held components and touched limits are the same.
 
     Raises
     ------
     ConvergenceError
-        If it finds no rest near by.
+        If no equilibrium is found nearby.
     UndefinedError
         If it rests on other limits.
     """
@@ -194,7 +194,7 @@ def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equili
 
 
 def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
-    """Loads and held displacements put on step by step; None if that fails too."""
+    """Equilibrium with loads and held displacements increased in steps; None if that fails."""
     solution = None
     contacts: tuple[Contact, ...] = ()
     try:
@@ -213,10 +213,10 @@ def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Soluti
 
 
 def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
-    """Loads without a potential put on where the mechanism rests under similar ones that have one.
+    """Equilibrium under loads without a potential, from that under similar ones that have one.
 
-    Newton's steps towards a balance of such loads do not tell a minimum from a saddle. None where
-    all loads have a potential, or this leads to a saddle, too.
+    Newton's steps towards a balance of such loads do not distinguish a minimum from a saddle. None
+    if all loads have a potential, or this leads to a saddle, too.
     """
     start = system.at(q).posture
     is_kept = [not np.isnan(load.evaluate(start).energy) for load in system.loads]
@@ -242,17 +242,18 @@ def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
 
 
 def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
-    """The loads put on along the curve of equilibria, for soft motions beside stiff springs.
+    """Equilibrium at the end of the load curve, for soft motions beside stiff springs.
 
-    What the tangent at one point predicts for the next bends the soft motions and leaves the
-    stiff ones nearly at rest. None where that fails, or the curve meets a critical load: the
-    equilibrium beyond may be another one's.
+    The tangent at one point predicts the next: soft motions follow it, stiff ones nearly stay. None
+    if that fails, or the curve passes a critical load: beyond, another equilibrium may be meant.
     """
     try:
         ratio = system.at(q).stiffness_ratio
         if not (system.loads and ratio > numerics.STIFF):
             return None
-        curve = load_curve(system.elastic, q, *system.loads, held=system.held, points=_POINTS)
+        curve = load_curve(
+            system.elastic, q, *system.loads, held=system.held, points=_MAX_CURVE_POINTS
+        )
         if curve.reason != "factor-reached" or curve.critical:
             return None
         return solve(system, curve.q[-1], iterations=iterations, settle=settle)

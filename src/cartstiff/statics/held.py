@@ -1,7 +1,7 @@
 r"""Displacement of a frame prescribed partly or wholly: components held, with their reactions.
 
 From a reference pose (R_0, p_0) the displacement of a frame is the rotation vector log(R_0^T R) and
-the translation p - p_0, both counted along the axes of the reference pose or of the world. Held
+the translation p - p_0, both along the axes of the reference pose or of the world. Held
 components are constraints d(q) = value; their multipliers are the reactions.
 """
 
@@ -45,10 +45,10 @@ class Held:
     Attributes
     ----------
     values : mapping of str to float
-        Held components ("rx", "ry", "rz" in rad; "x", "y", "z" in length units) with the
-        displacement wanted; the others are free.
+        Held components ("rx", "ry", "rz" in rad; "x", "y", "z" in length units) with the wanted
+        displacement; the others are free.
     reference : ndarray (4, 4) or None
-        Pose in F the displacement counts from; None: the pose at the start.
+        Pose in F from which the displacement is measured; None: the pose at the start.
     axes : {"body", "world"}
         Axes of the components: those of the reference pose, or of F.
     frame : str
@@ -99,7 +99,7 @@ class Held:
         return [COMPONENTS[i] for i in self.rows]
 
     def at_start(self, posture: MechanismPosture) -> Held:
-        """The same with its reference: the pose at the start where none was given."""
+        """The same with its reference: the pose at the start unless one was given."""
         if self.reference is not None:
             return self
         return replace(self, reference=posture.relative("world", self.frame)[0])

@@ -4,9 +4,9 @@ With an energy: step -|H_N|^-1 g_N (eigenvalues by their absolute value, so that
 down), a cap on its size in natural units, pulled back onto the constraints, accepted when the
 energy falls enough [NocedalWright]_; where rounding hides the energy's fall, when the residual
 falls. Without an energy: step -H_N^-1 g_N on the unsymmetric tangent, accepted when the residual
-falls. A full step that is refused is followed for a few more before it is shortened: a watchdog, as
-stiff springs otherwise stop soft motions ([NocedalWright]_, section 15.6). Limits touched on the
-way join the constraints; those that pull are let go. Every loop is bounded.
+falls. After a full step that is refused, a few more are tried before it is shortened: a watchdog,
+as stiff springs otherwise stop soft motions ([NocedalWright]_, section 15.6). Limits touched on the
+way become constraints; limits that pull are released. Every loop is bounded.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from cartstiff.stiffness.posture_notes import near_type_2
 
 _ITERATIONS = 200
 _HALVINGS = 30
-# Steps without the residual being halved after which forces without energy are given up.
-_PATIENCE = 40
-# Steps after a refused one in which stiff springs are to come back, and the ratio of stiffnesses
-# from which on they hold back the soft ones: elsewhere such steps may lead to another equilibrium.
-_FOLLOWED, _STIFF = 3, numerics.STIFF
-_CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
-_STILL = numerics.NEARBY
+# Steps without a halved residual after which a search without an energy ends.
+_MAX_STALLED_STEPS = 40
+# Steps of the watchdog, and the ratio of stiffnesses from which on it is used: elsewhere such steps
+# may lead to another equilibrium.
+_WATCHDOG_STEPS, _WATCHDOG_RATIO = 3, numerics.STIFF
+# Cap of the first step and of any, and the largest turn of one step [rad].
+_FIRST_CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
 _SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.TRUSTED
 # Shares of a motion's stiffness scale: the least stiffness of a step, and a saddle's least slope.
 _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
@@ -47,10 +47,10 @@ _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
 
 @dataclass(slots=True, eq=False)
 class Solution:
-    """Where the iteration ended.
+    """The end of the iteration.
 
     `is_far` says whether a state on the way was a saddle, or the first step predicted less than
-    half of the way: then the loads may lead elsewhere if they grow gradually.
+    half of the way: gradually growing loads may then lead elsewhere.
     """
 
     point: Point
@@ -104,7 +104,7 @@ class _Iteration:
     ) -> None:
         self.system, self.settle = system, settle
         self.contacts = contacts
-        self.cap = _CAP
+        self.cap = _FIRST_CAP
         self.history: list[float] = []
         q = system.retracted(q, contacts)
         point = system.at(q)
@@ -158,7 +158,9 @@ class _Iteration:
                     self.history,
                     self._is_far(),
                 )
-            lost = np.isnan(self.point.evaluation.energy) and iteration - best_at > _PATIENCE
+            lost = (
+                np.isnan(self.point.evaluation.energy) and iteration - best_at > _MAX_STALLED_STEPS
+            )
             if lost or not self._step():
                 if self._is_enough(best, kept):
                     best_at = iteration - 2
@@ -179,10 +181,10 @@ class _Iteration:
             return self.met_saddle
         way = self.system.displacement(self.start, self.point)
         sizes = [float(np.linalg.norm(each)) for each in (way, self.predicted)]
-        return float(np.linalg.norm(way - self.predicted)) > max(0.5 * max(sizes), _STILL)
+        return float(np.linalg.norm(way - self.predicted)) > max(0.5 * max(sizes), numerics.NEARBY)
 
     def _suspicion(self) -> str:
-        """What may be the reason why there is no equilibrium."""
+        """A likely reason why no equilibrium was found."""
         ratio = self.point.stiffness_ratio
         posture = self.point.posture
         free = None if posture.closure is None else self.balance.free
@@ -229,7 +231,7 @@ class _Iteration:
     def _step(self) -> bool:
         """Take one step; False if none helps.
 
-        Who does not go on from a saddle wants the equilibrium that is near, of whatever kind.
+        Without `settle` the nearest equilibrium is wanted, of whatever kind: saddles come first.
         """
         try:
             return (
@@ -241,9 +243,9 @@ class _Iteration:
             return False
 
     def _to_saddle(self, share: float) -> bool:
-        """Newton's own steps where the energy falls on both sides, if only this share is missed.
+        """Take Newton's own step at negative stiffness; False unless it leaves this share of merit.
 
-        Beside stiff springs a few, as what the first does to those the next takes back.
+        Beside stiff springs a few steps: the next one takes back what the first stretches them.
         """
         before = self.balance.merit
         if np.isnan(self.point.evaluation.energy) or self.balance.stiffness.size == 0:
@@ -255,18 +257,18 @@ class _Iteration:
             step = self.balance.motion(-self.balance.solved(self.balance.force, _SOFTEST))
             return step if self._share(step)[0] >= 1.0 else None
 
-        steps = 1 + _FOLLOWED if self._is_stiff() else 1
+        steps = 1 + _WATCHDOG_STEPS if self._is_stiff() else 1
         return self._followed(steps, whole_step, lambda: self.balance.merit <= share * before)
 
     def _downwards(self) -> bool:
-        """One step by which energy or residual fall; False if none does."""
+        """Take one step by which energy or residual falls; False if there is none."""
         step, slope = self._direction()
         if not np.isfinite(step).all():
             return False
         t, largest = self._share(step)
         capped = t < 1.0
         b, energy = self.balance, self.point.evaluation.energy
-        fuzzy = _ROUNDING * self.point.energies
+        energy_rounding = _ROUNDING * self.point.energies
         before = b.merit
         # At rounding level shorter steps do not help.
         for halving in range(_HALVINGS if b.residual > numerics.ACCEPTED_RESIDUAL else 2):
@@ -276,8 +278,10 @@ class _Iteration:
                 continue
             point, contacts, share = trial
             fall = -_SUFFICIENT * t * share * slope
-            by_energy = energy - point.evaluation.energy >= fall and fall / _SUFFICIENT > fuzzy
-            if by_energy or np.isnan(slope) or fall / _SUFFICIENT <= fuzzy:
+            by_energy = (
+                energy - point.evaluation.energy >= fall and fall / _SUFFICIENT > energy_rounding
+            )
+            if by_energy or np.isnan(slope) or fall / _SUFFICIENT <= energy_rounding:
                 old = self.contacts
                 self.contacts = contacts
                 balance = self._balanced(point)
@@ -291,7 +295,7 @@ class _Iteration:
                     return True
                 self.contacts = old
             whole = halving == 0 and share == 1.0 and contacts == self.contacts
-            if whole and self._is_stiff() and self._watched(point, fall, fuzzy):
+            if whole and self._is_stiff() and self._watched(point, fall, energy_rounding):
                 return True
             t *= 0.5
         return False
@@ -304,11 +308,11 @@ class _Iteration:
 
     def _is_stiff(self) -> bool:
         stiffness_scale = self.balance.stiffness_scale
-        return float(stiffness_scale.max(initial=0.0)) > _STIFF * float(
+        return float(stiffness_scale.max(initial=0.0)) > _WATCHDOG_RATIO * float(
             stiffness_scale.min(initial=np.inf)
         )
 
-    def _watched(self, trial: Point, fall: float, fuzzy: float) -> bool:
+    def _watched(self, trial: Point, fall: float, energy_rounding: float) -> bool:
         """Take a refused step and a few more; False, and nothing done, if these lead up as well.
 
         To second order a soft motion may stretch a stiff spring by more energy than it releases,
@@ -323,10 +327,10 @@ class _Iteration:
 
         def is_lower() -> bool:
             gained = energy - self.point.evaluation.energy
-            is_gain = gained >= fall and gained > fuzzy
+            is_gain = gained >= fall and gained > energy_rounding
             return is_gain or self.balance.merit <= (1.0 - _SUFFICIENT) * merit
 
-        return self._followed(_FOLLOWED, capped_step, is_lower, trial)
+        return self._followed(_WATCHDOG_STEPS, capped_step, is_lower, trial)
 
     def _followed(
         self,
@@ -357,7 +361,7 @@ class _Iteration:
         return False
 
     def _trial(self, step: Array) -> tuple[Point, tuple[Contact, ...], float] | None:
-        """Point after a step, cut short where a limit is met; contacts then; share taken."""
+        """Point after a step that ends at the first limit, its contacts, and the share taken."""
         system, contacts, share = self.system, self.contacts, 1.0
         try:
             for _ in range(len(system.limits) + 1):
@@ -398,12 +402,12 @@ class _Iteration:
         return float(min(max(share, 0.0), 1.0))
 
     def reactions(self) -> Array:
-        """Forces of the stops on what they stop, positive towards larger values."""
+        """Forces of the stops, positive towards larger values of the quantity."""
         count = len(self.contacts)
         return -self.balance.multipliers[len(self.balance.multipliers) - count :]
 
     def _release_contact(self) -> bool:
-        """Release the stop that pulls most; False if none does."""
+        """Release the stop with the largest pull; False if none pulls."""
         if not self.contacts:
             return False
         posture = self.point.posture
@@ -440,6 +444,6 @@ class _Iteration:
                 if trial[0].evaluation.energy < energy - _ROUNDING * self.point.energies:
                     self.point, self.contacts, _ = trial
                     self.balance = self._balanced(self.point)
-                    self.cap = _CAP
+                    self.cap = _FIRST_CAP
                     return True
         return False

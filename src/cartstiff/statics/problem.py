@@ -1,8 +1,8 @@
-r"""What an equilibrium is made of: forces, constraints, and the motions that are left.
+r"""Forces, constraints and remaining motions of an equilibrium.
 
-Everything that acts has gradient g and derivative H in the n coordinates. Closures, held
+All forces together have gradient g and derivative H in the n coordinates. Closures, held
 components of a displacement and touched limits are constraints with Jacobian A. On the motions
-that keep them, N = null A,
+that satisfy them, N = null A,
 
     g_N = N^T g,    g + A^T lam = 0 at equilibrium,    H_N = N^T (H + sum lam_k A_k') N
 
@@ -10,8 +10,7 @@ H_N is the exact second derivative of the energy along motions that are pulled b
 constraints at right angles to N. Coordinates are measured in their natural units, angles in
 radians and distances in the characteristic length, so that g_N and H_N are energies.
 
-A search may look at so many postures, not take so many seconds, so that it ends alike on every
-machine.
+A search is bounded by a number of postures, not by time, so that it ends alike on every machine.
 """
 
 from __future__ import annotations
@@ -46,47 +45,47 @@ from cartstiff.statics.held import Held
 from cartstiff.stiffness.closures import decompose
 from cartstiff.stiffness.leg_length_basis import ByLengths, by_lengths
 
-# What a search may cost, and what a posture costs at least, in postures of one coordinate; and what
-# each beam or strut adds, which comes to rest in every posture anew.
-_MOST, _LEAST, _BEAM, _STRUT = 150_000, 20, 16, 64
-# Postures that every search may take. Those that succeed take some hundred at most.
-_FEWEST = 300
+# Costs in postures of one coordinate: the largest of a search, the least of a posture, and that of
+# each beam or strut, whose own equilibrium is computed in every posture.
+_MAX_SEARCH_COST, _MIN_POSTURE_COST, _BEAM_COST, _STRUT_COST = 150_000, 20, 16, 64
+# Postures that every search may evaluate. Successful ones evaluate some hundred at most.
+_MIN_POSTURES = 300
 
 
 class ExhaustedError(Exception):
-    """A search has looked at as many postures as it may; no one on the way may take it for less."""
+    """A search has evaluated as many postures as it may; only the outermost search catches it."""
 
 
 @dataclass
-class _Effort:
-    most: int
-    seen: int = 0
+class _Budget:
+    postures: int
+    evaluated: int = 0
 
 
-_effort: ContextVar[_Effort | None] = ContextVar("effort", default=None)
+_budget: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
 def cost(elastic: ElasticMechanism) -> int:
-    """What a posture costs, in postures of one coordinate."""
+    """Cost of one posture, in postures of one coordinate."""
     springs = elastic.springs
     beams = sum(isinstance(potential, Beam) for potential in elastic.potentials)
     struts = len(springs.stiffness) if isinstance(springs, FlexureStruts) else 0
-    return _LEAST + len(elastic.names) + _BEAM * beams + _STRUT * struts
+    return _MIN_POSTURE_COST + len(elastic.names) + _BEAM_COST * beams + _STRUT_COST * struts
 
 
 @contextmanager
 def bounded(elastic: ElasticMechanism) -> Iterator[None]:
-    """Bound what is searched within; all searches within share the bound of the outermost.
+    """Bound the searches within; all of them share the bound of the outermost.
 
     Raises
     ------
     ConvergenceError
-        If the bound is met where no search says how far it has come.
+        If the bound is reached where no search reports its own progress.
     """
-    if _effort.get() is not None:
+    if _budget.get() is not None:
         yield
         return
-    token = _effort.set(_Effort(max(_MOST // cost(elastic), _FEWEST)))
+    token = _budget.set(_Budget(max(_MAX_SEARCH_COST // cost(elastic), _MIN_POSTURES)))
     try:
         yield
     except ExhaustedError as error:
@@ -94,17 +93,17 @@ def bounded(elastic: ElasticMechanism) -> Iterator[None]:
             f"no equilibrium found, {error}", iterations=0, residual=inf
         ) from None
     finally:
-        _effort.reset(token)
+        _budget.reset(token)
 
 
 def count() -> None:
-    """One more posture; `ExhaustedError`, with how many there were, if that is one too many."""
-    effort = _effort.get()
-    if effort is None:
+    """Count one more posture; raise `ExhaustedError`, with their number, beyond the bound."""
+    budget = _budget.get()
+    if budget is None:
         return
-    if effort.seen >= effort.most:
-        raise ExhaustedError(f"the search was given up after {effort.seen} postures")
-    effort.seen += 1
+    if budget.evaluated >= budget.postures:
+        raise ExhaustedError(f"the search was given up after {budget.evaluated} postures")
+    budget.evaluated += 1
 
 
 @dataclass(slots=True, eq=False)
@@ -131,12 +130,12 @@ class Point:
 
     @property
     def stiffness_ratio(self) -> float:
-        """Largest over smallest stiffness of the coordinates that feel one."""
+        """Largest over smallest stiffness of the coordinates that have one."""
         stiff = np.diag(self.stiffness_scale)
         return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
 
     def add(self, term: Evaluation, members: Array) -> None:
-        """One more term that acts here, with the absolute forces (n,) of its members."""
+        """Add a term that acts here, with the absolute forces (n,) of its members."""
         e, g, h = self.evaluation
         self.evaluation = Evaluation(e + term.energy, g + term.gradient, h + term.hessian)
         columns = self.posture.coordinate_lengths
@@ -162,12 +161,12 @@ class Balance:
     acting : ndarray (f,)
         Forces that act on each motion: the sum of their absolute values.
     rounding : ndarray (f,)
-        What the rounding of coordinates and forces along each motion does to g_N.
+        Error of g_N by the rounding of coordinates and forces along each motion.
     roundoff : ndarray (f,)
-        What the rounding of every spring's own deflection does to g_N.
+        Error of g_N by the rounding of every spring's own deflection too.
     stiffness_scale : ndarray (f,)
-        The size that H_N is judged against, motion by motion: stiffnesses that act there, at least
-        what the rounding of the stiffest leaves.
+        Reference size of H_N, motion by motion: stiffnesses that act there, at least the rounding
+        of the stiffest.
     is_oblique : bool
         Whether the columns of `free` are not at right angles to each other, of length 1.
     """
@@ -190,13 +189,13 @@ class Balance:
     @cached_property
     def residual(self) -> float:
         """Largest unbalanced force over the forces that act on the same motion."""
-        missed = np.abs(self.unbalanced)
-        shares = np.divide(missed, self.acting, out=np.zeros_like(missed), where=missed > 0.0)
+        left = np.abs(self.unbalanced)
+        shares = np.divide(left, self.acting, out=np.zeros_like(left), where=left > 0.0)
         return float(shares.max(initial=0.0))
 
     @cached_property
     def is_rounding(self) -> bool:
-        """Whether all that is unbalanced may be rounding."""
+        """Whether all unbalanced forces may be rounding."""
         return bool((np.abs(self.force) <= self.roundoff).all())
 
     @cached_property
@@ -206,9 +205,9 @@ class Balance:
 
     @cached_property
     def undecided(self) -> float:
-        """How far `scaled` may be off: forces that are left move the posture, and with it H_N.
+        """Error of `scaled`: unbalanced forces still move the posture, and with it H_N.
 
-        By as much as the stiffest stiffness turns over such a motion.
+        H_N changes by as much as the stiffest stiffness turns over such a motion.
         """
         left = float(np.max(np.abs(self.unbalanced) / self.stiffness_scale, initial=0.0))
         stiffness_scale = self.stiffness_scale.tolist()
@@ -264,7 +263,7 @@ class Contact(NamedTuple):
 def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits:
     """Limits that a mechanism can come to rest on.
 
-    Where it is at rest without a load at the start, those that are exceeded there are left out: the
+    If it is at rest without a load at the start, limits that are exceeded there are left out: the
     way back to them would count as a deflection.
     """
     limits = limits_of(elastic.mechanism, contacts=True)
@@ -275,7 +274,7 @@ def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits
 
 
 def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
-    """Whether nothing that acts moves a mechanism away from a posture, but for closures."""
+    """Whether the forces balance at a posture, closures aside."""
     springs = elastic.springs
     if springs is not None and not springs.is_complete:
         return True
@@ -306,7 +305,7 @@ def sizes(limits: Limits, posture: MechanismPosture) -> Array:
 
 
 def bound(limits: Limits, contact: Contact) -> float:
-    """The bound that is touched."""
+    """Value of the touched bound."""
     return float((limits.lower if contact.side < 0 else limits.upper)[contact.quantity])
 
 
@@ -333,16 +332,14 @@ def constraint(
     return residual, SecondOrderMap(rows, lambda _: np.zeros((n, n)))
 
 
-#: Lines g (m, 6) that hold a body, their stiffnesses (m,), the rest of the Hessian.
+#: Lines g (m, 6) that hold a body, their stiffnesses (m,), the remainder of the Hessian.
 Lines = tuple[Array, Array, Array]
 
-#: How many units of rounding the evaluation of a force may be off: Jacobians of long chains lose
-#: a few, and coordinates are rounded themselves.
+#: Error of an evaluated force, in units of rounding: Jacobians of long chains lose a few, and
+#: coordinates are rounded themselves.
 ROUNDINGS = 8.0
-#: Largest move of one step onto the constraints, in natural units, and how many are tried.
-_PULL, _PULLS = 0.2, 100
-# Ratio of stiffnesses from which on stiff joints lead the motions of closures.
-_FAR = numerics.FAR
+#: Longest step onto the constraints, in natural units, and the largest number of such steps.
+_LONGEST_RETRACTION, _MAX_RETRACTIONS = 0.2, 100
 
 
 def refuse_springs_far_apart(elastic: ElasticMechanism) -> None:
@@ -385,7 +382,7 @@ class System:
     elastic : ElasticMechanism
         With all rest positions chosen.
     loads : sequence of Potential
-        What acts besides.
+        Further potentials.
     held : Held, optional
         With its reference pose.
     limits : Limits
@@ -489,8 +486,8 @@ class System:
             A = to_constraints.jacobian * columns / units[:, None]
             closed = decompose(A)
             N, follow = closed.N, list(range(len(g)))
-            if is_graded := self._spread > _FAR:
-                # Stiff joints lead: what they exert is no force of the closures.
+            if is_graded := self._spread > numerics.FAR:
+                # Stiff joints are the independent ones: their forces are none of the closures.
                 N, leading = numerics.stiffness_scaled_basis(N, np.abs(H).max(axis=0), closed.V)
                 follow = sorted(set(follow) - set(leading.tolist()))
             carried = closed.forces(-g, follow)
@@ -501,7 +498,7 @@ class System:
         reach = self._reach(point.posture)
         lines = self.elastic.line_springs_and_rest(point.posture)
         legs = None if constraints is not None else self._by_lengths(point, lines)
-        felt: Array | float = 0.0
+        own_rounding: Array | float = 0.0
         if legs is not None:
             N, H, scale = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
@@ -509,11 +506,11 @@ class System:
             own = np.diag(np.abs(N).T @ sizes @ np.abs(N))
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N).T @ forces
             scale = np.abs(H)
-        elif N is None and self._are_apart(point):
+        elif N is None and self._has_own_springs(point):
             scale = point.stiffness_scale
             own = np.diag(scale)
         else:
-            # Stiff and soft motions apart, so that none is judged by the forces of another.
+            # Principal motions, so that no soft one is judged by the forces of a stiff one.
             N = np.eye(len(g)) if N is None else N
             K = N.T @ H @ N
             N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
@@ -521,32 +518,35 @@ class System:
             scale = np.abs(H)
             lost = len(g) * EPSILON * float(point.stiffness_scale.max(initial=0.0))
             own = np.maximum(np.diag(scale), lost / IDLE)
-            felt = self._felt(point.posture, lines, N) * reach
+            own_rounding = self._rounding_stiffness(point.posture, lines, N) * reach
         own = np.maximum(
             own, max(numerics.AS_GOOD_AS_FREE * float(own.max(initial=0.0)), numerics.TINY)
         )
         unit = ROUNDINGS * EPSILON
         rounding = unit * (scale.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
-        roundoff, is_oblique = rounding + unit * felt, legs is not None or is_graded
+        roundoff, is_oblique = rounding + unit * own_rounding, legs is not None or is_graded
         return Balance(N, lam, g, H, forces, rounding, roundoff, own, is_oblique)
 
-    def _felt(self, posture: MechanismPosture, lines: Lines | None, N: Array) -> Array:
-        """Stiffnesses (f,) with which the rounding of each spring's own length is felt by motions.
+    def _rounding_stiffness(
+        self, posture: MechanismPosture, lines: Lines | None, N: Array
+    ) -> Array:
+        """Force (f,) on each motion per unit of rounding in every spring's own length.
 
         A soft motion of a matrix may still move a stiff spring a little.
         """
-        columns, felt = posture.coordinate_lengths, np.zeros(N.shape[1])
+        columns, force = posture.coordinate_lengths, np.zeros(N.shape[1])
         if lines is not None:
-            felt += np.abs(N.T @ (lines[0] * columns).T) @ lines[1] * posture.length
+            force += np.abs(N.T @ (lines[0] * columns).T) @ lines[1] * posture.length
         springs = self.elastic.springs
         if isinstance(springs, JointSprings):
-            felt += np.abs(N.T) @ (springs.stiffness * columns**2)
-        return felt
+            force += np.abs(N.T) @ (springs.stiffness * columns**2)
+        return force
 
     def _by_lengths(self, point: Point, parts: Lines | None) -> ByLengths | None:
-        """Motions of a body on lines by their lengths, where stiff lines would hide soft ones.
+        """Motions of a body on lines, with line lengths as coordinates; None if not needed.
 
-        None where no line is much stiffer than another, or they do not lead the body's motions.
+        Stiff lines would hide soft motions in rounding. None if no line is much stiffer than
+        another, or if the lengths do not determine the body's motions.
         """
         if parts is None or not 0.0 < float(parts[1].min()) * numerics.STIFF < float(
             parts[1].max()
@@ -562,7 +562,7 @@ class System:
     def at_rest(self, point: Point) -> ElasticMechanism:
         """The mechanism in an equilibrium, its lines with the tensions that balance.
 
-        Through the lengths of stiff lines these would come back rounded, and turn soft motions.
+        Computed from the lengths of stiff lines, tensions would be rounded and turn soft motions.
         """
         elastic, posture = self.elastic, point.posture
         springs = elastic.springs
@@ -570,20 +570,20 @@ class System:
         if legs is None or type(springs) is not LineSprings or self.held is not None:
             return elastic
         lengths = springs.geometry(posture).lengths
-        missed = legs.motions.T @ (point.evaluation.gradient * posture.coordinate_lengths)
+        unbalanced = legs.motions.T @ (point.evaluation.gradient * posture.coordinate_lengths)
         tensions = springs.tensions(lengths)
-        tensions[legs.leading] -= missed / posture.length
+        tensions[legs.leading] -= unbalanced / posture.length
         return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions)))
 
-    def _are_apart(self, point: Point) -> bool:
-        """Whether each coordinate has its own spring: then coordinates are motions to judge.
+    def _has_own_springs(self, point: Point) -> bool:
+        """Whether forces are judged by coordinate: each has its own spring.
 
-        So they are where others act on them, too, if their stiffnesses differ by more than the
-        digits of eigenvectors hold.
+        Coordinates on which other potentials act are judged so, too, if their stiffnesses differ by
+        more than the digits of eigenvectors hold.
         """
         if point.posture.coordinates_are_pose:
             return False
-        return not self.elastic.potentials or point.stiffness_ratio > _FAR
+        return not self.elastic.potentials or point.stiffness_ratio > numerics.FAR
 
     @cached_property
     def _farthest_anchor(self) -> float:
@@ -592,14 +592,14 @@ class System:
         return max((float(np.abs(t.anchors).max()) for t in lines), default=0.0)
 
     def _reach(self, posture: MechanismPosture) -> float:
-        """Largest coordinate in natural units, at least 1: what rounding of coordinates goes by."""
+        """Largest coordinate in natural units, at least 1; their rounding is proportional to it."""
         if posture.coordinates_are_pose:  # a length is the difference of two points so far away
             farthest = max(float(np.abs(posture.pose[:3, 3]).max()), self._farthest_anchor)
             return 1.0 + farthest / posture.length
         return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
 
     @cached_property
-    def _of_joints(self) -> Array | None:
+    def _joint_stiffnesses(self) -> Array | None:
         """Stiffnesses (n,) of the springs of joints, in natural units; None without springs."""
         springs = self.elastic.springs
         if not isinstance(springs, JointSprings) or not springs.stiffness.any():
@@ -610,19 +610,19 @@ class System:
     @cached_property
     def _spread(self) -> float:
         """Largest over smallest stiffness of the springs of joints, in natural units."""
-        k = self._of_joints
+        k = self._joint_stiffnesses
         return 1.0 if k is None else float(k.max() / k[k > 0.0].min())
 
     @cached_property
-    def _is_tied(self) -> bool:
-        """Whether closures or held components tie the coordinates, wherever they are."""
+    def _is_constrained(self) -> bool:
+        """Whether closures or held components constrain the coordinates in every posture."""
         closure = self.elastic.mechanism.at(self.elastic.q).closure
         return closure is not None or self.held is not None
 
     @cached_property
     def _step_weights(self) -> Array | float:
-        """How far each coordinate moves (n,) where all are pushed alike; the softest: 1."""
-        k = self._of_joints
+        """Motion of each coordinate (n,) under equal forces; the softest: 1."""
+        k = self._joint_stiffnesses
         if k is None:
             return 1.0
         softest = float(k[k > 0.0].min())
@@ -639,7 +639,7 @@ class System:
         return [not c.is_length for c in self.elastic.mechanism.coordinates]
 
     def displacement(self, start: Point, end: Point) -> Array:
-        """What leads from one point to another (n,), in natural units."""
+        """Step (n,) from one point to another, in natural units."""
         lengths = start.posture.coordinate_lengths
         if start.posture.coordinates_are_pose:
             return np.asarray(se3.log(se3.inverse(start.posture.pose) @ end.posture.pose) / lengths)
@@ -650,16 +650,16 @@ class System:
         return self.elastic.mechanism.displaced(point.q, step * point.posture.coordinate_lengths)
 
     def retracted(self, q: Array, contacts: Sequence[Contact] = ()) -> Array:
-        """Coordinates near q that satisfy all constraints, by Newton's method with least effort.
+        """Coordinates near q that satisfy all constraints, by Newton's steps of least change.
 
-        Stiff joints move least: what rounding leaves of a change is a force there.
+        Stiff joints move least: there the rounding of a change is a force.
 
         Raises
         ------
         ConvergenceError
             If they cannot be met from there.
         """
-        if not self._is_tied and not contacts:
+        if not self._is_constrained and not contacts:
             return q
         mechanism = self.elastic.mechanism
         start = mechanism.at(q)
@@ -667,7 +667,7 @@ class System:
         def equations(posture: MechanismPosture) -> tuple[Array, Array]:
             count()
             constraints = self.constraints(posture, contacts)
-            assert constraints is not None  # as something is tied
+            assert constraints is not None  # there are some, see above
             residual, to_constraints, units = constraints
             rates = to_constraints.jacobian * posture.coordinate_lengths / units[:, None]
             return residual / units, rates
@@ -680,8 +680,8 @@ class System:
             start,
             equations,
             retract,
-            evaluations=_PULLS,
-            longest_step=_PULL,
+            evaluations=_MAX_RETRACTIONS,
+            longest_step=_LONGEST_RETRACTION,
             weights=self._step_weights,
         )
         if size <= numerics.REACHED:
@@ -692,6 +692,6 @@ class System:
         raise ConvergenceError(
             f"the {' and '.join(what)} cannot be met from this posture"
             + "".join(f"; {note.message}" for note in beyond),
-            iterations=_PULLS,
+            iterations=_MAX_RETRACTIONS,
             residual=size,
         )

@@ -1,14 +1,14 @@
-r"""The state a mechanism comes to rest in: coordinates, stability, reactions, stiffness.
+r"""State of a mechanism at rest: coordinates, stability, reactions, stiffness.
 
-How it moves when its springs are softer: at rest ``g(q, theta) + A^T lam = 0``. A compliance
+Its derivative by the springs' compliances: at rest ``g(q, theta) + A^T lam = 0``. A compliance
 parameter with pattern S changes the elements' forces t at fixed q by ``-K S t``, K = Gamma^-1, so
 
     dq / d theta = N H_N^-1 N^T B^T K S (t - t_0)
 
-with H_N the tangent of everything that acts. t_0 are the forces of elements whose rest positions
-are chosen so that they carry what acts at the start: these follow the compliance. A polynomial
-spring ``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more per c_m, with the
-deflection x_0 at the start where its rest position was chosen, else zero.
+with H_N the tangent of all forces. t_0 are the forces, at the start, of elements whose rest
+positions are chosen to balance the others there: these follow the compliance. A polynomial spring
+``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more per c_m, with the deflection
+x_0 at the start if its rest position was chosen, else zero.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Result, fixed, read_only
+from cartstiff.described import described
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -58,15 +59,15 @@ from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.tensor import StiffnessTensor, codes_of, numbers_text
 
 
-class Chosen(NamedTuple):
-    """What springs with chosen rest positions carried at the start; zero for the others.
+class InitialForces(NamedTuple):
+    """State at the start of springs with chosen rest positions; zero for the others.
 
     Attributes
     ----------
     forces : ndarray (E,)
-        Of elements.
+        Forces of the elements.
     deflections : ndarray (n,)
-        Of joints.
+        Deflections of the joints' springs.
     """
 
     forces: Array
@@ -89,7 +90,7 @@ def motion_by_compliance(
     balance: Balance,
     elements: Elements,
     parameters: Sequence[CompliancePattern],
-    chosen: Chosen | None = None,
+    chosen: InitialForces | None = None,
 ) -> Array:
     """Derivative (n, P) of the coordinates at rest by each parameter.
 
@@ -98,12 +99,12 @@ def motion_by_compliance(
     posture : MechanismPosture
         At rest.
     balance : Balance
-        What acts there.
+        Forces and stiffness there.
     elements : Elements
         Elements of the mechanism with all rest positions chosen.
     parameters : sequence of CompliancePattern
         The parameters (P,).
-    chosen : Chosen, optional
+    chosen : InitialForces, optional
         From `chosen_forces`; default zero.
     """
     t = elements.forces(posture)
@@ -125,19 +126,19 @@ def motion_by_compliance(
 
 def chosen_forces(
     original: ElasticMechanism, balanced: ElasticMechanism, start: MechanismPosture
-) -> Chosen:
-    """What the springs carry at the start whose rest positions were open."""
+) -> InitialForces:
+    """Forces, at the start, of the springs whose rest positions were open."""
     elements = Elements(balanced)
     springs = original.springs
     open_ = np.zeros(len(elements.names), bool)
     if springs is not None:
         rest = springs.rest_is_free()
-        loose = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
-        open_ = np.array([name in loose for name in elements.names], bool)
+        chosen = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
+        open_ = np.array([name in chosen for name in elements.names], bool)
     deflections, own = np.zeros(len(start.q)), balanced.springs
     if isinstance(springs, JointSprings) and isinstance(own, JointSprings):
         deflections = np.where(springs.rest_is_free(), start.q - own.rest, 0.0)
-    return Chosen(np.where(open_, elements.forces(start), 0.0), deflections)
+    return InitialForces(np.where(open_, elements.forces(start), 0.0), deflections)
 
 
 _NEUTRAL = (
@@ -177,7 +178,7 @@ def state_of_rest(
     notes += system.elastic.diagnostics(point.posture)
     if system.elastic.gravity is not None:
         notes += gravity_loads(system.elastic).notes
-    # At an unstable one nothing stays; a sign of a determinant says nothing of where it is.
+    # An unstable equilibrium is left anyway; the sign of a determinant gives no position.
     if stable is not False or not conservative:
         notes += unresolved
     reactions = _reactions(system, solution)
@@ -206,7 +207,7 @@ def state_of_rest(
 def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, list[Note]]:
     """Verdict by the energy's second derivative, no vibrations, and notes.
 
-    There is none of a posture that may be anywhere.
+    No verdict if the rounding leaves the posture open.
     """
     scaled, modes = balance.modes
     zero = max(IDLE, balance.undecided)
@@ -224,7 +225,7 @@ def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, 
 def _by_vibrations(
     system: System, point: Point, balance: Balance
 ) -> tuple[bool | None, Array, list[Note]]:
-    """Verdict by small vibrations, where a load has no potential."""
+    """Verdict by small vibrations, for loads without a potential."""
     vibration = vibrations(point, balance, system.elastic.units, system.terms)
     words = "a load has no potential: the definiteness of its tangent proves nothing"
     notes = [Note("non-conservative", words)]
@@ -249,7 +250,7 @@ def _by_vibrations(
 def _without_masses(
     balance: Balance, squares: Array, notes: list[Note]
 ) -> tuple[bool | None, Array, list[Note]]:
-    """Verdict by the tangent alone, where its determinant is not negative."""
+    """Verdict by the tangent alone, if its determinant is not negative."""
     ratio = unstable_up_to(balance)
     if ratio <= 1.0:
         return None, squares, [*notes, MASSLESS]
@@ -267,25 +268,26 @@ def _without_masses(
 
 
 def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:
-    """A posture that stiff springs leave open: their rounding moves soft motions."""
+    """Notes on coordinates that are not known, as the rounding of stiff springs moves them."""
     per = 1 / np.sqrt(balance.stiffness_scale)
     if np.isnan(point.evaluation.energy) and numerics.invert(balance.scaled, per / per) is None:
-        return [Note("neutral", _NEUTRAL)]  # with a potential it is said elsewhere
+        return [Note("neutral", _NEUTRAL)]  # with a potential `_by_energy` notes it
     inverse = np.abs(numerics.inverted(balance.scaled))
-    give = per * (inverse @ (per * (balance.rounding + np.abs(balance.unbalanced))))
-    if not len(per) or not np.isfinite(give).all():
-        return []  # neutral, which is said
-    unsure = give if balance.free is None else np.abs(balance.free) @ give
-    most = float(unsure.max())
+    errors = per * (inverse @ (per * (balance.rounding + np.abs(balance.unbalanced))))
+    if not len(per) or not np.isfinite(errors).all():
+        return []  # neutral, which is noted
+    if balance.free is not None:
+        errors = np.abs(balance.free) @ errors
+    most = float(errors.max())
     away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
-    # Rounding counts the farthest anchor, which is up to twice as far as the body.
+    # The rounding includes the farthest anchor, up to twice as far away as the body.
     if most <= max(2.0 * numerics.ROUNDING, numerics.LOST_ERROR * float(away.max())):
         return []
     known = "are not known at all"
     if most < 1.0:
         known = f"are known to {most:.1g} (rad, or shares of the characteristic length)"
     words = f"the rounding of stiff springs' forces moves soft motions: coordinates {known}"
-    each = unsure * point.posture.coordinate_lengths
+    each = errors * point.posture.coordinate_lengths
     return [Note("posture-unresolved", words, {"largest": most, "uncertainty": each.tolist()})]
 
 
@@ -317,10 +319,10 @@ def _reactions(system: System, solution: Solution) -> Reactions:
     )
 
 
-# Points of the curve on which critical loads are looked for.
-_POINTS = 200
-# Words of the critical loads on it, by kind.
-_PASSED = {
+# Bound on the points of the curve on which critical loads are sought.
+_MAX_CURVE_POINTS = 200
+# Messages on critical loads of that curve, by kind.
+_CRITICAL_LOADS = {
     "limit": "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a "
     "small load leads to",
     "bifurcation": "a bifurcation, where the mechanism buckles: another state, in a symmetric "
@@ -330,22 +332,22 @@ _PASSED = {
 
 @dataclass(frozen=True, eq=False)
 class Reactions:
-    """Forces of what holds the mechanism.
+    """Constraint forces on the mechanism.
 
     Attributes
     ----------
     held : mapping of str to float
         Force or moment that the environment applies in each held component of the displacement.
     wrench : ndarray (6,) or None
-        The same as a wrench (moment, force) on the held frame, in its components; None where
-        nothing is held.
+        The same as a wrench (moment, force) on the held frame, in its components; None if nothing
+        is held.
     limits : mapping of str to float
         Force of each touched stop on its joint or leg: positive at a lower limit, negative at an
         upper one.
     closures : ndarray
         Forces of the closures, frame b on frame a per component of the residual.
     rigid : mapping of str to float
-        Torque (force) of each rigid joint on what it moves.
+        Torque (force) of each rigid joint on the link that it moves.
     """
 
     held: Mapping[str, float]
@@ -364,28 +366,28 @@ class Equilibrium(Result, ShownInLines):
     elastic : ElasticMechanism
         The mechanism with the rest positions that were used.
     loads : tuple of Potential
-        What acted on it.
+        Added loads.
     q : ndarray (n,)
         Coordinates.
     posture, start : MechanismPosture
-        Kinematics there, and where the search started.
+        Kinematics there, and at the start of the search.
     energy : float
-        Springs, gravity, and loads; NaN where a load has no potential.
+        Springs, gravity, and loads; NaN if a load has no potential.
     residual : float
-        Largest unbalanced generalised force over the forces that act on the same motion; 0 where
-        all that is left is the rounding of coordinates and forces.
+        Largest unbalanced generalised force over the forces that act on the same motion; 0 if all
+        that remains is the rounding of coordinates and forces.
     iterations : int
         Newton steps.
     history : tuple of float
         Residual before each of them.
     stable : bool or None
-        Whether H_N is positive definite. None where that decides nothing: at a zero eigenvalue
+        Whether H_N is positive definite. None if that decides nothing: at a zero eigenvalue
         ("neutral"), and without an energy unless vibrations grow; see
         `cartstiff.statics.small_motions`.
     eigenvalues : ndarray
-        Of H_N in natural units (angles in rad, distances in the characteristic length): energies.
-        Without an energy omega^2 of the vibrations (rad^2/s^2), which may be complex; none where
-        masses are missing.
+        Eigenvalues of H_N in natural units (angles in rad, distances in the characteristic length):
+        energies. Without an energy omega^2 of the vibrations (rad^2/s^2), which may be complex;
+        none if masses are missing.
     reactions : Reactions
         Forces of held components, limits and closures.
     """
@@ -404,39 +406,43 @@ class Equilibrium(Result, ShownInLines):
     _own_notes: tuple[Note, ...]
     _system: System
     _solution: Solution
-    #: omega^2 of the vibrations where there is no energy.
+    #: omega^2 of the vibrations, without an energy.
     _squares: Array | None = None
-    #: Forces (E,) of the elements at the start whose rest positions were chosen there; or None.
-    _chosen: Chosen | None = None
+    #: State at the start of springs whose rest positions were chosen there; or None.
+    _chosen: InitialForces | None = None
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """What was found and assumed, and what the loads pass on the way from zero.
+        """Findings, assumptions, and critical loads on the way from zero.
 
-        The latter is looked for when this is first read, if the loads have a potential and the
-        equilibrium is far from where the first step of the search led.
+        The latter are sought when this is first read, if the loads have a potential and the
+        equilibrium is far from the first step's prediction.
         """
         if not (self.loads and self.stable and self._solution.is_far):
             return self._own_notes
         return (*self._own_notes, *self._notes_on_way())
 
     def _notes_on_way(self) -> list[Note]:
-        """What loads that grow gradually meet."""
+        """Notes on critical loads that gradually growing loads pass."""
         system = self._system
         try:
             with bounded(self.elastic):
                 curve = load_curve(
-                    self.elastic, self.start.q, *self.loads, held=system.held, points=_POINTS
+                    self.elastic,
+                    self.start.q,
+                    *self.loads,
+                    held=system.held,
+                    points=_MAX_CURVE_POINTS,
                 )
         except (ConvergenceError, UndefinedError):
             return []
         # Beyond the first critical load the mechanism is no longer on this curve.
-        passed = next((point for point in curve.critical if point.kind in _PASSED), None)
+        passed = next((point for point in curve.critical if point.kind in _CRITICAL_LOADS), None)
         if passed is not None:
             code = "limit-point" if passed.kind == "limit" else "bifurcation"
             factor = float(passed.factor)
             words = f"the way from the unloaded state passes, at {factor:.4g} of the load, "
-            return [Note(code, words + _PASSED[passed.kind], {"factor": factor})]
+            return [Note(code, words + _CRITICAL_LOADS[passed.kind], {"factor": factor})]
         if curve.reason == "factor-reached":
             end = system.at(curve.q[-1])
             away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
@@ -462,42 +468,42 @@ class Equilibrium(Result, ShownInLines):
 
     @property
     def K(self) -> StiffnessTensor:  # noqa: N802
-        """K^K there with the loads' part included; `stiffness` has everything else."""
+        """K^K there, the loads included; `stiffness` has all other results."""
         return self.stiffness.K
 
     @property
     def is_conservative(self) -> bool:
-        """Whether everything that acts has a potential."""
+        """Whether all forces have a potential."""
         return not np.isnan(self.energy)
 
     @cached_property
     def eigenvalues(self) -> Array:
-        """Of H_N; without an energy omega^2 of the vibrations."""
+        """Eigenvalues of H_N; without an energy omega^2 of the vibrations."""
         if self._squares is not None:
             return fixed(self._squares)
         return read_only(spectrum(self._solution.balance, conservative=True))
 
     @cached_property
     def displacement(self) -> Array:
-        """From the start: rotation vector and translation (6,) of the body frame, axes of F."""
+        """Rotation vector and translation (6,) of the body frame since the start, axes of F."""
         return displacement_between(self.start.pose, self.pose)
 
     @property
     def has_free_motion(self) -> bool:
-        """Whether a motion of the body costs nothing, so that where it rests is not decided."""
+        """Whether a motion of the body costs no energy, so that its rest is not determined."""
         balance = self._solution.balance
         if self.stable is not None or not self.is_conservative or not balance.stiffness.size:
             return False
         values, modes = balance.modes
-        idle = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.undecided)])
+        free = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.undecided)])
         lengths = self.posture.coordinate_lengths[:, None]
-        body = self.posture.motion.jacobian @ (lengths * idle)
+        body = self.posture.motion.jacobian @ (lengths * free)
         body[3:] /= self.posture.length
-        return bool(np.abs(body).max(initial=0.0) > numerics.CLOSE * np.abs(idle).max(initial=0.0))
+        return bool(np.abs(body).max(initial=0.0) > numerics.CLOSE * np.abs(free).max(initial=0.0))
 
     @cached_property
     def displacement_deviation(self) -> Array | None:
-        """Standard deviation (6,) of `displacement` that measured springs leave; None without."""
+        """Standard deviation (6,) of `displacement` by measured springs; None without such."""
         known = self.elastic.identified
         if known is None:
             return None
@@ -514,16 +520,16 @@ class Equilibrium(Result, ShownInLines):
 
     @cached_property
     def stiffness(self) -> PostureStiffness:
-        """Stiffness with the loads' part included: what decides stability.
+        """Stiffness with the loads included, which decides stability.
 
-        Where all loads have a potential and nothing is held, W = 0 and all connections agree.
-        Touched limits are rigid.
+        If all loads have a potential and nothing is held, W = 0 and all connections agree. Touched
+        limits are rigid.
         """
         return self._stiffness(self._at_rest.with_potential(*self.loads))
 
     @cached_property
     def elastic_stiffness(self) -> PostureStiffness:
-        """Stiffness of the mechanism without the added loads, which show as its wrench W."""
+        """Stiffness of the mechanism without the added loads, which appear as its wrench W."""
         return self._stiffness(self._at_rest, self._load_on_body)
 
     @cached_property
@@ -534,7 +540,7 @@ class Equilibrium(Result, ShownInLines):
 
     @property
     def meaning_of_elastic_wrench(self) -> str:
-        """What W of `elastic_stiffness` is, for people."""
+        """Meaning of W of `elastic_stiffness`, for people."""
         if self.elastic_stiffness.reduction.rank == 6:
             return "wrench that the springs balance, in the body frame"
         if self._load_on_body is not None:
@@ -546,9 +552,9 @@ class Equilibrium(Result, ShownInLines):
 
     @cached_property
     def _load_on_body(self) -> Array | None:
-        """The loads' wrench on the body frame M; None where others act on the mechanism besides.
+        """The loads' wrench on the body frame M; None if other loads act on the mechanism.
 
-        Where joints do not feel a part of the wrench, their torques leave it open.
+        Joint torques do not determine the part of the wrench that does no work on the joints.
         """
         if self._solution.contacts or self.reactions.held:
             return None
@@ -561,7 +567,7 @@ class Equilibrium(Result, ShownInLines):
 
     @cached_property
     def full_stiffness(self) -> tuple[Array, Array | None]:
-        """K (n, n) on all coordinates with all that acts, and the constraints' Jacobian (m, n)."""
+        """K (n, n) of all forces on all coordinates, and the constraints' Jacobian (m, n)."""
         point, H = self._solution.point, self._solution.point.evaluation.hessian
         constraints = self._system.constraints(point.posture, self._solution.contacts)
         if constraints is None:
@@ -578,7 +584,7 @@ class Equilibrium(Result, ShownInLines):
         closure = None if constraints is None else constraints[1]
         reduction = reduced_at(elastic, posture, evaluation, closure, force)
         notes = (*self.notes, *reduction.states, *near_constraint(reduction))
-        # What loads exert is no rounding, however stiff the springs are that carry it.
+        # A given load is no rounding, however stiff the springs are that carry it.
         W = reduction.force
         is_given = W is not None and force is not None and force.any() and np.allclose(W, force)
         return PostureStiffness(
@@ -586,42 +592,18 @@ class Equilibrium(Result, ShownInLines):
         )
 
     def _uncertainty(self) -> dict[str, Any] | None:
-        """Deviation and interval of the displacement, where springs were measured."""
+        """Deviation and interval of the displacement, if springs were measured."""
         known, s = self.elastic.identified, self.displacement_deviation
         if known is None or s is None:
             return None
         half = known.factor * s
-        return {
-            "sd": s.tolist(),
-            "lower": (self.displacement - half).tolist(),
-            "upper": (self.displacement + half).tolist(),
-            "level": known.level,
-        }
+        lower, upper = self.displacement - half, self.displacement + half
+        return {"sd": s, "lower": lower, "upper": upper, "level": known.level}
 
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff equilibrium --json``: the stiffness's, and more."""
-        values: list[Any] = self.eigenvalues.tolist()
-        if np.iscomplexobj(self.eigenvalues):
-            values = [[float(v.real), float(v.imag)] for v in self.eigenvalues]
-        wrench = self.reactions.wrench
-        return self.stiffness.as_dict() | {
-            "residual": self.residual,
-            "stable": self.stable,
-            "iterations": self.iterations,
-            "history": list(self.history),
-            "eigenvalues": values,
-            "displacement": self.displacement.tolist(),
+        own = {
             "displacement_uncertainty": self._uncertainty(),
-            "elastic_wrench": _plain(self.elastic_stiffness.wrench),
-            "reactions": {
-                "held": dict(self.reactions.held),
-                "wrench": _plain(wrench),
-                "limits": dict(self.reactions.limits),
-                "closures": self.reactions.closures.tolist(),
-                "rigid": dict(self.reactions.rigid),
-            },
+            "elastic_wrench": self.elastic_stiffness.wrench,
         }
-
-
-def _plain(array: Array | None) -> list[float] | None:
-    return None if array is None else array.tolist()
+        return self.stiffness.as_dict() | described("equilibrium", own, self)

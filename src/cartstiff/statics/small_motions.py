@@ -5,25 +5,24 @@ M is singular where a motion moves no mass. These motions are the ones with mu =
     M x = mu P x,    omega^2 = 1 / mu where P = K,
 
 P a positive definite metric of stiffness: K itself, with the sizes of its eigenvalues where a
-motion is unstable or free. So stiffness tells what a small inertia is worth, and no root of a
-diagonal entry of M, which may be rounding, is ever divided by. Motions without mass that stiffness
-holds follow the others at once: with Z a basis of them, ``x + Z z``, ``Z^T K (x + Z z) = 0``
-(static condensation). One that nothing holds either has no equation of motion: it is named and
-left out.
+motion is unstable or free. So a small inertia is measured by stiffness, and never divided by the
+root of a diagonal entry of M, which may be rounding. Motions without mass but with stiffness follow
+the others at once: with Z a basis of them, ``x + Z z``, ``Z^T K (x + Z z) = 0`` (static
+condensation). One without stiffness either has no equation of motion: it is named and left out.
 
 A load that turns with the body makes the tangent K unsymmetric, and its definiteness then proves
 nothing. The equilibrium is left by oscillations that grow (flutter) where a pair of omega^2 is
 complex, or in one sense (divergence) where one is real and negative. Both depend on M, except where
-det K < 0: the product of all omega^2 is det K / det M, so that one is negative whatever the masses
-are. Where K = S + A has a symmetric part S with an eigenvalue -l < 0, the equilibrium is left for
-all M whose eigenvalues differ by less than the factor l / |A|_F: if all omega^2 were real and not
+det K < 0: the product of all omega^2 is det K / det M, so that one is negative with any masses.
+Where K = S + A has a symmetric part S with an eigenvalue -l < 0, the equilibrium is left for all M
+whose eigenvalues differ by less than the factor l / |A|_F: if all omega^2 were real and not
 negative, the Schur form of ``M^-1/2 K M^-1/2`` would have N above its diagonal, and
 
     l / max M <= |N + N^T|_F / 2 = |N - N^T|_F / 2 <= |A|_F / min M
 
-For any M it is left where S has no eigenvalue >= 0, as the sum of all omega^2 is tr(M^-1 S), and
-where A = 0. Otherwise, without a mass on every motion no statement is made. Damping is not
-modelled, and may lower the load of flutter.
+For any M it is left if S has no eigenvalue >= 0, as the sum of all omega^2 is tr(M^-1 S), and if
+A = 0. Otherwise, without a mass on every motion no statement is made. Damping is not modelled, and
+may lower the load of flutter.
 """
 
 from __future__ import annotations
@@ -43,13 +42,13 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.statics.problem import Balance, Point
 
-#: Why there is no statement.
+#: Reason for no statement.
 MASSLESS = Note(
     "masses-missing",
     "motions without mass or inertia are left: whether a load without a potential leads to flutter "
     "or divergence depends on them, and no statement is made (give every moving link both)",
 )
-#: What a statement rests on.
+#: Assumptions of a statement.
 UNDAMPED = Note(
     "undamped",
     "flutter and divergence, under a load without a potential, are those of undamped vibrations "
@@ -66,10 +65,10 @@ class Vibrations:
     squares : ndarray (f,)
         omega^2 in rad^2/s^2 by increasing real part, complex in pairs where the motion flutters.
     mode : ndarray (n,)
-        The motion that grows first, or the slowest, in natural units, of length 1; of a complex
-        one the real part.
+        The motion that grows first, or the slowest, in natural units, of length 1; the real part of
+        a complex one.
     growing : {"flutter", "divergence"} or None
-        How the equilibrium is left; None where all omega^2 are real and positive.
+        How the equilibrium is left; None if all omega^2 are real and positive.
     frequency : float or None
         In Hz, of the motion that flutters.
     """
@@ -81,9 +80,9 @@ class Vibrations:
 
 
 def divergence(balance: Balance) -> Array | None:
-    """The motion (n,), of length 1, by which a tangent of negative determinant is left; or None.
+    """The motion (n,), of length 1, along which an equilibrium with det K < 0 is left; or None.
 
-    No masses are needed: see the module. None as well where rounding decides the sign.
+    No masses are needed: see the module. None as well if rounding decides the sign.
     """
     scaled = balance.scaled
     if not scaled.size or not np.linalg.slogdet(scaled)[0] < 0.0:
@@ -97,10 +96,9 @@ def divergence(balance: Balance) -> Array | None:
 
 
 def unstable_up_to(balance: Balance) -> float:
-    """Ratio of the motions' inertias up to which all masses leave the equilibrium unstable.
+    """Ratio of the motions' inertias, in natural units, up to which an equilibrium is unstable.
 
-    In natural units. Infinite where it is unstable with any masses, 0 where no statement is made;
-    see the module.
+    Infinite if it is unstable with any masses, 0 if no statement is made; see the module.
     """
     zero = max(IDLE, balance.undecided)
     values = balance.modes[0]
@@ -132,9 +130,9 @@ def is_unstable(balance: Balance, vibration: Vibrations | None) -> bool:
 def vibrations(
     point: Point, balance: Balance, units: Units, terms: Iterable[Potential] = ()
 ) -> Vibrations | None:
-    """Vibrations about an equilibrium; None where a motion that is left has no mass.
+    """Vibrations about an equilibrium; None if a remaining motion has no mass.
 
-    `terms` is what acts besides the mechanism's own masses: payloads among it have a mass too.
+    `terms` are all potentials: payloads among them have a mass.
     """
     mass = kinetic_matrix(point.posture, terms, units)
     if mass is None or balance.force.size == 0:
@@ -152,20 +150,12 @@ def vibrations(
     length, force = convert_length(Units(), units)  # energies F L over kg L^2
     if spectrum.is_complex:
         growing = "flutter"
-        first = int(np.flatnonzero(np.abs(squares.imag) > COMPLEX * np.abs(squares))[0])
+        first = int(np.flatnonzero(np.abs(squares.imag) > numerics.COMPLEX * np.abs(squares))[0])
         frequency = float(np.sqrt(squares[first] * length / force).real / (2 * np.pi))
     elif squares[0] < -IDLE * float(np.abs(squares).max()):
         growing = "divergence"
     mode = balance.motion(modes[:, first].real)
     return Vibrations(squares * length / force, mode / np.linalg.norm(mode), growing, frequency)
-
-
-#: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
-#: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
-#: met at 1e-12 of the load.
-COMPLEX = numerics.COMPLEX
-# Below this ratio of omega^2 the small ones are taken from the compliance as well.
-_GRADED = numerics.FAR_APART
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,20 +165,20 @@ class Spectrum:
     Attributes
     ----------
     squares : ndarray (k,)
-        omega^2 by increasing real part, in the units of K over those of M; complex in pairs where a
-        motion flutters. Exactly zero where a motion costs no energy.
+        omega^2 by increasing real part, in the units of K over those of M; complex in pairs for a
+        motion that flutters. Exactly zero for a motion that costs no energy.
     vectors : ndarray (f, k)
-        Motions; ``X^T M X = 1`` where K is symmetric, else each of them has ``x^T M x = 1``.
+        Motions; ``X^T M X = 1`` if K is symmetric, else ``x^T M x = 1`` for each of them.
     left : ndarray (f, k)
-        ``left^T M vectors = 1``; the same as `vectors` where K is symmetric.
+        ``left^T M vectors = 1``; the same as `vectors` if K is symmetric.
     following : ndarray (f, z)
         Motions without mass that follow the others.
     quick : ndarray (f, f)
-        ``Z K_ZZ^-1 Z^T``: what these add to the response at every frequency.
+        ``Z K_ZZ^-1 Z^T``: their contribution to the response at every frequency.
     loose : ndarray (f, l)
         Motions with neither mass nor stiffness.
     coupled : bool
-        Whether a loose motion takes part in the forces of the others: then there are no modes.
+        Whether a loose motion is coupled to the forces of the others: then there are no modes.
     """
 
     squares: Array
@@ -238,11 +228,11 @@ def spectrum_of(
     Parameters
     ----------
     stiffness : ndarray, shape (f, f)
-        K; symmetric where everything has an energy.
+        K; symmetric if all forces have an energy.
     mass : ndarray, shape (f, f)
         M, symmetric and positive semidefinite.
     terms : ndarray, shape (f, f)
-        Sizes of the terms whose sum each entry of K is: a motion costs nothing if its stiffness is
+        Sum of the absolute terms of each entry of K: a motion costs no energy if its stiffness is
         below `numerics.IDLE` times these.
     mass_terms : ndarray, shape (f, f), optional
         The same for M; default M itself.
@@ -252,7 +242,7 @@ def spectrum_of(
     loose, coupled, back = np.zeros((f, 0)), False, T
     quick = np.zeros((f, f))
     if Z.shape[1]:
-        Z, loose, unmoved, quick = _held(stiffness, terms, Z)
+        Z, loose, unmoved, quick = _condensed(stiffness, terms, Z)
         if loose.shape[1] and T.shape[1]:
             # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
             size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(T), terms, np.abs(T)))
@@ -277,8 +267,8 @@ def spectrum_of(
 def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[Array, Array]:
     """Motions (f, r) in which M is the identity, and a basis (f, z) of those without mass.
 
-    The rank of M is found in decades: among the motions that are left, the ones that carry most
-    mass per stiffness are taken out, so that those with less are seen without their rounding.
+    The rank of M is found in decades: the motions with the most mass per stiffness are taken out
+    first, so that those with less are not hidden by their rounding.
     """
     sizes = np.sqrt(np.diag(mass).clip(min=0.0))
     if len(mass) and (sizes > 0.0).all():  # a mass on every motion, known to its digits
@@ -286,14 +276,14 @@ def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[
         if inertias[0] > numerics.CLOSE * inertias[-1]:
             return axes / np.sqrt(inertias) / sizes[:, None], np.zeros((len(mass), 0))
     left, found = _metric(stiffness, terms), []
-    # Rounding of M: of each sum, and of what cancels where an axis runs through a body's centre.
+    # Rounding of M: of each sum, and of the cancellation if an axis runs through a body's centre.
     size = size + np.diag(np.full(len(mass), float(np.diag(mass).max(initial=0.0))))
     while left.shape[1]:
         inertias, axes = np.linalg.eigh(left.T @ mass @ left)
         own = left @ axes
-        noise = np.einsum("ij,ik,kj->j", np.abs(own), size, np.abs(own))
+        rounding = np.einsum("ij,ik,kj->j", np.abs(own), size, np.abs(own))
         heavy = inertias > numerics.NEARBY * inertias[-1]
-        heavy &= inertias > len(mass) * numerics.EPSILON * noise
+        heavy &= inertias > len(mass) * numerics.EPSILON * rounding
         if not heavy.any():
             break
         found.append(own[:, heavy] / np.sqrt(inertias[heavy]))
@@ -310,34 +300,34 @@ def _metric(stiffness: Array, terms: Array) -> Array:
     return axes / np.sqrt(np.where(values > numerics.IDLE, values, 1.0)) / size[:, None]
 
 
-def _held(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, Array, Array]:
-    """Motions without mass that stiffness holds, those that nothing holds, and two more.
+def _condensed(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, Array, Array]:
+    """Motions without mass: with stiffness, without; the latter's left ones; and a compliance.
 
-    These are the motions along which none of Z exerts a force, the same where K is symmetric; and
-    the compliance of the motions that are held.
+    The left ones, along which none of Z exerts a force, are the same if K is symmetric. The
+    compliance is that of the motions with stiffness.
     """
     size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(Z), terms, np.abs(Z)))
     Z = Z / np.where(size > 0.0, size, 1.0)
     U, values, Vt = np.linalg.svd(Z.T @ stiffness @ Z)
-    left, right, idle = Z @ U, Z @ Vt.T, values <= numerics.IDLE
-    quick = (right[:, ~idle] / values[~idle]) @ left[:, ~idle].T
-    loose, unmoved = (own[:, idle] / np.linalg.norm(own[:, idle], axis=0) for own in (right, left))
-    return right[:, ~idle], loose, unmoved, quick
+    left, right, free = Z @ U, Z @ Vt.T, values <= numerics.IDLE
+    quick = (right[:, ~free] / values[~free]) @ left[:, ~free].T
+    loose, unmoved = (own[:, free] / np.linalg.norm(own[:, free], axis=0) for own in (right, left))
+    return right[:, ~free], loose, unmoved, quick
 
 
 def _symmetric_pairs(
     reduced: Array, stiffness: Array, mass: Array, T: Array
 ) -> tuple[Array, Array, float]:
-    """Eigenvalues and orthonormal vectors, and what rounding has lost of the eigenvalues.
+    """Eigenvalues, orthonormal vectors, and the rounding error of the eigenvalues.
 
-    The small ones come from the compliance where it has them, and lose nothing. Motions that cost
-    nothing, Z with Z^T M Z = 1, are held for that by K + s M Z Z^T M, which leaves all others.
+    Small ones come from the compliance if it exists, without that error. Motions that cost no
+    energy, Z with Z^T M Z = 1, are stiffened for that by K + s M Z Z^T M, which keeps all others.
     """
     reduced = 0.5 * (reduced + reduced.T)
     values, y = np.linalg.eigh(reduced)
     size = np.abs(values)
     lost = len(values) * numerics.EPSILON * float(size.max(initial=0.0))
-    if size.size and size.min() < _GRADED * size.max():
+    if size.size and size.min() < numerics.FAR_APART * size.max():
         inverse, free, held = numerics.invert(stiffness), size <= lost, 0.0
         if inverse is None and free.any():
             # Below all others, so that none is mixed with them.
@@ -353,11 +343,11 @@ def _symmetric_pairs(
 
 
 def _pairs(reduced: Array, T: Array, back: Array) -> tuple[Array, Array, Array]:
-    """The same where forces have no energy; left and right vectors."""
+    """The same without an energy; left and right vectors."""
     squares, y = np.linalg.eig(reduced)
     order = np.argsort(squares.real, kind="stable")
     squares, y = squares[order], y[:, order]
-    if not (np.abs(squares.imag) > COMPLEX * np.abs(squares)).any():
+    if not (np.abs(squares.imag) > numerics.COMPLEX * np.abs(squares)).any():
         squares, y = squares.real, y.real
     y = y / np.linalg.norm(y, axis=0)
     try:

@@ -1,12 +1,12 @@
-r"""Deflection compensation along a path: what to command to have the loaded tool where it belongs.
+r"""Deflection compensation along a path: commands that put the loaded tool on it.
 
 At a posture q where the end-effector has the pose wanted, the springs must balance everything else,
 
     dPhi_springs/dq = - (gravity + other potentials + loads) - C^T lam
 
-and their rest positions, which is what a controller commands, follow from their laws. Without
-compensation the posture itself is commanded, and the end-effector gives way by the error that is
-reported; with it the equilibrium is solved again, as a check.
+and their rest positions, which a controller commands, follow from their laws. Without compensation
+the posture itself is commanded, and the end-effector deflects by the reported error; with it the
+equilibrium is solved again, as a check.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, csv_text, is_pose
+from cartstiff.arrays import checked_array, csv_text, is_pose, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
@@ -62,22 +62,22 @@ class CompensatedPath:
     commands : ndarray (m, k)
         Rest positions to command, in spring order (joints; legs of a platform).
     naive : ndarray (m, k)
-        Rest positions without compensation, of the program before: those that hold the posture
-        under the weight alone, or against "all" those at which the springs carry nothing.
+        Rest positions without compensation, of the program before: those that balance the weight
+        alone at the posture, or against "all" those at which the springs carry nothing.
     weight : ndarray (m, k)
-        Change of the command that the weight alone asks for; a part of the compensation against
-        "all", and in the program before it against "load".
+        Change of the command by the weight alone; against "all" it is a part of the compensation,
+        against "load" the program before has it already.
     against : {"load", "all"}
-        What is compensated.
+        Whether the loads are compensated, or all forces.
     before, after : ndarray (m, 6)
         Error of the loaded end-effector, rotation vector and translation in axes of F, with the
-        naive and with the compensated commands; NaN where no equilibrium was found.
+        naive and with the compensated commands; NaN if no equilibrium was found.
     deviation : ndarray (m, 6) or None
-        Standard deviation of `after` that measured springs leave; None without such.
+        Standard deviation of `after` by measured springs; None without such.
     stable : tuple of bool or None
         Whether the compensated equilibrium is stable.
     weighed : GravityLoads
-        What gravity acts on, and payloads among the loads of the first point.
+        Bodies under gravity, and payloads among the loads of the first point.
     notes : tuple of Note
         Commands beyond limits, points without an equilibrium or with an unstable one.
     """
@@ -105,44 +105,41 @@ class CompensatedPath:
         """Largest and root-mean-square errors, in rad and length units, before and after."""
         report = {}
         for name, errors in (("before", self.before), ("after", self.after)):
-            turned = np.linalg.norm(errors[:, :3], axis=1)
-            moved = np.linalg.norm(errors[:, 3:], axis=1)
-            known = ~np.isnan(moved)
-            report[name] = {
-                "points": float(known.sum()),
-                "rotation_max": float(turned[known].max(initial=0.0)),
-                "rotation_rms": float(np.sqrt(np.mean(turned[known] ** 2))) if known.any() else 0.0,
-                "translation_max": float(moved[known].max(initial=0.0)),
-                "translation_rms": float(np.sqrt(np.mean(moved[known] ** 2)))
-                if known.any()
-                else 0.0,
-            }
+            known = errors[~np.isnan(errors).any(axis=1)]
+            report[name] = {"points": float(len(known))}
+            for part, columns in (("rotation", known[:, :3]), ("translation", known[:, 3:])):
+                size = np.linalg.norm(columns, axis=1)
+                report[name] |= {
+                    f"{part}_max": float(size.max(initial=0.0)),
+                    f"{part}_rms": float(np.linalg.norm(size)) / max(len(size), 1) ** 0.5,
+                }
         return report
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
 
-        def rows(errors: Array) -> list[list[float] | None]:
-            return [None if np.isnan(e).any() else e.tolist() for e in errors]
+        def rows(errors: Array) -> list[Array | None]:
+            return [None if np.isnan(e).any() else e for e in errors]
 
-        return {
+        data = {
             "schema": SCHEMA,
             "units": self.elastic.units.as_dict(),
             **self.weighed.as_dict(),
-            "springs": list(self.elastic.spring_names),
-            "poses": self.poses.tolist(),
-            "q": self.q.tolist(),
+            "springs": self.elastic.spring_names,
+            "poses": self.poses,
+            "q": self.q,
             "against": self.against,
-            "commands": self.commands.tolist(),
-            "taught": self.naive.tolist(),
-            "weight": self.weight.tolist(),
+            "commands": self.commands,
+            "taught": self.naive,
+            "weight": self.weight,
             "error_before": rows(self.before),
             "error_after": rows(self.after),
             "error_after_sd": None if self.deviation is None else rows(self.deviation),
-            "stable": list(self.stable),
+            "stable": self.stable,
             "summary": self.summary(),
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": self.notes,
         }
+        return plain_dict(data)
 
     def as_csv(self) -> str:
         """Commands after and before (taught), errors, postures wanted, one line a point."""
@@ -163,10 +160,8 @@ class CompensatedPath:
 
 
 AGAINST = ("load", "all")
-# What springs cannot balance, as a share of what acts, above which a posture is refused.
-_UNBALANCED = numerics.REPORTED_ERROR
-# Where the check of a command starts, as a share of the way that the mechanism gave.
-_ASIDE = 0.1
+# Start of the check of a command, beside the answer, as a share of the uncompensated deflection.
+_START_OFFSET = 0.1
 
 
 @checked
@@ -191,21 +186,21 @@ def compensate(
         Postures, or poses ``T_F_M`` for which postures are found, each near the one before.
     wrenches : array_like (m, 6) or (6,), or a sequence of potentials
         (moment, force) of the process on the body at `load_at`, at each point or the same at all;
-        or what acts at each point as potentials.
+        or the loads at each point as potentials.
     q : array_like (n,), optional
         Start of the search for the first pose; default the file's posture.
     load_kind : {"dead", "follower", "conservative"}, optional
-        What the wrenches do while the body gives way, as in `cartstiff.analyse`; default they keep
+        Behaviour of the wrenches while the body moves, as in `cartstiff.analyse`; default they keep
         their components in their axes: "dead" in those of F, "follower" in those of the body.
     load_at : array_like (3,)
         The point of the body, in M, at which wrenches act.
     load_axes : {"world", "body"}
         Whether wrenches are given in axes of F or of the body at each posture.
     against : {"load", "all"}, optional
-        What is compensated: the loads, as the program was taught under the weight, which its
-        positions carry already; or the weight (and whatever else acts without the loads) as well.
-        Default "load"; "all" where the file gives every spring's rest position, as there the weight
-        is part of the way from them.
+        Compensated forces: the loads, as the program was taught under the weight, which its
+        positions include already; or the weight (and all else that acts without the loads) as well.
+        Default "load"; "all" if the file gives every spring's rest position, as the deflection from
+        there is then due to the weight too.
 
     Raises
     ------
@@ -230,15 +225,16 @@ def compensate(
     notes = list(elastic.notes)
     for index, (here, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
         rest = _balancing_rest(elastic, here, acting, index)
-        idle, taught = _idle_rest(elastic, here), _balancing_rest(elastic, here, (), index)
-        weight.append(taught - idle)
-        unloaded.append(taught if against == "load" else idle)
+        force_free = _force_free_rest(elastic, here)
+        taught = _balancing_rest(elastic, here, (), index)
+        weight.append(taught - force_free)
+        unloaded.append(taught if against == "load" else force_free)
         naive = _commanded(elastic, unloaded[-1])
         commands.append(rest)
-        error, given_way = _error(naive, acting, here, target, "before", index, notes)
+        error, deflected = _error(naive, acting, here, target, "before", index, notes)
         before.append(error)
-        # The check starts beside the answer, on the side to which the mechanism gave way.
-        start = here if given_way is None else here + _ASIDE * (given_way.q - here)
+        # The check starts beside the answer, on the side of the deflection.
+        start = here if deflected is None else here + _START_OFFSET * (deflected.q - here)
         error, held = _error(
             _commanded(elastic, rest), acting, start, target, "after", index, notes
         )
@@ -319,7 +315,7 @@ def _loads(
 
 
 def _refuse_words(kind: LoadKind, axes: str) -> None:
-    """Refuse what is said of wrenches where potentials are given, which know how they act."""
+    """Refuse kind, point and axes of wrenches for potentials, which have their own."""
     if kind != DEAD_AT_ORIGIN or axes != "world":
         raise InputError(
             "potentials already say how and where they act",
@@ -328,7 +324,7 @@ def _refuse_words(kind: LoadKind, axes: str) -> None:
         )
 
 
-def _idle_rest(elastic: ElasticMechanism, q: Array) -> Array:
+def _force_free_rest(elastic: ElasticMechanism, q: Array) -> Array:
     """Rest positions at which the springs carry nothing at q."""
     posture, springs = elastic.mechanism.at(q), _springs(elastic)
     nothing = np.zeros(posture.motion.jacobian.shape[1])
@@ -338,18 +334,18 @@ def _idle_rest(elastic: ElasticMechanism, q: Array) -> Array:
 def _balancing_rest(
     elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], index: int
 ) -> Array:
-    """Rest positions at which the springs, and the closures, carry everything else at q."""
+    """Rest positions at which the springs, and the closures, balance all other forces at q."""
     posture = elastic.mechanism.at(q)
     loaded = _commanded(elastic, np.full(len(elastic.spring_names), np.nan)).with_potential(*loads)
     balanced, columns = loaded.with_rest_balancing(posture), posture.coordinate_lengths
     springs = _springs(balanced)
-    missed = balanced.evaluate(posture).gradient * columns
-    carried = np.abs(missed - springs.evaluate(posture).gradient * columns)
+    left = balanced.evaluate(posture).gradient * columns
+    carried = np.abs(left - springs.evaluate(posture).gradient * columns)
     if posture.closure is not None:
         N = decomposed(posture.closure, columns).N
-        missed, carried = N.T @ missed, np.abs(N).T @ carried
-    unbalanced = float(np.abs(missed).max(initial=0.0))
-    if unbalanced > _UNBALANCED * float(carried.max(initial=0.0)):
+        left, carried = N.T @ left, np.abs(N).T @ carried
+    unbalanced = float(np.abs(left).max(initial=0.0))
+    if unbalanced > numerics.REPORTED_ERROR * float(carried.max(initial=0.0)):
         raise UndefinedError(
             f"no command balances the load at point {index + 1}: joints without springs would have "
             "to carry a part of it",
@@ -416,7 +412,7 @@ def _verdict(
 
 
 def _note_limits(elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]) -> None:
-    """Commands that the joints, or the legs of a platform, cannot take."""
+    """Note commands that the joints, or the legs of a platform, cannot take."""
     limits = limits_of(elastic.mechanism, contacts=True)
     commands = rest[limits.columns]
     for i in np.flatnonzero(limits.side(commands)):
