@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cartstiff.kinematics import study
+from cartstiff.kinematics import platform_assembly as study
 
 _LOOPS = 60
 _SAME = 1e-6

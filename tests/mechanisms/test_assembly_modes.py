@@ -17,7 +17,7 @@ from tests.support.commands import answer, outcome
 import cartstiff
 from cartstiff import ElasticMechanism, InputError, LineSprings
 from cartstiff.geometry import se3
-from cartstiff.kinematics import study
+from cartstiff.kinematics import platform_assembly as study
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.platform_assembly import poses_of_lengths
 from cartstiff.mechanisms.platform import Platform

@@ -1,6 +1,6 @@
-r"""Platforms whose legs are dependent in every pose, and what such architectures are called.
+r"""Platforms whose legs are dependent in every pose, and the names of such architectures.
 
-Where the lines of the legs have a rank below six at general poses, no lengths hold the platform
+If the lines of the legs have a rank below six at general poses, no lengths hold the platform
 ([MaAngeles]_; [HustyKarger]_).
 """
 
@@ -18,9 +18,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 
-# General poses at which the rank is computed, and their seed: chance hits no singularity twice.
-_POSES = 4
-_SEED = 6
+# General poses at which the rank is computed, and their seed: no two random ones are singular.
+_POSES, _SEED = 4, 6
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,11 @@ class Architecture:
     Attributes
     ----------
     rank : int
-        Of the lines of the legs.
+        Rank of the lines of the legs.
     legs : int
-        How many there are.
+        Number of legs.
     name : str
-        What is known of a singular architecture; empty of a regular one.
+        Description of a singular architecture; empty for a regular one.
     """
 
     rank: int
@@ -47,7 +46,7 @@ class Architecture:
         return self.legs >= 6 and self.rank < 6
 
     def note(self) -> Note | None:
-        """The note on all poses."""
+        """Note on the singularity of all poses; None for a regular architecture."""
         if not self.is_singular:
             return None
         message = (
@@ -69,8 +68,8 @@ def architecture_of(platform: Platform) -> Architecture:
 def orientation_rank(platform: Platform, R: Array) -> int:
     """Rank of the legs' lines at general positions with one orientation R (3, 3) of M.
 
-    Below six though the architecture is regular, the orientation is singular wherever the platform
-    is: Fichter's platform turned by a right angle ([Fichter]_).
+    Below six with a regular architecture, the orientation is singular at every position: Fichter's
+    platform turned by a right angle ([Fichter]_).
     """
     return max(_ranks(platform, R))
 
@@ -108,7 +107,7 @@ def _rank_of(rows: Array) -> int:
 
 
 def _name(platform: Platform) -> str:
-    """What is known of an architecture that is singular."""
+    """Description of a singular architecture."""
     anchors, points = platform.anchors, platform.points
     for where, rows in (("base", anchors), ("platform", points)):
         spread = np.linalg.svd(rows - rows.mean(axis=0), compute_uv=False)

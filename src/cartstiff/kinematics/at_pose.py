@@ -1,4 +1,4 @@
-r"""The posture of a machine with a pose of its body: what ``--pose`` asks for.
+r"""The posture of a machine with a given pose of its body, as for ``--pose``.
 
 Legs that are known in closed form are solved by it, in the working mode of the default posture.
 Other closed chains go there by Newton's method from the default posture. A body with fewer than six
@@ -29,15 +29,15 @@ from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 
-#: What a pose is given by: the position, and angles about fixed axes.
+#: Coordinates of a pose: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 
-# Steps of Newton's method at the most, and the longest (rad, or characteristic lengths).
-_STEPS, _LONGEST = 200, 0.1
-#: The same of legs in closed form.
-_FEW_STEPS = 30
-# Poses about the default one that show how a body moves (rad, or characteristic lengths).
-_NEAR = 0.02
+# Newton steps, the number of them for legs in closed form, and the longest of these (rad, or
+# characteristic lengths).
+_MAX_STEPS, _MAX_LEG_STEPS, _LONGEST_LEG_STEP = 200, 30, 0.1
+# Distance of poses about the default one that test which coordinates are independent (rad, or
+# characteristic lengths).
+_TEST_DISTANCE = 0.02
 
 
 @checked
@@ -47,7 +47,7 @@ def at_pose(
     tool: ArrayLike | None = None,
     of: Literal["body", "M"] = "body",
 ) -> tuple[Array, tuple[Note, ...]]:
-    """Coordinates at which the body has a pose, and notes on what of the pose is not met.
+    """Coordinates at which the body has a pose, and a note on pose coordinates that differ.
 
     Parameters
     ----------
@@ -59,15 +59,15 @@ def at_pose(
     tool : array_like, shape (4, 4), optional
         Pose of M in the body, where M is elsewhere.
     of : {"body", "M"}
-        Whose pose it is.
+        The frame whose pose is given.
 
     Returns
     -------
     q : ndarray (n,)
         Coordinates.
     notes : tuple of Note
-        ``pose-follows`` where the body has fewer than six freedoms and its pose differs from what
-        was asked for.
+        ``pose-follows`` if the body has fewer than six freedoms and its pose differs from the
+        wanted one.
 
     Raises
     ------
@@ -129,9 +129,9 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
     Returns
     -------
     q : ndarray (N, n)
-        NaN where the body does not get there.
+        NaN where the body does not reach the pose.
     free : list of int
-        The coordinates of the pose that the body has taken; the others have followed.
+        The independent coordinates of the pose, which the body has; the others follow.
     """
     wanted = checked_array(poses, ("N", 6), "poses")
     chain = checked_elastic(elastic).mechanism
@@ -190,7 +190,7 @@ def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[i
 
 
 class _Search:
-    """Ways to postures of a chain with closures."""
+    """Searches for postures of a chain with closures."""
 
     def __init__(self, elastic: ElasticMechanism, chain: Chain, T_P_M: Array) -> None:
         self.chain, self.q = chain, np.array(elastic.q, float)
@@ -229,7 +229,7 @@ class _Search:
         return residual[: self.rows], closure.jacobian[: self.rows]
 
     def by_legs(self, T: Array) -> Array | None:
-        """Closed form at a pose of M; None where there is none, or it does not lead there."""
+        """Closed form at a pose of M; None if there is none, or it does not reach the pose."""
         chain = self.chain
         if len(chain.legs) != len(chain.closures) + 1:
             return None
@@ -242,13 +242,13 @@ class _Search:
         return q if max(gap, away) <= numerics.REACHED * max(1.0, posture.length) else None
 
     def _of_legs(self, T: Array) -> Array:
-        """Coordinates (N, n) at poses (N, 4, 4) of M in closed form; NaN where a leg misses it."""
-        q, missed = np.tile(self.q, (len(T), 1)), np.zeros(len(T))
+        """Coordinates (N, n) at poses (N, 4, 4) of M in closed form; NaN beyond reach."""
+        q, errors = np.tile(self.q, (len(T), 1)), np.zeros(len(T))
         for leg, mode in self._modes:
             with np.errstate(all="ignore"):
-                q[:, leg.columns], miss = leg.shape.inverse(T @ leg.T_M_end, mode)
-            missed = np.maximum(missed, miss)  # NaN stays
-        q[~(missed <= numerics.REACHED)] = np.nan
+                q[:, leg.columns], error = leg.shape.inverse(T @ leg.T_M_end, mode)
+            errors = np.maximum(errors, error)  # NaN stays
+        q[~(errors <= numerics.REACHED)] = np.nan
         return q
 
     @cached_property
@@ -257,7 +257,7 @@ class _Search:
         return [(leg, leg.mode(self.q, self.start.pose)) for leg in self.chain.legs]
 
     def many_by_legs(self, wanted: Array, free: list[int]) -> Array:
-        """Closed form at poses (N, 6); coordinates that are not free follow by Gauss and Newton."""
+        """Closed form at poses (N, 6); dependent coordinates by Gauss and Newton's method."""
         follow = [i for i in range(6) if i not in free]
         at, steps = wanted.copy(), numerics.DIFFERENCE * self.sizes
         going = np.arange(len(wanted))
@@ -272,7 +272,7 @@ class _Search:
                     [leg.shape.gaps(T @ leg.T_M_end, m) for leg, m in self._modes], 1
                 )
 
-        for _ in range(_FEW_STEPS if follow else 0):
+        for _ in range(_MAX_LEG_STEPS if follow else 0):
             x = at[going]
             left, rates = gaps(x), []
             for i in follow:
@@ -287,7 +287,7 @@ class _Search:
                 break
             step = -(np.linalg.pinv(A, numerics.LEAST_EFFORT) @ left[:, :, None])[:, :, 0]
             long = np.abs(step).max(axis=1, keepdims=True)
-            step *= np.minimum(1.0, _LONGEST / np.maximum(long, numerics.TINY))
+            step *= np.minimum(1.0, _LONGEST_LEG_STEP / np.maximum(long, numerics.TINY))
             at[going[:, None], follow] += step * self.sizes[follow]
             going = going[long[:, 0] > numerics.ROUNDING]
         return self._of_legs(poses(at))
@@ -295,14 +295,14 @@ class _Search:
     def many_by_steps(self, legs: list[Leg], wanted: Array, free: list[int]) -> Array | None:
         """Each leg at poses (N, 6) by steps from the default posture, all poses at once.
 
-        None where coordinates that are not free do not stay where they are while others move.
+        None unless the dependent coordinates stay constant while the others move.
         """
-        home = self.coordinates(self.start)
-        near = home + np.vstack([np.eye(6)[free], -np.eye(6)[free]]) * _NEAR * self.sizes
+        home, follow = self.coordinates(self.start), [i for i in range(6) if i not in free]
+        near = home + np.vstack([np.eye(6)[free], -np.eye(6)[free]]) * _TEST_DISTANCE * self.sizes
         if any(leg.free != "none" for leg in legs):
             return None
         at = np.vstack([near, wanted])
-        at[:, [i for i in range(6) if i not in free]] = home[[i for i in range(6) if i not in free]]
+        at[:, follow] = home[follow]
         T = se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:])
         q = np.tile(self.q, (len(at), 1))
         for leg in legs:
@@ -312,7 +312,7 @@ class _Search:
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None
 
     def short(self, T: Array) -> str:
-        """Which leg does not reach a pose of M, in words; empty if all do."""
+        """The leg that does not reach a pose of M, in words; empty if all do."""
         for i, leg in enumerate(self.chain.legs):
             missing = leg.shape.short_of((T @ leg.T_M_end)[:3, 3])
             if missing > 0.0:
@@ -321,7 +321,7 @@ class _Search:
         return ""
 
     def freedoms(self) -> list[int]:
-        """Coordinates of the pose that are free of each other, positions first."""
+        """Independent coordinates of the pose, positions first."""
         _, C = self._closing(self.start)
         C = C * self.columns
         C = C / np.max(np.abs(C), axis=1, keepdims=True, initial=numerics.TINY)
@@ -337,7 +337,7 @@ class _Search:
         )
 
     def by_steps(self, wanted: Array, free: list[int]) -> Array | None:
-        """Newton's method from the default posture; None where it does not get there."""
+        """Newton's method from the default posture; None if it does not converge."""
         sizes = self.sizes[free]
 
         def equations(posture: ChainPosture) -> tuple[Array, Array]:
@@ -353,8 +353,8 @@ class _Search:
             self.start,
             equations,
             retract,
-            evaluations=_STEPS,
-            longest_step=2.0 * _LONGEST,
+            evaluations=_MAX_STEPS,
+            longest_step=2.0 * _LONGEST_LEG_STEP,
             tolerance=numerics.REACHED,
             rank=numerics.LEAST_EFFORT,
         )

@@ -1,4 +1,4 @@
-"""The posture that follows a hand: as near to a wanted pose as it comes from where it is."""
+"""The posture nearest to a wanted pose that is reached from the present one, as for dragging."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 
-# Halvings of the way to a pose that a platform's legs do not reach.
+# Halvings of the distance to a pose that a platform's legs do not reach.
 _HALVINGS = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Followed(Result):
-    """Where a mechanism has followed to.
+    """Posture of a mechanism that has followed a wanted pose.
 
     Attributes
     ----------
     q : ndarray (n,)
         Coordinates; those of a closed chain are assembled.
     distance, angle : float
-        What is left to the wanted pose: of the origin of M, and of its rotation [rad].
+        Remaining errors of the pose: of the origin of M, and of its rotation [rad].
     reached : bool
-        Whether that is nothing.
+        Whether both are zero.
     stopped : tuple of str
-        Joints or legs at a limit where something is left.
+        Joints or legs at a limit, if the pose is not reached.
     """
 
     q: Array
@@ -67,18 +67,18 @@ class Follower:
         return self._solver.rank("none") < 6
 
     def follow(self, q: Array, T_wanted: Array, turning: bool = True) -> Followed:
-        """From coordinates q (n,) towards a pose (4, 4) of M.
+        """Move from coordinates q (n,) towards a pose (4, 4) of M.
 
-        Where the pose is beyond reach, arms end at the least error; so do arms of fewer than six
-        freedoms, which without `turning` care for the position of M alone. A platform stops on
-        the straight way to the pose where a leg meets its limit.
+        Beyond reach, arms end at the least error; so do arms of fewer than six freedoms, which
+        without `turning` follow the position of M alone. A platform stops on the screw motion to
+        the pose as soon as a leg reaches its limit.
 
         Raises
         ------
         InputError
             For a mechanism that is neither.
         CartstiffError
-            Where a closed chain does not assemble.
+            If a closed chain does not assemble.
         """
         stopped: tuple[str, ...]
         if isinstance(self._mechanism, Platform):
@@ -108,7 +108,7 @@ class Follower:
 
         start = platform.pose_of(q)
         best, stopped = near(T), self._beyond(q, start, 0.0)
-        if stopped:  # who is beyond a limit may come back
+        if stopped:  # from beyond a limit it may return
             return best, stopped
         stopped = self._beyond(best, T, 0.0)
         if not stopped:
@@ -126,7 +126,7 @@ class Follower:
         return near(start @ se3.exp(low * step)), stopped
 
     def _beyond(self, q: Array, T: Array, near: float) -> tuple[str, ...]:
-        """Joints or legs that are beyond a limit, or so near to one."""
+        """Joints or legs that are beyond a limit, or within a distance `near` of it."""
         limits = self._limits
         values = limits.values(q, T)
         at = (values < limits.lower + near) | (values > limits.upper - near)

@@ -19,10 +19,10 @@ from cartstiff.kinematics.legs import Branches, Search, legs_of, searched, worki
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 
-#: Combinations of the legs' solutions that are listed, the nearest to the first start.
+#: Bound on the listed combinations of the legs' solutions, the nearest to the first start.
 MOST_LISTED = 4096
-# And how many of them move along their self-motions to a least cost.
-_MOST_SETTLED = 256
+# Bound on those whose cost is minimised along their self-motions.
+_MAX_MINIMISED = 256
 
 
 @overload
@@ -93,8 +93,8 @@ def inverse_kinematics(
         solution is moved along its self-motion to where the number is smallest nearby. Without
         it a solution is near its start: the steps there are the least ones.
     most : int
-        Where a body is carried by legs: how many combinations of their solutions are listed at
-        most, those nearest to the first start. `Search.found` counts all of them.
+        Bound on the listed combinations of solutions of a body's legs, those nearest to the first
+        start. `Search.found` counts all of them.
     solver : JointPoses, optional
         A solver made before for this mechanism of joints, whose limits hold instead.
 
@@ -141,7 +141,7 @@ def inverse_kinematics(
     elif cost is not None and solver.redundancy(free):
         branches = [
             Branches(
-                searched(solver, T[None], q[:_MOST_SETTLED], free, tolerance, cost)[0], q.search
+                searched(solver, T[None], q[:_MAX_MINIMISED], free, tolerance, cost)[0], q.search
             )
             for T, q in zip(wanted, modes, strict=True)
         ]

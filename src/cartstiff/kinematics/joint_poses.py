@@ -82,7 +82,7 @@ class Kinematics:
             frames, self._turns, self._slides = _axis_frames(screws)
             placed = np.concatenate([np.eye(4)[None], frames, at_zero.pose[None]])
             self._between = se3.inverse(placed[:-1]) @ placed[1:]
-            # Rounding of what is zero would be work.
+            # Exact zeros cost nothing.
             self._between[np.abs(self._between) < numerics.SMALLEST_STEP] = 0.0
 
     def at(self, q: Array) -> ManyPoses:
@@ -98,14 +98,15 @@ class Kinematics:
             return ManyPoses(
                 pose, jacobian, np.empty((len(q), 0)), np.empty((len(q), 0, jacobian.shape[2]))
             )
-        # Rigid joints, whose rows come last, go where they are commanded.
+        # The rows of rigid joints come last; these joints move as commanded.
         m = sum(c.rows.stop - c.rows.start for c in closures)
         residual = np.array([p.residual[:m] for p in postures if p.residual is not None])
         closure = np.array([p.closure.jacobian[:m] for p in postures if p.closure is not None])
         return ManyPoses(pose, jacobian, residual, closure)
 
     def _product(self, q: Array) -> ManyPoses:
-        # Numbers of one kind side by side, for whole arrays at a time: columns of R are (3, N).
+        # Postures are the last axis, so that each step is one array operation: R has columns (3,
+        # N).
         count, n = q.shape
         sines, cosines = np.ascontiguousarray(np.sin(q).T), np.ascontiguousarray(np.cos(q).T)
         axes, places = np.empty((3, n, count)), np.empty((3, n, count))
@@ -131,9 +132,9 @@ class Kinematics:
 
 
 def _axis_frames(screws: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Frames (n, 4, 4) whose z axes are those of joints' screws (n, 6).
+    """Frames (n, 4, 4) with the axes of joints' screws (n, 6) as z axes.
 
-    With them, whether each joint turns about its axis, and how far it slides along.
+    With them, whether each joint turns about its axis, and its travel along it.
     """
     omega, v = screws[:, :3], screws[:, 3:]
     # Axes are unit vectors or zero: anything else on the way is rounding.
@@ -151,7 +152,7 @@ def _axis_frames(screws: Array) -> tuple[Array, NDArray[np.bool_], Array]:
 
 
 def _moved(R: list[Array], p: Array, T: Array) -> tuple[list[Array], Array]:
-    """Columns and places of ``(R, p) @ T``; what is zero in T costs nothing."""
+    """Columns and places of ``(R, p) @ T``; zeros of T cost nothing."""
     columns = [_sum(R, T[:3, i]) for i in range(3)]
     return columns, p + _sum(R, T[:3, 3]) if T[:3, 3].any() else p
 
@@ -167,12 +168,12 @@ def _cross(a: Array, b: Array) -> Array:
     return np.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
 
 
-#: What of the body's rotation is left free: nothing, the turn about one of its axes, or all of it.
+#: Free part of the body's rotation: none, the turn about one of its axes, or all of it.
 Free = Literal["none", "x", "y", "z", "rotation"]
 
 
 class PlatformPoses:
-    """What `cartstiff.kinematics.joint_poses.JointPoses` is for joints, for a platform.
+    """A solver for a platform, with the methods of `JointPoses`.
 
     Parameters
     ----------
@@ -200,7 +201,7 @@ class PlatformPoses:
         return self.lower, self.upper
 
     def random_starts(self, count: int, rng: np.random.Generator) -> Array:  # noqa: ARG002
-        """None: a pose has one posture, whatever the start."""
+        """None: a pose has one posture, for any start."""
         return np.empty((0, 6))
 
     def within(self, q: Array) -> Array:
@@ -217,7 +218,7 @@ class PlatformPoses:
     ) -> tuple[Array, Array]:
         """Coordinates (N, 6) at poses (N, 4, 4), and which of them the legs' limits allow.
 
-        Where a turn is free, the one nearest to the start's.
+        A free turn is the one nearest to the start's.
         """
         poses = np.array(T_wanted)
         if free != "none":
@@ -230,7 +231,7 @@ class PlatformPoses:
         return q, np.array([self._excess(row)[1] <= 0.0 for row in q], bool)
 
     def _excess(self, q: Array) -> tuple[int, float]:
-        """Number of the limit that is broken most, and by how much."""
+        """Number of the limit with the largest excess, and that excess."""
         if not len(self.limits):
             return 0, 0.0
         beyond = self.limits.excess(self.limits.values(q, self.platform.pose_of(q)))
@@ -272,17 +273,17 @@ def _turn_about(R: Array, axis: int) -> float:
 
 
 _ITERATIONS = 40
-#: A step turns no joint further than this (rad, or characteristic lengths).
+#: Largest motion of a joint in one step (rad, or characteristic lengths).
 LONGEST_STEP = 0.7
-# A start is given up at a minimum that is no solution: after so many steps in a row that took less
-# than this share off |e|^2.
+# A start ends at a minimum that is no solution: after so many steps in a row that reduced |e|^2 by
+# less than this share.
 _SLOW_STEPS, _SLOW = 6, 0.03
 #: Postures nearer than this in every coordinate (rad, or characteristic lengths) are one.
 SAME = numerics.NEARBY
 
 
 def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
-    """Errors e (N, 6) of poses (N, 4, 4): the motion still to be made, in body components.
+    """Errors e (N, 6) of poses (N, 4, 4): the remaining motion, in body components.
 
     Rotation in rad, translation in units of `length`; zero in the components that are free.
     """
@@ -297,7 +298,7 @@ def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
         wanted = relative @ axis
         across = np.cross(axis, wanted)
         sine, cosine = np.linalg.norm(across, axis=1), wanted @ axis
-        # Opposite directions: any axis across will do, and the same one every time.
+        # Opposite directions: any axis across is possible; it is always the same one.
         opposite = (sine < numerics.CLOSE) & (cosine < 0)
         across[opposite] = np.roll(axis, 1)
         angle = np.arctan2(sine, cosine)
@@ -328,7 +329,7 @@ class JointPoses:
         Coordinates whose whole turns lead to the same pose within their limits.
     """
 
-    #: Rows that are iterated at once: their arrays stay within the cache of a processor.
+    #: Rows of one block: their arrays stay within the cache of a processor.
     rows_at_once = 1000
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
@@ -354,7 +355,7 @@ class JointPoses:
         mechanism = self.kinematics.mechanism
         turns = np.array([c.type == "revolute" for c in mechanism.coordinates])
         if isinstance(mechanism, Chain) and mechanism.tree.mimic is not None:
-            # A follower need not come back with its leader.
+            # A mimic joint need not return with its leader.
             turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
         periodic: Array = turns & (self.upper - self.lower >= 2 * np.pi - numerics.CLOSE)
         return periodic
@@ -389,9 +390,9 @@ class JointPoses:
         return other
 
     def unwound(self) -> JointPoses:
-        """The same, but joints that can turn all the way are not held up by their limits.
+        """The same, but without limits of joints that can turn a whole turn.
 
-        `within` of this one brings its postures into the limits.
+        `within` of this one returns postures to the limits.
         """
         other = copy(self)
         other.lower = np.where(self.periodic, -np.inf, self.lower)
@@ -399,7 +400,7 @@ class JointPoses:
         return other
 
     def region(self) -> tuple[Array, Array]:
-        """Where postures are looked for: the limits; one turn, or about as far, without them."""
+        """Region of the search: the limits; one turn, or about as far, without them."""
         low = np.where(np.isfinite(self.lower), self.lower, -np.pi * self.sizes)
         high = np.where(np.isfinite(self.upper), self.upper, np.pi * self.sizes)
         low, high = np.minimum(low, high), np.maximum(low, high)
@@ -414,10 +415,10 @@ class JointPoses:
         return self.within(starts)
 
     def within(self, q: Array) -> Array:
-        """Coordinates brought into the limits: by whole turns where there are any, else clipped."""
+        """Coordinates within the limits: shifted by whole turns where possible, else clipped."""
         q = np.array(q, float)
         for j in np.flatnonzero(self.periodic):
-            # (-pi, pi], as far as the limits have it, so that equal postures have equal numbers.
+            # (-pi, pi], as far as the limits allow, so that equal postures have equal numbers.
             turned = np.pi - np.mod(np.pi - q[:, j] + numerics.CLOSE, 2 * np.pi) + numerics.CLOSE
             low, high = self.lower[j], self.upper[j]
             turned = np.where(turned > high, turned - 2 * np.pi, turned)
@@ -453,7 +454,7 @@ class JointPoses:
     ) -> tuple[Array, Array]:
         """Postures (N, n) from starts (N, n) for poses (N, 4, 4), and which of them are solutions.
 
-        `held` (n,) tells which coordinates stay as they start.
+        `held` (n,): coordinates that keep their start values.
         """
         q = np.array(starts, float)
         good = np.zeros(len(q), bool)
@@ -481,10 +482,10 @@ class JointPoses:
             for new, old in ((trial, q), (e_new, e), (J_new, J)):
                 new[worse] = old[worse]
             q, e, J = trial, e_new, J_new
-            # Far away a tenth of the damping is enough; |e|^2 takes care of the end.
+            # Far away a tenth of the damping is enough; near the end |e|^2 makes it small.
             mu = np.where(better, np.maximum(0.3 * mu, numerics.LEAST_DAMPING), 8.0 * mu)
             size = np.abs(e).max(axis=1, initial=0.0)
-            # One more step after the tolerance is met takes the solution to rounding.
+            # One more step within the tolerance brings the solution to rounding.
             count += size <= tolerance
             done = (count >= 2) | ((size <= tolerance) & ~better)
             slow = np.where(after > (1.0 - _SLOW) * before, slow + 1, 0)
@@ -497,7 +498,7 @@ class JointPoses:
         return result, good
 
     def _step(self, q: Array, e: Array, J: Array, mu: Array) -> Array:
-        """Damped least steps; joints at a limit that would go beyond it do not move."""
+        """Damped least steps; joints at a limit do not move beyond it."""
         damping = mu * (e * e).sum(axis=1)
         step = _damped(J, e, damping) * self.sizes
         for _ in range(2):
@@ -513,9 +514,9 @@ class JointPoses:
     def along_self_motions(
         self, q: Array, J: Array, slope: Array, inverse: Array | None = None
     ) -> Array:
-        """Slopes (N, n) of a function less what the task holds; J as of `task`.
+        """Slopes (N, n) of a function along the self-motions; J as of `task`.
 
-        With inverse Hessians (N, n, n) steps uphill, which joints at their limits prevent.
+        With inverse Hessians (N, n, n) steps uphill, without motions beyond joint limits.
         """
         moving = np.broadcast_to(self.movable, q.shape)
         for _ in range(3):
@@ -546,9 +547,9 @@ class JointPoses:
         return motions * self.sizes[:, None]
 
     def beyond_limits(self, poses: Array, free: Free) -> tuple[str, float] | None:
-        """By how much which joint exceeds its limits in the posture that does so least.
+        """Joint with the largest excess over its limits, in the posture where that is least.
 
-        Of those found at poses (N, 4, 4), all of which will do; None if there are none.
+        Postures are sought at poses (N, 4, 4), each of which is acceptable; None without any.
         """
         other = copy(self)
         other.lower, other.upper = (
@@ -582,7 +583,7 @@ class JointPoses:
 
 
 def _damped(J: Array, e: Array, damping: Array) -> Array:
-    """``J^T (J J^T + damping I)^-1 e``; a trace of damping keeps directions without motion out."""
+    """``J^T (J J^T + damping I)^-1 e``; a little damping excludes directions without motion."""
     Jt = J.swapaxes(1, 2)
     M = J @ Jt
     r = M.shape[1]

@@ -1,18 +1,18 @@
 r"""Working modes: a body carried by legs, each of which has its own solutions at a pose.
 
-With the body's pose given, the closed chain falls apart at the base and at the body: what hangs
-together between these two is a leg, whose coordinates depend on the pose only. The postures at the
-pose are all combinations of the legs' solutions,
+At a given pose of the body the closed chain separates at the base and at the body: each connected
+part between these two is a leg, whose coordinates depend on the pose only. The postures at the pose
+are all combinations of the legs' solutions,
 
     number of postures = k_1 k_2 ... k_m        (six legs with two each: 64).
 
-Two solutions of a leg are one where its springs and actuators are alike and every joint is in
-the same place: passive universal and spherical joints can be turned over without effect.
+Two solutions of a leg are the same if its springs and actuators have equal coordinates and every
+joint is at the same place: turning passive universal and spherical joints over has no effect.
 
-Where self-motions make a family of postures, the best one is found by quasi-Newton steps (BFGS) in
+If self-motions make a family of postures, the best one is found by quasi-Newton steps (BFGS) in
 the natural sizes of the coordinates: the part of the cost's slope along the self-motions is
 followed, and each step is brought back to its pose. The change of that part from one posture to the
-next tells how the cost curves along the family.
+next gives the curvature of the cost along the family.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ from cartstiff.potentials.springs import JointSprings
 
 @dataclass(frozen=True)
 class Search:
-    """How the postures at a pose were searched for, and how many there are.
+    """Method and number of postures of the search at a pose.
 
     Attributes
     ----------
     starts : int
-        Starts of the search, of each leg where legs were searched one by one; 0 where all of them
-        were known in closed form.
+        Starts of the search, for each leg if legs were searched one by one; 0 if all of them were
+        known in closed form.
     legs : tuple of int
-        Solutions found of each leg; empty where the mechanism was searched as a whole.
+        Solutions found of each leg; empty if the mechanism was searched as a whole.
     found : int
-        Different postures: of legs all combinations, whether they are listed or not.
+        Different postures: all combinations of the legs' solutions, whether listed or not.
     listed : int
-        How many of them are in the result, the nearest to the default posture first in line.
+        Number of them in the result; those nearest to the default posture are listed.
     """
 
     starts: int
@@ -90,21 +90,21 @@ class Branches(np.ndarray):
         return branches
 
     def __array_finalize__(self, other: object) -> None:
-        """Parts have been searched for by nobody."""
+        """Parts of the array have no search."""
         self.search = None
 
 
-# Motions along a self-motion, in the natural sizes of the coordinates: the first that is tried,
-# the longest, and the one at which a posture counts as settled; how often, at most.
-_FIRST_STEP, _LONGEST_STEP, _SETTLED_STEP, _SETTLING = 0.2, 0.5, numerics.NEGLIGIBLE_STEP, 200
-# A slope that has become less by so much, or is so small beside the cost, is none; and how often a
-# posture begins anew on one that is left.
-_FLAT, _NO_SLOPE, _TRIES = 1e-3, numerics.NO_SLOPE, 3
-# Half the distance of the postures whose costs' difference gives a slope.
+# Steps along a self-motion, in the natural sizes of the coordinates: the first, the longest, and
+# the largest at which the search ends; and the bound on their number.
+_FIRST_STEP, _LONGEST_STEP, _LAST_STEP, _MAX_STEPS = 0.2, 0.5, numerics.NEGLIGIBLE_STEP, 200
+# Shares of the first slope, and of the cost, below which a slope counts as zero; and the bound on
+# restarts at a slope that remains.
+_FLAT, _NO_SLOPE, _MAX_RESTARTS = 1e-3, numerics.NO_SLOPE, 3
+# Half the distance of the postures whose difference of costs gives a slope.
 _DIFFERENCE = numerics.DIFFERENCE
 
 
-def settled(
+def of_least_cost(
     solver: JointPoses,
     q: Array,
     T: Array,
@@ -112,16 +112,16 @@ def settled(
     tolerance: float,
     cost: Callable[[Array], Array],
 ) -> Array:
-    """Postures (N, n) moved along their self-motions to where the cost is smallest nearby.
+    """Postures (N, n) of locally least cost along the self-motions.
 
     Parameters
     ----------
     solver : JointPoses
         Brings postures back to their poses.
     q, T : ndarray, shapes (N, n) and (N, 4, 4)
-        Postures and the poses that they are at.
+        Postures and their poses.
     free : {"none", "x", "y", "z", "rotation"}
-        What of the body's rotation is left free.
+        Free part of the body's rotation.
     tolerance : float
         Largest error of the poses.
     cost : callable
@@ -137,16 +137,16 @@ def settled(
     first = _length(before)
     begin = np.where(np.isfinite(value), _FIRST_STEP, _LONGEST_STEP)
     inverse = _ratio(begin, first)[:, None, None] * unit
-    for _ in range(_SETTLING):
+    for _ in range(_MAX_STEPS):
         along = solver.along_self_motions(q, J, slope)
         inverse = _updated(inverse, moved, along - before)
         step = solver.along_self_motions(q, J, slope, inverse)
         step *= (reach * np.minimum(1.0, _ratio(_LONGEST_STEP, _length(step))))[:, None]
-        # Where the cost has an edge the steps end on a slope, and begin once more straight down.
+        # At an edge of the cost the steps end on a slope, and restart along the steepest descent.
         steep = _length(along)
         flat = steep <= np.where(np.isfinite(value), _NO_SLOPE * np.abs(value), 0.0)
-        spent = flat | (_length(step) <= _SETTLED_STEP)
-        again = spent & ~flat & (steep > _FLAT * first) & (tries < _TRIES)
+        spent = flat | (_length(step) <= _LAST_STEP)
+        again = spent & ~flat & (steep > _FLAT * first) & (tries < _MAX_RESTARTS)
         inverse[again] = _ratio(0.1 * _FIRST_STEP, steep[again])[:, None, None] * unit
         reach[again], tries[again] = 1.0, tries[again] + 1
         keep = ~spent | again
@@ -160,7 +160,7 @@ def settled(
         trial, good = solver.solve(T, trial, free, tolerance)
         reached = np.where(good, _values(cost, trial), np.inf)
         better = reached < value - numerics.SUFFICIENT * (slope * step).sum(axis=1)
-        # Without a cost either way may lead to one.
+        # Without a cost, both senses are tried.
         reach = np.where(better, 1.0, np.where(np.isfinite(value), 0.3, -0.8) * reach)
         moved = np.where(better[:, None], trial - q, 0.0) / sizes
         q[better], value[better] = trial[better], reached[better]
@@ -175,7 +175,7 @@ def _values(cost: Callable[[Array], Array], q: Array) -> Array:
 
 
 def _slopes(cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array) -> Array:
-    """Derivatives of the cost (N, n) by differences; where there is none, any way out will do."""
+    """Derivatives of the cost (N, n) by differences; 1, an arbitrary way out, without a cost."""
     steps = _DIFFERENCE * np.vstack([np.diag(sizes), -np.diag(sizes)])
     around = cost((q[:, None] + steps).reshape(-1, q.shape[1])).reshape(len(q), 2, -1)
     around = np.where(np.isfinite(around), around, value[:, None, None])
@@ -206,8 +206,8 @@ def _ratio(number: float | Array, array: Array) -> Array:
 
 # Postures that are optimised at once: the cost is computed at all of them and around each.
 _ROWS = 5000
-# Members of one family that settle at the same posture differ by this.
-_SETTLED = 1e-3
+# Members of one family that reach the same posture of least cost differ by less than this.
+_SAME_OPTIMUM = 1e-3
 _END = "end of the leg"
 
 
@@ -227,8 +227,8 @@ def searched(
         rows = np.flatnonzero(good)
         for i in range(0, len(rows), _ROWS):
             block = rows[i : i + _ROWS]
-            q[block] = settled(unwound, q[block], T[block], free, tolerance, cost)
-    same, solutions = SAME if cost is None else _SETTLED, []
+            q[block] = of_least_cost(unwound, q[block], T[block], free, tolerance, cost)
+    same, solutions = SAME if cost is None else _SAME_OPTIMUM, []
     q = solver.within(q)
     for cell in range(len(wanted)):
         part = slice(cell * k, (cell + 1) * k)
@@ -240,9 +240,9 @@ def searched(
 class Leg(NamedTuple):
     """A part of a closed chain that depends on the body's pose only.
 
-    Its end is wanted at ``before @ T_F_M @ after``, or with the inverse of T_F_M for a leg that
-    hangs on the body; `columns` are its coordinates, `compared` those whose values tell solutions
-    apart besides the joints' places.
+    Its end must be at ``before @ T_F_M @ after``, or with the inverse of T_F_M for a leg that is
+    rooted on the body; `columns` are its coordinates, `compared` those that distinguish solutions,
+    besides the joints' places.
     """
 
     solver: JointPoses
@@ -256,11 +256,11 @@ class Leg(NamedTuple):
     closed: PlacedLeg | None = None
 
     def is_known(self, near: Array) -> bool:
-        """Whether the solutions with the leg's links undeformed follow from a closed form."""
+        """Whether the solutions with undeformed links follow from a closed form."""
         return self.closed is not None and not any(near[sorted(self.chain.virtual)].tolist())
 
     def target(self, T_F_M: Array) -> Array:
-        """Where the leg's end must be with the body at poses (N, 4, 4)."""
+        """Poses of the leg's end for poses (N, 4, 4) of the body."""
         return self.before @ (np.linalg.inv(T_F_M) if self.hangs else T_F_M) @ self.after
 
     def in_closed_form(self, poses: Array, near: Array, tolerance: float) -> list[Array]:
@@ -271,8 +271,8 @@ class Leg(NamedTuple):
         rows = np.array([j for j in range(len(near)) if j not in self.chain.virtual])
         solutions: list[list[Array]] = [[] for _ in poses]
         for mode in shape.modes:
-            own, missed = shape.inverse(poses @ self.closed.T_M_end, mode)
-            for i in np.flatnonzero(missed <= tolerance):
+            own, errors = shape.inverse(poses @ self.closed.T_M_end, mode)
+            for i in np.flatnonzero(errors <= tolerance):
                 q = near.copy()
                 q[rows] = own[i]
                 q = np.where(solver.periodic, solver.within(q[None])[0], q)
@@ -285,13 +285,9 @@ class Leg(NamedTuple):
     ) -> list[Array]:
         """Different solutions (k, n) at each pose, the nearest to `near` first."""
         target, solver = self.target(T_F_M), self.solver
-        turns = np.array([not c.is_length for c in self.chain.coordinates])
 
         def away(q: Array) -> Array:
-            d = (q - near) / solver.sizes
-            d = np.where(turns, (d + np.pi) % (2 * np.pi) - np.pi, d)
-            total: Array = np.linalg.norm(d, axis=-1)
-            return total
+            return self.squared_distances(q, near) ** 0.5
 
         if free == "none" and self.is_known(near):
             known = self.in_closed_form(T_F_M, near, tolerance)
@@ -300,10 +296,16 @@ class Leg(NamedTuple):
         by_pose = searched(
             solver, target, np.clip(begin, solver.lower, solver.upper), free, tolerance, cost
         )
-        same = 10 * SAME if cost is None else 10 * _SETTLED
-        return [self._told_apart(q[np.argsort(away(q), kind="stable")], same) for q in by_pose]
+        same = 10 * SAME if cost is None else 10 * _SAME_OPTIMUM
+        return [self._distinct(q[np.argsort(away(q), kind="stable")], same) for q in by_pose]
 
-    def _told_apart(self, q: Array, same: float) -> Array:
+    def squared_distances(self, q: Array, near: Array) -> Array:
+        """Squared distances (k,) of solutions from one, in the coordinates' natural sizes."""
+        d = (q - near) / self.solver.sizes
+        d = np.where(self.chain.is_length, d, (d + np.pi) % (2 * np.pi) - np.pi)
+        return np.asarray((d * d).sum(axis=-1))
+
+    def _distinct(self, q: Array, same: float) -> Array:
         kept: list[int] = []
         keys = [self._key(row) for row in q]
         for i, key in enumerate(keys):
@@ -312,7 +314,7 @@ class Leg(NamedTuple):
         return q[kept]
 
     def _key(self, q: Array) -> Array:
-        """What differs between solutions: compared coordinates, and where the joints are."""
+        """Numbers that distinguish solutions: compared coordinates, and the joints' places."""
         posture, chain = self.chain.at(q), self.chain
         joints = range(1, chain.tree.model.njoints)
         places = [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in joints]
@@ -331,8 +333,8 @@ class Leg(NamedTuple):
 def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
     """The legs of a closed chain, that which carries the body frame first; None if it has none.
 
-    A chain of another shape, as where two legs share a joint or a leg holds the body twice, has to
-    be searched as a whole.
+    A chain of another shape, as if two legs share a joint or a leg holds the body twice, has to be
+    searched as a whole.
     """
     chain = elastic.mechanism
     if not isinstance(chain, Chain) or not chain.closures or chain.body.joint == 0:
@@ -366,7 +368,7 @@ def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
     columns_taken: set[int] = set()
     for key, joints in parts.items():
         if key != first and not held[key]:
-            continue  # a finger: it stays
+            continue  # an open branch, as a finger: it does not move
         leg = _leg(elastic, chain, joints, held[key], key == first, limits)
         if leg is None or columns_taken & set(leg.columns.tolist()):
             return None
@@ -427,12 +429,12 @@ def _leg(
         kind=chain.kind,
     )
     solver = JointPoses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
-    telling = set(chain.actuated or ())
+    distinguishing = set(chain.actuated or ())
     if isinstance(elastic.springs, JointSprings):
         springs = elastic.springs
-        telling |= set(np.flatnonzero(springs.stiffness).tolist()) | springs.rigid
-        telling |= set(springs.laws)
-    compared = np.array([i for c, i in index.items() if c in telling], int)
+        distinguishing |= set(np.flatnonzero(springs.stiffness).tolist()) | springs.rigid
+        distinguishing |= set(springs.laws)
+    compared = np.array([i for c, i in index.items() if c in distinguishing], int)
     real = tuple(c for c in columns.tolist() if c not in chain.virtual)
     closed = next((known for known in chain.legs if known.columns == real), None)
     return Leg(solver, part, columns, compared, before, after, hangs, free, closed)
@@ -452,9 +454,9 @@ def working_modes(
     Parameters
     ----------
     legs : list of Leg
-        As `legs_of` gives them.
+        From `legs_of`.
     near : ndarray (n,)
-        What no leg moves is taken from here, and of too many combinations the nearest.
+        Coordinates that no leg moves; of too many combinations the nearest ones are listed.
     wanted, begin : ndarray, shapes (N, 4, 4) and (m, n)
         Poses of the body, and starts.
     free, tolerance, most
@@ -463,7 +465,7 @@ def working_modes(
     Returns
     -------
     list of N Branches, or None
-        None where the body is left a freedom that its first leg cannot use up.
+        None if the body has a free rotation for which its first leg is redundant.
     """
     first = legs[0]
     if free != "none" and first.solver.redundancy(free):
@@ -475,7 +477,7 @@ def working_modes(
         return leg.solutions(T, begin[:, leg.columns], near[leg.columns], free, tolerance)
 
     solutions = solved(first, wanted, free)
-    # One case is one pose of the body: with a freedom every solution of the first leg is one.
+    # One case is one pose of the body: with a free rotation, one per solution of the first leg.
     if free == "none":
         cases = [(i, own, T) for i, (own, T) in enumerate(zip(solutions, wanted, strict=True))]
     else:
@@ -507,11 +509,9 @@ def _combined(
             continue
         q, distance = near[None].copy(), np.zeros(1)
         for leg, own in zip(legs, solutions, strict=True):
-            turns = ~leg.chain.is_length
-            d = (own - near[leg.columns]) / leg.solver.sizes
-            d = np.where(turns, (d + np.pi) % (2 * np.pi) - np.pi, d)
-            both = (distance[:, None] + (d * d).sum(axis=1)).ravel()
-            # Nothing that is left out here can be among the nearest of the whole.
+            of_leg = leg.squared_distances(own, near[leg.columns])
+            both = (distance[:, None] + of_leg).ravel()
+            # Nothing that is left out here can be among the nearest combinations.
             keep = np.argsort(both, kind="stable")[:most]
             i, k = np.unravel_index(keep, (len(distance), len(own)))
             q, distance = q[i], both[keep]

@@ -31,9 +31,9 @@ class Placements:
     Attributes
     ----------
     chain : Chain
-        As it is; never modified.
+        Never modified.
     posture : ChainPosture
-        Where it is.
+        Its posture.
     is_on_base : bool
         Whether the place of the base matters.
     """
@@ -57,10 +57,10 @@ class Placements:
 
     @cached_property
     def misfits(self) -> tuple[str, ...]:
-        """Numbers with which, changed, no posture near closes: nothing has a derivative by them.
+        """Numbers without derivatives: if one is changed, no nearby posture closes.
 
-        To first order: their change of the closures' residual is none that coordinates can make.
-        None where closures do not hold more than they need.
+        To first order: coordinates cannot undo its change of the closures' residual. Empty unless
+        the closures are redundant.
         """
         closure, length = self.posture.closure, self.posture.length
         if closure is None:
@@ -76,14 +76,14 @@ class Placements:
                 held @ self.with_parameters({name: x + s}).at(self.posture.q).residual
                 for s in (step, -step)
             )
-            parted = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
-            if parted > numerics.NEGLIGIBLE_STEP * max(1.0, length):
+            gap = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
+            if gap > numerics.NEGLIGIBLE_STEP * max(1.0, length):
                 names.append(name)
         return tuple(names)
 
     @property
     def words(self) -> str | None:
-        """What is said of `misfits`; None without any."""
+        """Message on `misfits`; None without any."""
         if not self.misfits:
             return None
         return (
@@ -93,7 +93,7 @@ class Placements:
         )
 
     def with_parameters(self, values: Mapping[str, float]) -> Chain:
-        """The chain with other numbers; others than its own names are passed over."""
+        """The chain with other numbers; names that are not its own are ignored."""
         poses = {}
         for name in dict.fromkeys(key.rpartition(".")[0] for key in values if key in self._all):
             T = self._places[name]
