@@ -61,17 +61,17 @@ def test_the_same_page_twice_is_the_same_bytes(platform_page):
     assert export_page(Source(cartstiff.load("stewart-gough"))) == platform_page
 
 
-@pytest.mark.parametrize("name", ["five-bar", "cable-robot"])
+@pytest.mark.parametrize("name", ["grasp", "cable-robot"])
 def test_a_mechanism_that_the_browser_cannot_compute_is_one_posture(name):
     elastic = cartstiff.load(name)
     q = elastic.q.copy()
-    q[0] += 0.02
+    q[0] += 0.02 * (name == "cable-robot")
     data, _ = held(export_page(Source(elastic, q)))
     result = cartstiff.analyse(elastic, q)
     posture = data["posture"]
     assert posture["result"] == json.loads(json.dumps(result.as_dict()))
     assert posture["why"] in (
-        "a closed chain is assembled posture by posture",
+        "a closed chain whose drives have no names is assembled posture by posture",
         "its cables may be slack",
     )
     assert posture["numbers"]["result"]["q"] == result.q.tolist()
@@ -132,15 +132,16 @@ def test_meshes_are_kept_on_a_fine_grid():
     assert facts["object"]["materials"] == umsgpack.unpackb(packed)["object"]["materials"]
 
 
-def test_the_file_of_an_arm_computes():
-    page = export_page(Source(cartstiff.load("ur5")))
+@pytest.mark.parametrize("name", ["ur5", "five-bar", "3-rps", "6-ups", "delta"])
+def test_the_file_of_an_arm_or_a_closed_chain_computes(name):
+    page = export_page(Source(cartstiff.load(name)))
     data, _ = held(page)
     assert "posture" not in data
     assert len(page.encode()) < 1.5e6
     rules = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
     assert rules is not None
     assert "unsafe-eval" not in rules.group(1)
-    assert page == export_page(Source(cartstiff.load("ur5")))
+    assert page == export_page(Source(cartstiff.load(name)))
 
 
 def test_each_command_is_kept_once_in_an_order_that_a_viewer_takes():

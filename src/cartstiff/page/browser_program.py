@@ -1,9 +1,10 @@
 """What a browser needs to answer by itself: recorded formulas as JavaScript, and words.
 
-The arithmetic of arms and of bodies on line legs is recorded (`cartstiff.batch`). Written out as
-JavaScript it computes pose, Jacobian, load and stiffness of any posture, under any load and with
-any springs, without a server. ``static/program.js`` reads the rest from these. Where the recorded
-verdict is not plain, a posture is refused.
+The arithmetic of arms, closed chains and bodies on line legs is recorded (`cartstiff.batch`).
+Written out as JavaScript it computes pose, Jacobian, load and stiffness of any posture, under any
+load and with any springs, without a server; of a closed chain also the steps that close it.
+``static/program.js`` reads the rest from these. Where the recorded verdict is not plain, a posture
+is refused.
 """
 
 from __future__ import annotations
@@ -15,14 +16,16 @@ import numpy as np
 
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import plain
+from cartstiff.batch.closed_chains import STEPS, ClosedCase
 from cartstiff.batch.execution import HELPERS, javascript
-from cartstiff.batch.plans import plan, program_for
+from cartstiff.batch.plans import CLOSING, TracedModel, plan, program_for
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.page.shown import DEFINITE, NEAR
+from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
 
@@ -38,6 +41,7 @@ _NAMES = (
     "length",
     "frames",
     "tensions",
+    "motions",
 )
 
 
@@ -48,7 +52,8 @@ class BrowserProgram:
     Attributes
     ----------
     script : str
-        Sets ``globalThis.cartstiffProgram``: a function without a given load, one with.
+        Sets ``globalThis.cartstiffProgram``: a function without a given load, one with, and those
+        that take a step towards closure.
     data : dict
         What ``static/program.js`` reads beside the functions.
     """
@@ -69,34 +74,75 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
     """
     if (reason := _reason(elastic)) is not None:
         return reason
-    parts, places = [], {}
-    shared: dict[str, Any] = {}
-    for name, wrench in (("free", "none"), ("loaded", "shared")):
-        chosen = plan(elastic, wrench)
-        if isinstance(chosen, str):
-            return chosen
-        if getattr(chosen.case, "laws", ()):
-            return "its nonlinear springs have no stiffness that could be set here"
-        if chosen.has_derivatives or chosen.settles:
-            return "some of its potentials are evaluated posture by posture"
-        if getattr(chosen.case, "stretched", ()):
-            return "lines between its bodies are drawn posture by posture"
-        if chosen.regular != "regular":
-            return "it has fewer than six freedoms"
-        source, places[name] = javascript(program_for(chosen.case, _NAMES))
-        parts.append(f"{name}:{source}")
-        shared = {n: rows[0].tolist() for n, rows in chosen.shared.items()}
+    chosen = plan(elastic, "none"), plan(elastic, "shared")
+    if (no := next((one for one in chosen if isinstance(one, str)), None)) is not None:
+        return no
+    free, loaded = (one for one in chosen if isinstance(one, TracedModel))
+    if (reason := _beside(free)) is not None:
+        return reason
+    programs = {"free": program_for(free.case, _NAMES)}
+    no_load = _beside(loaded)
+    if no_load is None:
+        programs["loaded"] = program_for(loaded.case, _NAMES)
+    elif not free.is_closed:
+        return no_load
+    closing = None
+    if isinstance(free.case, ClosedCase):
+        steps = {f"closing{i}": program_for(way, CLOSING) for i, way in enumerate(free.case.ways)}
+        programs |= steps
+        closing = _closing(free.case, free, list(steps))
+    written = {name: javascript(program) for name, program in programs.items()}
+    parts = [f"{name}:{source}" for name, (source, _) in written.items()]
     # In braces: a page may load it again, for another frame.
     script = f"{{{HELPERS}globalThis.cartstiffProgram={{{','.join(parts)}}};}}"
-    data = {"places": places, "shared": shared, "words": _words(), **_mechanism(elastic, result)}
+    data = {
+        "places": {name: places for name, (_, places) in written.items()},
+        "shared": {n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()},
+        "words": _words(),
+        "closing": closing,
+        "no_load": no_load,
+        **_mechanism(elastic, result),
+    }
     return BrowserProgram(script, plain(data))
+
+
+def _beside(chosen: TracedModel) -> str | None:
+    """Why the program of a plan does not hold all that its answers need."""
+    if getattr(chosen.case, "laws", ()):
+        return "its nonlinear springs have no stiffness that could be set here"
+    if chosen.settles:
+        return "a load bends its links"
+    if chosen.has_derivatives:
+        return "some of its potentials are evaluated posture by posture"
+    if getattr(chosen.case, "stretched", ()):
+        return "lines between its bodies are drawn posture by posture"
+    if isinstance(chosen.case, ClosedCase) and chosen.case.still and chosen.case.fields:
+        return "its weight bends its links"
+    return None
+
+
+def _closing(case: ClosedCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:
+    """What closes a chain: programs, the posture from which it moves, bounds of the steps."""
+    home, lengths = chosen.home, case.constants.is_length
+    return {
+        "ways": ways,
+        "home": None if home is None else home.q.tolist(),
+        "held": [] if home is None else list(home.held),
+        "lengths": [] if home is None else home.lengths[list(home.held)].tolist(),
+        "longest": LONGEST_STEP,
+        "most": MOST_STEPS,
+        "steps": STEPS,
+        "freedoms": case.freedoms,
+        "independent": list(case.independent),
+        "distances": [lengths[j] for j in case.independent] or [False] * case.freedoms,
+    }
 
 
 def _reason(elastic: ElasticMechanism) -> str | None:
     """Why only the library can say all that a page says of the mechanism; None if it need not."""
     springs, mechanism = elastic.springs, elastic.mechanism
-    if isinstance(mechanism, Chain) and mechanism.closures:
-        return "a closed chain is assembled posture by posture"
+    if isinstance(mechanism, Chain) and mechanism.closures and mechanism.actuated is None:
+        return "a closed chain whose drives have no names is assembled posture by posture"
     if mechanism.rigid:
         return "a rigid joint has no stiffness that could be set here"
     if elastic.identified is not None:
@@ -114,6 +160,7 @@ def _words() -> dict[str, Any]:
     return {
         "definite": {name: list(names) for name, names in DEFINITE.items()},
         "near": {code: [level, title] for code, level, title in NEAR},
+        "none": {code: [level, title] for code, level, title in NO_MATRIX},
         "kinds": dict(LOAD_KINDS),
         "lengths": {
             "natural": characteristic_length(np.eye(6)).reason,
@@ -131,6 +178,8 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
         "may_be_loaded": elastic.may_be_loaded,
         "names": list(elastic.spring_names),
         "are_lengths": [c.is_length for c in mechanism.coordinates],
+        "actuated": list(getattr(mechanism, "actuated", None) or ()),
+        "virtual": sorted(getattr(mechanism, "virtual", ())),
         "length_unit": elastic.units.length,
         "limits": {
             "names": list(limits.names),

@@ -38,7 +38,7 @@ Level = Literal["good", "warning", "bad"]
 _ROUNDING = numerics.SYMMETRY
 
 # Why there is no matrix, the most telling first.
-_NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
+NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
     ("constraint-singularity", "bad", "Constraint singularity: branches of motion cross here"),
     ("non-regular-redundancy", "bad", "The closures lose rank and block the motion"),
     ("unbalanced", "bad", "Unbalanced: the arm would move by itself, no wrench holds it"),
@@ -107,7 +107,7 @@ def verdict(
     """
     notes = {note.code: note.message for note in result.notes}
     if matrix is None:
-        for code, level, title in _NO_MATRIX:
+        for code, level, title in NO_MATRIX:
             if code in notes:
                 return {"level": level, "title": title, "code": code}
         if connection == "F" and (reason := notes.get("kf-undefined")):

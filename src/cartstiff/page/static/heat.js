@@ -79,9 +79,9 @@ export function heat(store, what) {
     for (const k of ORDER) {
       const y = ys[k];
       const state = { ...from, q: from.q.with(j, y), moved: j };
-      const own = store.source.local ?? (store.source.row ? store.source : null);
+      const own = store.source.local ?? (store.source.rows ? store.source : null);
       // By the page's own arithmetic; what that does not cover the server answers, if there is one.
-      let line = own?.row ? found.xs.map((x) => own.row(state.q.with(i, x), state)) : null;
+      let line = own?.rows ? own.rows(i, found.xs, state) : null;
       if (line) await new Promise((done) => setTimeout(done));
       if (!line || store.source.live && line.some((row) => row.reason)) line = await swept(i, state, key) ?? line ?? found.xs.map(() => NOTHING);
       found.rows[k] = line;

@@ -4,7 +4,7 @@ import { angles, back, inverse, moved, place, product, rotation, times, transpos
 import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { NOT_PLAIN, Program } from "./program.js";
+import { NOT_CLOSED, NOT_PLAIN, Program } from "./program.js";
 import { CLOSE, NEAR, ROUNDING } from "./numerics.js";
 
 const STEPS = 121;
@@ -91,7 +91,7 @@ export class ComputingSource extends FileSource {
   }
 
   reason({ message }) {
-    return message === NOT_PLAIN ? `${NOT_PLAIN}; what is shown is the last posture that the page answers` : message;
+    return [NOT_PLAIN, NOT_CLOSED].includes(message) ? `${message}; what is shown is the last posture that the page answers` : message;
   }
 
   numbersOf(state) {
@@ -119,16 +119,30 @@ export class ComputingSource extends FileSource {
   row(q, state) {
     try {
       const m = this.program.solve({ ...state, q });
-      return rowOf(this.program.numbers({ ...state, q, mode: null }, m), q);
+      const [moved] = this.program.adjusted(m);
+      return moved ? { reason: moved.message } : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.q);
     } catch ({ message }) {
       return { reason: message };
     }
   }
 
+  /** Rows at all values of a coordinate, outwards from where it is: a closed chain goes on from the neighbour. */
+  rows(coordinate, values, state) {
+    const from = state.q[coordinate];
+    const found = [];
+    const last = { true: state.q, false: state.q };
+    for (const k of [...values.keys()].sort((a, b) => Math.abs(values[a] - from) - Math.abs(values[b] - from))) {
+      const side = values[k] >= from;
+      found[k] = this.row(last[side].with(coordinate, values[k]), state);
+      last[side] = found[k].q ?? last[side];
+    }
+    return found;
+  }
+
   sweep(coordinate, state) {
     const { swept: [lower, upper] } = this.data.hello.mechanism.coordinates[coordinate];
     const at = Array.from({ length: STEPS }, (_, k) => lower + ((upper - lower) * k) / (STEPS - 1));
-    return { coordinate, at, rows: at.map((x) => this.row(state.q.with(coordinate, x), state)) };
+    return { coordinate, at, rows: this.rows(coordinate, at, state) };
   }
 
   series(state) {
@@ -233,24 +247,28 @@ export function follow(program, q, wanted) {
     const length = data.reach;
     const size = (e) => Math.hypot(...e.map((x, i) => (i < 3 ? x * length : x)));
     let damping = NEAR * NEAR;
+    const { independent } = program;
+    const ends = independent.map((j) => {
+      const i = data.limits.columns.indexOf(j);
+      return [data.limits.lower[i] ?? -Infinity, data.limits.upper[i] ?? Infinity];
+    });
     for (let k = 0; k < MOST_STEPS && size(error) > CLOSE * length; k++) {
-      const free = data.are_lengths.map(() => true);
+      const free = here.J[0].map((_, a) => !data.virtual.includes(independent[a]));
       let step;
       for (let again = 0; again < 2; again++) {
         const J = here.J.map((row, i) => row.map((x, j) => (free[j] ? x * (i < 3 ? length : 1) : 0)));
         const JJ = product(J, transposed(J)).map((row, i) => row.map((x, j) => x + (i === j ? damping * length * length : 0)));
         step = times(transposed(J), times(inverse(JJ) ?? [], error.map((x, i) => (i < 3 ? x * length : x))));
         // A joint that would leave its limit stays, and the others do what they can.
-        data.limits.columns.forEach((j, i) => {
-          const x = found[j] + step[j];
-          if (x < (data.limits.lower[i] ?? -Infinity) || x > (data.limits.upper[i] ?? Infinity)) free[j] = false;
+        ends.forEach(([low, high], a) => {
+          const x = found[independent[a]] + step[a];
+          if (x < low || x > high) free[a] = false;
         });
       }
-      const next = found.map((x, j) => x + step[j]);
-      data.limits.columns.forEach((j, i) => { next[j] = clamp(next[j], data.limits.lower[i] ?? -Infinity, data.limits.upper[i] ?? Infinity); });
-      const there = program.place(next);
+      ends.forEach(([low, high], a) => { step[a] = clamp(found[independent[a]] + step[a], low, high) - found[independent[a]]; });
+      const there = program.place(program.along(here, step));
       const rest = left(there.pose, wanted);
-      if (size(rest) < size(error)) [found, here, error, damping] = [next, there, rest, Math.max(ROUNDING, damping / 10)];
+      if (size(rest) < size(error)) [found, here, error, damping] = [there.q, there, rest, Math.max(ROUNDING, damping / 10)];
       else if ((damping *= 10) > 10) break;
     }
     stopped = beyond(found, here.pose, NEAR * NEAR * NEAR);

@@ -4,9 +4,10 @@
 
 import { adjoint, angles, back, block, blocks, changed, cholesky, clean, congruence, cross, dot, eigen, general, identity,
   inverse, largest, motion, moved, place, plus, product, rotation, scaledInverse, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
-import { CLOSE, EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
+import { ATTAINABLE_PRECISION, CLOSE, EPSILON, FUTILE, LIMIT_SLACK, NEAR, ROUNDING, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
+export const NOT_CLOSED = "the loops do not close with the drives there: the page answers where they do";
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
 const UNSURE = 10 * REPORTED_ERROR ** 0.5;
 
@@ -17,6 +18,7 @@ export class Program {
     this.out = {};
     for (const [name, places] of Object.entries(data.places)) this.out[name] = new Float64Array(Math.max(...Object.values(places).map(([, end]) => end)));
     this.n = data.are_lengths.length;
+    this.freedoms = data.closing?.freedoms ?? this.n;
   }
 
   /** Run a program; its outputs by name, flat. */
@@ -32,37 +34,97 @@ export class Program {
   springs(state) {
     const { stiffness } = state;
     if (!stiffness) return {};
-    const i = stiffness.findIndex((k) => k === null || !(k > 0));
+    const i = stiffness.findIndex((k, j) => (k === null || !(k > 0)) && k !== this.data.shared.stiffness[j]);
     if (i >= 0) throw new Error(`${this.data.names[i]} ${stiffness[i] === null ? "is rigid" : "has no spring"}: \`cartstiff view\` answers that`);
     return { stiffness };
   }
 
-  /** Pose and joints' frames alone: they exist wherever the mechanism is. */
-  place(q) {
+  /** Coordinates that close a chain, its drives where they are. */
+  closed(q) {
+    const { closing } = this.data;
+    if (!closing) return q;
+    const found = this.led(q) ?? this.shut(q, closing.ways);
+    if (!found) throw new Error(NOT_CLOSED);
+    return found;
+  }
+
+  /** From the reference posture, where all coordinates but the drives are as there. */
+  led(q) {
+    const { ways, home, held, lengths, longest, most } = this.data.closing;
+    if (!home?.every((x, j) => x === q[j] || held.includes(j))) return null;
+    const way = held.map((j) => q[j] - home[j]);
+    const steps = Math.ceil(Math.max(...way.map((x, i) => Math.abs(x) / lengths[i])) / longest);
+    if (steps <= 1 || steps > most) return null;
+    let found = home;
+    for (let k = 1; k <= steps && found; k++) {
+      const start = found.slice();
+      held.forEach((j, i) => { start[j] = k === steps ? q[j] : home[j] + (way[i] * k) / steps; });
+      found = this.shut(start, ways.slice(0, 1));
+    }
+    return found;
+  }
+
+  /** Steps towards closure, as `cartstiff.batch.closed_chains.close` takes them; null where they end in vain. */
+  shut(start, ways) {
+    const { longest, steps } = this.data.closing;
+    for (const name of ways) {
+      let [q, before, best, futile] = [start, Infinity, Infinity, 0];
+      for (let k = 0; ; k++) {
+        const found = this.run(name, { q });
+        const [size, step, length, doubt] = found("left");
+        const unit = Math.max(1, length);
+        if (size <= ATTAINABLE_PRECISION * unit || (size <= ROUNDING * unit && (size > 0.1 * before || step <= SMALLEST_STEP))) return q;
+        if (doubt !== 0 || !Number.isFinite(step) || k === steps) throw new Error(NOT_PLAIN);
+        futile = size < 0.9 * best ? 0 : futile + 1;
+        if (step <= SMALLEST_STEP || (futile >= FUTILE && step < longest)) break;
+        [before, best, q] = [size, Math.min(best, size), found("next")];
+      }
+    }
+    return null;
+  }
+
+  /** Pose and joints' frames alone, with the rates of the coordinates that move independently. */
+  place(asked) {
+    const q = this.closed(asked);
     const found = this.run("free", { q });
-    return { q, pose: rows(found("pose"), 4), frames: frames(found("frames")), J: rows(found("jacobian") ?? [], this.n) };
+    const J = rows(found("jacobian") ?? [], this.n);
+    const N = this.data.closing && rows(found("motions"), this.freedoms);
+    return { q, pose: rows(found("pose"), 4), frames: frames(found("frames")), N, J: N ? product(J, N) : J };
+  }
+
+  /** Coordinates after a step of those that move independently. */
+  along(m, step) {
+    const all = m.N ? times(m.N, step) : step;
+    return this.closed(m.q.map((x, j) => x + all[j]));
+  }
+
+  /** Places among the coordinates of those that move independently; none where no choice of them does. */
+  get independent() {
+    return this.data.closing?.independent ?? this.data.are_lengths.map((_, j) => j);
   }
 
   /** Everything that other answers are read from. */
   solve(state) {
     if (state.gravity || state.payload || state.command) throw new Error("other weights and commands of the drives are answered by `cartstiff view`");
-    const q = state.q.map(Number);
+    const asked = state.q.map(Number);
+    const q = this.closed(asked);
     if (q.some((x, i) => !this.data.are_lengths[i] && Math.abs(x) > (this.data.platform ? 2 : 4) * Math.PI)) throw new Error(NOT_PLAIN);
     const inputs = { q, ...this.springs(state) };
     let name = "free";
     if (state.load) {
+      if (this.data.no_load) throw new Error(`${this.data.no_load}: \`cartstiff view\` answers under a load`);
       name = "loaded";
       inputs.wrench = inBody(state.load, state.load_axes === "inertial" ? this.place(q).pose : null, actsAt(state));
     }
     const found = this.run(name, inputs);
     if (found("verdict")[0] !== 0) throw new Error(NOT_PLAIN);
     const m = {
-      q, pose: rows(found("pose"), 4), J: rows(found("jacobian") ?? [], this.n), W: found("wrench"), energy: found("energy")[0],
+      q, asked, pose: rows(found("pose"), 4), J: rows(found("jacobian") ?? [], this.n), W: found("wrench"), energy: found("energy")[0],
       frames: frames(found("frames")), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
       given: Boolean(state.load?.some((x) => x)),
       ...(state.load || this.data.may_be_loaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
     };
-    const K = rows(found("stiffness_B"), 6);
+    const K = found("stiffness_B") ? rows(found("stiffness_B"), 6) : null;
     const F = found("stiffness_F");
     const sizes = this.data.platform ? [1, 1, 1, m.length, m.length, m.length].map((x) => 1 / x) : null;
     if (this.data.platform) {
@@ -70,13 +132,16 @@ export class Program {
       m.lines = this.lines(m.pose);
       m.H = K;
     } else {
-      m.columns = this.data.are_lengths.map((is) => (is ? m.length : 1));
-      m.H = rows(found("hessian"), this.n);
-      m.L = rows(found("lagrangian"), this.n);
+      m.jacobian = m.J;
+      m.sizes = this.data.are_lengths.map((is) => (is ? m.length : 1));
+      m.columns = m.sizes;
+      if (this.data.closing) this.onMotions(m, rows(found("motions"), this.freedoms));
+      m.H = rows(found("hessian"), this.freedoms);
+      m.L = rows(found("lagrangian"), this.freedoms);
     }
     const C = this.data.platform ? inverse(K, sizes.map((x) => 1 / x)) : this.softness(m, m.L);
     if (!C) throw new Error(NOT_PLAIN);
-    this.refuseLost(K, C);
+    if (K) this.refuseLost(K, C);
     const [m_, f] = [skew(m.W.slice(0, 3)), skew(m.W.slice(3))].map((part) => part.map((row) => row.map((x) => 0.5 * x)));
     const none = zeros(3, 3);
     const negative = f.map((row) => row.map((x) => -x));
@@ -85,19 +150,48 @@ export class Program {
     m.K = { F: F ? rows(F, 6) : null };
     m.C = { F: null };
     for (const [key, D] of Object.entries(m.changes)) {
-      m.K[key] = plus(K, D);
+      m.K[key] = K && plus(K, D);
       m.C[key] = largest(D) ? changed(C, D, m.length) : C;
     }
     if (F) m.C.F = this.data.platform ? inverse(m.K.F, sizes.map((x) => 1 / x)) : this.softness(m, m.H);
     for (const [key, compliance] of Object.entries(m.C)) {
       if (!compliance && m.K[key]) throw new Error(NOT_PLAIN);
-      if (compliance) this.refuseLost(m.K[key], compliance);
+      if (compliance && m.K[key]) this.refuseLost(m.K[key], compliance);
     }
-    m.singular = this.data.platform ? singular(m.lines.map((line) => line.map((x, i) => x * m.columns[i])))
-      : singular(transposed(m.J.map((row, i) => row.map((x, j) => (x * m.columns[j]) / (i < 3 ? 1 : m.length)))));
-    const [first, last] = [m.singular.values[0], m.singular.values[5]];
-    if (this.data.platform && m.W.some((x) => x) && last < UNSURE * first) throw new Error(NOT_PLAIN);
+    this.ratios(m);
     return m;
+  }
+
+  /** Jacobian and sizes of the motions that keep a chain closed, N; `orthonormal` are these in natural sizes. */
+  onMotions(m, N) {
+    const { distances } = this.data.closing;
+    m.N = N;
+    m.columns = distances.map((is) => (is ? m.length : 1));
+    m.orthonormal = transposed(orthonormal(transposed(N.map((row, j) => row.map((x) => x / m.sizes[j])))));
+    // What is rounding of a motion that the closures forbid is zero.
+    const most = transposed(N).map((column) => Math.max(...column.map((x, j) => Math.abs(x) / m.sizes[j])));
+    const sums = m.J.map((row) => row.reduce((sum, x, j) => sum + Math.abs(x) * m.sizes[j], 0));
+    m.J = product(m.J, N).map((row, i) => row.map((x, a) => (Math.abs(x) > this.n * EPSILON * sums[i] * most[a] ? x : 0)));
+  }
+
+  /** Singular values of the scaled Jacobians: of the motions of the body, and of what the drives hold. */
+  ratios(m) {
+    const { data } = this;
+    m.singular = {};
+    if (data.platform) m.singular["type-2"] = singular(m.lines.map((line) => line.map((x, i) => x * m.columns[i])));
+    else {
+      const scaled = m.jacobian.map((row, i) => row.map((x, j) => (x * m.sizes[j]) / (i < 3 ? 1 : m.length)));
+      const moving = m.orthonormal ? product(scaled, m.orthonormal) : scaled;
+      m.singular.serial = singular(moving[0].length < 6 ? moving : transposed(moving));
+      if (this.least(m.singular.serial) <= CLOSE) throw new Error(NOT_PLAIN);
+      if (m.orthonormal && data.actuated.length >= this.freedoms) m.singular["type-2"] = singular(data.actuated.map((j) => m.orthonormal[j].map((x) => x * m.sizes[j])));
+    }
+    const held = m.singular["type-2"];
+    if (held && (m.W.some((x) => x) || m.orthonormal) && this.least(held) < UNSURE) throw new Error(NOT_PLAIN);
+  }
+
+  least({ values }) {
+    return values.at(-1) / values[0];
   }
 
   /** J H^-1 J^T. */
@@ -174,7 +268,7 @@ export class Program {
   /** What `cartstiff analyse --json` prints. */
   result(state) {
     const m = this.solve(state);
-    const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.J.length ? m.J : null, compliance: this.matrices(m.C) };
+    const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.jacobian ?? null, compliance: this.matrices(m.C) };
     delete found.stored_energy; // gravity's part is not told apart here
     return found;
   }
@@ -194,8 +288,7 @@ export class Program {
   }
 
   distance(m) {
-    const { values } = m.singular;
-    return [{ kind: this.data.platform ? "type-2" : "serial", ratio: values[5] / values[0], smallest: values[5], largest: values[0], length: m.length }];
+    return Object.entries(m.singular).map(([kind, { values }]) => ({ kind, ratio: values.at(-1) / values[0], smallest: values.at(-1), largest: values[0], length: m.length }));
   }
 
   legs(m) {
@@ -236,7 +329,7 @@ export class Program {
     return {
       displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, energy, acts_at: m.at,
       resisted: values[0] >= 0 || -values[0] <= ZERO * Math.max(...values.map(Math.abs)),
-      shares: this.shares(m, twist, shift, energy, state.point).map((share, i) => ({ name: this.data.names[i], share })), notes: [],
+      shares: this.shares(m, twist, shift, energy, state.point).flatMap((share, i) => (m.stiffness[i] || !m.N ? [{ name: this.data.names[i], share }] : [])), notes: [],
     };
   }
 
@@ -248,6 +341,7 @@ export class Program {
   shares(m, twist, shift, energy, point) {
     if (this.data.platform) return m.lines.map((line, i) => (energy ? (0.5 * m.stiffness[i] * dot(line, twist) ** 2) / energy : null));
     const way = this.way(m);
+    if (m.N) return m.stiffness.map((k, j) => (energy ? (0.5 * k * dot(m.N[j], way) ** 2) / energy : null));
     const size = dot(shift, shift);
     return transposed(m.J).map((column, a) => {
       const arm = cross(column.slice(0, 3), point);
@@ -258,19 +352,39 @@ export class Program {
   notes(m, state) {
     const { data } = this;
     const notes = data.notes.filter(({ code }) => !(state.stiffness && code === "stiffness-assumed"));
-    const { values, vectors } = m.singular;
-    const ratio = general(values[5] / values[0], 2);
-    if (values[5] < NEAR * values[0]) {
-      if (!data.platform) notes.push({ code: "near-serial-singularity", message: `the end-effector hardly moves in one direction: smallest over largest singular value ${ratio}`,
-        values: { singular_values: values, characteristic_length: m.length } });
-      else {
-        const weak = values.filter((x) => x < NEAR * values[0]).length;
-        notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${ratio}`,
-          values: { singular_values: values, characteristic_length: m.length, directions: vectors.slice(-weak).map((v) => v.map((x, i) => x * m.columns[i])) } });
-      }
+    notes.push(...this.adjusted(m));
+    const { serial, "type-2": held } = m.singular;
+    const size = { characteristic_length: m.length };
+    if (this.freedoms < 6 && serial) {
+      notes.push({ code: "fewer-than-six-freedoms", message: `the end-effector cannot move in ${6 - this.freedoms} of 6 directions here: the stiffness matrix does not exist, the compliance does; `
+        + `the wrench along them is carried by the structure${m.given ? "" : " and is taken as zero in the scaled norm"}`, values: { rank: this.freedoms, singular_values: serial.values, ...size } });
+    } else if (serial && this.least(serial) < NEAR) {
+      notes.push({ code: "near-serial-singularity", message: `the end-effector hardly moves in one direction: smallest over largest singular value ${general(this.least(serial), 2)}`,
+        values: { singular_values: serial.values, ...size } });
+    }
+    if (held && this.least(held) < NEAR) {
+      const { values, vectors } = held;
+      const weak = values.filter((x) => x < NEAR * values[0]).length;
+      const all = m.orthonormal ? product(vectors, transposed(m.orthonormal)) : vectors;
+      notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${general(this.least(held), 2)}`,
+        values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * (m.sizes ?? m.columns)[i])) } });
     }
     notes.push(...this.beyond(m), ...data.last_notes);
     return notes;
+  }
+
+  /** Drives that the closures have moved: more of them than there are motions are not all free. */
+  adjusted({ q, asked }) {
+    const moved = this.data.actuated.filter((j) => Math.abs(q[j] - asked[j]) > CLOSE);
+    if (!moved.length) return [];
+    const { joints } = this.data.base.mechanism;
+    const words = moved.map((j) => `${joints[j]} ${general(asked[j], 6)} -> ${general(q[j], 6)} ${this.unit(j)}`);
+    return [{ code: "actuators-adjusted", message: `the chain does not close with its joints as given, and they moved: ${words.join(", ")}`,
+      values: Object.fromEntries(moved.map((j) => [joints[j], q[j] - asked[j]])) }];
+  }
+
+  unit(j) {
+    return this.data.platform || this.data.are_lengths[j] ? this.data.length_unit : "rad";
   }
 
   /** Values of what is limited: joints, or lengths of legs. */
@@ -289,7 +403,7 @@ export class Program {
       const slack = LIMIT_SLACK * Math.max(1, Math.abs(x));
       const [low, high] = [lower[i] ?? -Infinity, upper[i] ?? Infinity];
       if (x >= low - slack && x <= high + slack) return;
-      const unit = this.data.platform || this.data.are_lengths[columns[i]] ? this.data.length_unit : "rad";
+      const unit = this.unit(columns[i]);
       const text = (y) => (Number.isFinite(y) ? general(y, 6) : y > 0 ? "inf" : "-inf");
       words.push(`${names[i]} is at ${text(x)} ${unit}, its limits are ${text(low)} and ${text(high)}`);
       degrees ||= unit === "rad" && Math.abs(x) > 2 * Math.PI;
@@ -301,15 +415,14 @@ export class Program {
   verdict(kind, notes, state) {
     const { definite, near } = this.data.words;
     const codes = notes.map(({ code }) => code);
+    const titled = (table) => Object.entries(table).filter(([code]) => codes.includes(code)).map(([code, [level, title]]) => ({ level, title, code }));
     if (!kind) {
-      const reason = notes.find(({ code }) => code === "kf-undefined");
-      return { level: "warning", title: reason ? `No K^F: ${reason.message}` : `No K^${state.connection} here`, code: "kf-undefined" };
+      const reason = state.connection === "F" && notes.find(({ code }) => code === "kf-undefined");
+      const own = reason ? [{ level: "warning", title: `No K^F: ${reason.message}`, code: "kf-undefined" }] : [];
+      return [...titled(this.data.words.none), ...own, ...titled(near)][0] ?? { level: "bad", title: "The matrix does not exist here", code: null };
     }
     const [level, title] = definite[kind];
-    if (level !== "bad") {
-      for (const [code, [nearLevel, words]] of Object.entries(near)) if (codes.includes(code)) return { level: nearLevel, title: words, code };
-    }
-    return { level, title, code: level === "good" ? null : kind };
+    return (level !== "bad" && titled(near)[0]) || { level, title, code: level === "good" ? null : kind };
   }
 }
 
@@ -317,6 +430,21 @@ export class Program {
 
 const rows = (flat, width) => Array.from({ length: flat.length / width }, (_, i) => flat.slice(i * width, (i + 1) * width));
 const frames = (flat) => (flat ? rows(flat, 12).map((one) => [...rows(one, 4), [0, 0, 0, 1]]) : []);
+/** Rows that span what some independent rows do, of length 1 and at right angles: each is taken off twice. */
+function orthonormal(vectors) {
+  const found = [];
+  for (const v of vectors) {
+    let rest = v;
+    for (const other of [...found, ...found]) {
+      const part = dot(other, rest);
+      rest = rest.map((x, k) => x - part * other[k]);
+    }
+    const size = Math.sqrt(dot(rest, rest));
+    found.push(rest.map((x) => x / size));
+  }
+  return found;
+}
+
 const distance = (a, b) => Math.hypot(...a.map((x, i) => b[i] - x));
 const unit = (a, b) => a.map((x, i) => (b[i] - x) / distance(a, b));
 const upright = (v) => (v.reduce((most, x) => (Math.abs(x) > Math.abs(most) ? x : most), 0) < 0 ? v.map((x) => -x) : v);
@@ -355,6 +483,7 @@ export function principalValues(here, { quantity, connection, others }) {
   const found = {};
   for (const [name, first] of [["translation", 3], ["rotation", 0]]) {
     let { values, vectors } = eigen(block(of, first));
+    if (!here.stiffness[connection]) values = known(values);
     if (inverted) {
       const order = values.map((x, i) => [1 / x, vectors[i]]).sort(([x], [y]) => x - y);
       [values, vectors] = [order.map(([x]) => x), order.map(([, v]) => v)];
@@ -365,9 +494,16 @@ export function principalValues(here, { quantity, connection, others }) {
   return found;
 }
 
+/** Eigenvalues of a matrix without an inverse, zero where they are rounding. */
+function known(values) {
+  const least = ZERO * Math.max(...values.map(Math.abs));
+  return values.map((x) => (Math.abs(x) > least ? x : 0));
+}
+
 /** As `cartstiff.page.shown.softest_in_room`. */
-function softest({ compliance, pose }) {
-  const { values, vectors } = eigen(block(compliance.load, 3));
+function softest({ compliance, stiffness, pose }) {
+  const { values: all, vectors } = eigen(block(compliance.load, 3));
+  const values = stiffness.load ? all : known(all);
   if (!(values[0] >= 0 && values[2] > 0)) return null;
   return { stiffness: 1 / values[2], direction: values[2] - values[1] > CLOSE * values[2] ? upright(times(rotation(pose), vectors[2])) : null };
 }

@@ -21,8 +21,7 @@ function along(program, m, share) {
     });
     return { pose: product(m.pose, motion(R, twist.slice(3))), frames: m.frames };
   }
-  const way = program.way(m);
-  return program.place(m.q.map((x, i) => x - share * way[i]));
+  return program.place(program.along(m, program.way(m).map((x) => -share * x)));
 }
 
 /** A button that plays it, and words that say how much is enlarged. */
