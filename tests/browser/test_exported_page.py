@@ -31,13 +31,13 @@ def curves_drawn(page: Any) -> None:
 
 
 def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, pages):
-    chain = cartstiff.load("five-bar")
-    path = tmp_path / "five-bar.html"
+    chain = cartstiff.load("cable-robot")
+    path = tmp_path / "cable-robot.html"
     path.write_text(export_page(Source(chain)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
-    assert page.title() == "five-bar · cartstiff"
+    assert page.title() == "cable-robot · cartstiff"
     said = page.inner_text("#left .exported")
-    assert "This file shows one posture: a closed chain is assembled posture by posture" in said
+    assert "This file shows one posture: its cables may be slack" in said
     assert "`cartstiff view` moves it" in said
     expected = cartstiff.analyse(chain).as_dict()
     found = result(page)
@@ -46,7 +46,7 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     }
     # What would move it is switched off; the picture turns, and the numbers are read.
     assert page.is_disabled("#slider-0")
-    assert page.is_disabled("[aria-label='Quantity'] [data-value='stiffness']")
+    assert page.is_disabled("[aria-label='Quantity'] [data-value='compliance']")
     assert not page.is_visible("#strip")
     assert page.is_hidden("#banner")
     drawn = "() => window.cartstiff.pane.viewer.renderer.info.render.triangles"
@@ -60,18 +60,45 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     assert page.get_attribute("html", "data-theme") == "dark"
     unfold(page)
     page.click("[data-value=symmetric]")
-    assert page.inner_text("#matrix-title").startswith("sym C")
+    assert page.inner_text("#matrix-title").startswith("sym K")
     with page.expect_download() as waiting:
         page.click("text=JSON")
     assert json.loads(Path(waiting.value.path()).read_text()) == json.loads(json.dumps(expected))
     page.keyboard.press("i")
-    page.wait_for_selector("#report pre:has-text('Principal compliance')")
+    page.wait_for_selector("#report pre:has-text('Principal stiffness')")
     assert page.watch.requests == [path.as_uri()]
     # What it cannot do is refused in words, and what was shown is not passed off as the answer.
     page.keyboard.press("Escape")
     page.keyboard.press("1")
     page.wait_for_selector("body.refused")
     assert "this file shows one posture" in page.inner_text("#verdict-text")
+
+
+@pytest.mark.parametrize("name", ["five-bar", "3-rps", "6-ups"])
+def test_a_file_of_a_closed_chain_moves_its_drives(name, tmp_path, pages):
+    """A slider, a load and the picture of the assembled posture, without a server."""
+    chain = cartstiff.load(name)
+    path = tmp_path / "chain.html"
+    path.write_text(export_page(Source(chain)), encoding="utf-8")
+    page = pages.open(path.as_uri(), offline=True)
+    assert "answered here, without a server" in page.inner_text("#left")
+    drive = chain.mechanism.actuated[0]
+    page.focus(f"#slider-{drive}")
+    page.keyboard.press("PageUp")
+    page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 3, -2, -4] })")
+    settled(page)
+    found = result(page)
+    assert found["q"][drive] != chain.q[drive]
+    expected = cartstiff.analyse(chain, found["q"], wrench=[0, 0, 0, 3, -2, -4])
+    assert np.abs(expected.q - found["q"]).max() < 1e-12
+    kind = "compliance" if name in ("five-bar", "3-rps") else "stiffness"
+    there = expected.as_dict()["load"][kind]
+    assert np.abs(np.array(found["load"][kind]) - there).max() < 1e-11 * np.abs(there).max()
+    places = page.evaluate(
+        "() => window.cartstiff.pane.viewer.scene_tree.children.meshcat.children.cartstiff"
+        ".children.M.object.matrix.elements"
+    )
+    assert np.abs(np.array(places[12:15]) - expected.pose[:3, 3]).max() < 1e-6
 
 
 def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):

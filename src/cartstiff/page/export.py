@@ -1,7 +1,7 @@
 """The page as one file that opens anywhere without a network.
 
-The file of an arm or of a body on line legs computes: it holds their arithmetic as JavaScript
-(`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their file holds
+The file of an arm, a closed chain or a body on line legs computes: it holds their arithmetic as
+JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their file holds
 one posture, its numbers and its picture, and says so. Nothing in either depends on when or where it
 was made. A live page gets the same data, so that it goes on without its server.
 
