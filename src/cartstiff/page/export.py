@@ -1,9 +1,9 @@
 """The page as one file that opens anywhere without a network.
 
 The file of an arm, a closed chain or a body on line legs computes: it holds their arithmetic as
-JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their file holds
-one posture, its numbers and its picture, and says so. Nothing in either depends on when or where it
-was made. A live page gets the same data, so that it goes on without its server.
+JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their
+file holds one posture, its numbers and its picture, and says so. Nothing in either depends on when
+or where it was made. A live page gets the same data, so that it goes on without its server.
 
 Commands of a picture are kept in little room: transforms as single-precision numbers, labels as
 text, meshes as steps between corners on a fine grid, byte planes one after the other.
