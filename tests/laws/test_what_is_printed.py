@@ -7,10 +7,12 @@ import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import cartstiff
 from cartstiff import DeadForce, analyse_posture, equilibrium
 from cartstiff.analysis.asymmetry import compare_connections
+from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import Scaled
 from cartstiff.report.analysis import describe, summary_text
@@ -227,3 +229,18 @@ def test_results_show_themselves_in_a_few_lines():
         assert len(repr(thing)) < 400
     largest = np.abs(found.matrices["B"]).max()
     assert f"B: array (6, 6), largest entry {largest:.6g}" in repr(found.matrices)
+
+
+def test_the_answer_comes_first() -> None:
+    """Its displacement is C times the wrench; an indefinite matrix moves by no such number."""
+    runner, load = CliRunner(), [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+    shown = runner.invoke(cartstiff_command, ["analyse", "ur5", "--load", "0,0,0,0,0,-100"]).output
+    answer = shown.partition("Answer\n")[2].partition("\n\n")[0]
+    result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load)
+    moved = np.linalg.norm((np.linalg.inv(result.tangent) @ load)[3:])
+    assert f"the body frame moves {1e3 * moved:.4g} mm under the load" in answer
+    assert "K^load is positive definite" in answer
+    assert shown.index("Answer") < shown.index("Posture")
+    shown = runner.invoke(cartstiff_command, ["analyse", "stewart-gough"]).output
+    answer = shown.partition("Answer\n")[2].partition("\n\n")[0]
+    assert answer.strip() == "the symmetric part of K^load is indefinite"

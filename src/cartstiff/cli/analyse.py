@@ -254,14 +254,15 @@ def command(
         write_result(result, output, data)
 
     def text() -> str:
-        from cartstiff.report.analysis import BALANCING, describe, summary_text
+        from cartstiff.report.analysis import BALANCING, answer_lines, describe, summary_text
 
-        shown = ""
+        shown, answer = "", list[str]()
         if reading.level != "none":
             shown = summary_text(data["analysis"], elastic.units, reading.level)
+            answer = answer_lines(data["analysis"], elastic.units)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        lines = [describe(result, shown), *by_parameters, *how]
+        lines = [describe(result, shown, answer=answer), *by_parameters, *how]
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             lines.append("  --relax lets the self-motion settle, with the body held where it is")
             if load.load is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
@@ -41,8 +41,15 @@ _SAME = "they are the same here"
 BALANCING = "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the springs balance"
 
 
-def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False) -> str:
+def describe(
+    result: PostureStiffness,
+    analysis: str = "",
+    at_rest: bool = False,
+    answer: Sequence[str] = (),
+) -> str:
     """Everything about a result, for reading; the text of its analysis stands before the notes.
+
+    `answer` has the sentences that are read first, from `answer_lines`.
 
     `at_rest` says that the loads are among what gives the stiffness, and W is what acts besides.
     """
@@ -52,6 +59,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
         f"lengths in {units.length}, forces in {units.force}",
         *([] if at_rest else beyond_limits(result.notes)),
+        *answer,
         "",
         "Posture",
     ]
@@ -240,6 +248,29 @@ def summary_text(
         lines += ["", "does not exist here, or not to all digits"]
         lines += [f"  {note['message']} [{note['code']}]" for note in summary["notes"]]
     return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
+
+
+def answer_lines(summary: Mapping[str, Any], units: Units) -> list[str]:
+    """Verdict, displacement under the load with its largest share, softest direction."""
+    name, definite, lines = summary["connection"], summary["definiteness"], []
+    if name is not None and definite is not None:
+        is_tangent = summary.get("load") is None or name == "load"
+        is_stable = definite.startswith("positive") or summary["symmetrised"] or not is_tangent
+        part = "the symmetric part of " if summary["symmetrised"] else ""
+        lines.append(f"  {part}K^{name} is {_DEFINITE.get(definite, definite)}")
+        lines[-1] += "" if is_stable else ": the posture is not stable"
+    moved = summary.get("deflection")
+    if moved is not None and moved["energy"] > 0.0 and definite in (None, "positive"):
+        size = engineering(math.hypot(*moved["displacement"]), units.length)
+        shares = [s for s in moved["shares"] or [] if s["share"] is not None]
+        of = "this" if moved["kind"] == "joints" else "the energy that this takes"
+        what = "this point" if any(moved["point"]) else "the body frame"
+        lines.append(f"  {what} moves {size} under the load (linear, K^{moved['connection']})")
+        if shares:
+            most = max(shares, key=lambda s: abs(s["share"]))
+            lines[-1] += f"; {percent(most['share'])} of {of} comes from {most['name']}"
+    lines += _softest(summary["ellipsoids"], units)
+    return ["", "Answer", *lines] if lines else []
 
 
 def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
