@@ -1,14 +1,13 @@
-r"""Linear algebra on small arrays of recording numbers (object arrays, or floats).
+r"""Linear algebra on small arrays of recorded numbers (object arrays, or floats).
 
-Elimination would need pivots chosen posture by posture. Householder reflections need none, lose no
-digits whatever the order of rows and columns, and do not care how the columns are scaled. Sums that
-make up a row grow side by side, so that none of them waits for itself.
+Gaussian elimination would need pivots chosen posture by posture. Householder reflections need none,
+are stable for any order of rows and columns, and do not depend on the scales of the columns. The
+sums of a row are accumulated in parallel, so that no addition waits for the one before.
 
-What is common to arms and platforms: from K^B, the wrench and a scale to every output.
-
-The same formulas as in `cartstiff.stiffness`, written on recording numbers. What decides about
-rank there by singular values is bounded here by products of norms. A posture that is not well
-inside the regular ones gets the verdict `FALLBACK` and is computed by the engine itself.
+The second half has the formulas of `cartstiff.stiffness` that chains and platforms share, on
+recorded numbers. Where `cartstiff.stiffness` decides about rank by singular values, products of
+norms bound them here. A posture that is not well inside the regular ones gets the verdict
+`FALLBACK` and is computed by `cartstiff.analyse` itself.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, wrench_in
 
 
 def zeros(*shape: int) -> Array:
-    """Array of zeros that can hold numbers of a tape."""
+    """Array of zeros that can hold recorded numbers."""
     return np.full(shape, 0.0, object)
 
 
@@ -38,11 +37,6 @@ def cross(a: Array, b: Array) -> Array:
     return crossed
 
 
-def skew(a: Array) -> Array:
-    """Cross-product matrix."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]], object)
-
-
 def norm_squared(a: Array) -> Scalar:
     """Sum of the squares of all entries."""
     flat = np.ravel(a)
@@ -50,7 +44,7 @@ def norm_squared(a: Array) -> Scalar:
 
 
 def is_zero(x: Scalar) -> bool:
-    """Whether a number is zero whatever the inputs are."""
+    """Whether a number is zero for all inputs."""
     return not isinstance(x, Number) and x == 0
 
 
@@ -66,7 +60,7 @@ def product(left: Array, right: Array) -> Array:
 def symmetric_product(columns: Iterable[Array], rows: Array, base: Array) -> Array:
     """``base + left^T rows`` where that is symmetric: its upper triangle, mirrored.
 
-    Columns of `left` are asked for one by one, so that they may be computed when they are needed.
+    `columns` are those of `left`; a generator may compute each when it is needed.
     """
     changed = base.copy()
     for i, column in enumerate(columns):
@@ -84,7 +78,7 @@ def congruence(left: Array, middle: Array) -> Array:
 
 
 class Reflections(NamedTuple):
-    """M = Q R: vectors v and factors b of the reflections I - b v v^T, first to last, and R."""
+    """M = Q R: vectors v and factors b of the reflections ``I - b v v^T``, first to last, and R."""
 
     vectors: list[Array]
     factors: list[Any]
@@ -102,7 +96,7 @@ class Reflections(NamedTuple):
         copied = columns.astype(object)
         for k in order:
             v = self.vectors[k]
-            copied[k:] = copied[k:] - _times(v, (v @ copied[k:]) * self.factors[k])
+            copied[k:] = copied[k:] - np.multiply.outer(v, (v @ copied[k:]) * self.factors[k])
         return copied
 
     def conjugate(self, symmetric: Array) -> Array:
@@ -121,23 +115,19 @@ class Reflections(NamedTuple):
         return copied
 
 
-def _times(v: Array, row: Array) -> Array:
-    return v * row if np.ndim(row) == 0 else np.outer(v, row)
-
-
-def _nowhere(matrix: Array) -> Scalar:
-    """NaN at every posture, as what follows from a matrix that is singular at each."""
-    nowhere: Scalar = math.nan
+def _undefined(matrix: Array) -> Scalar:
+    """NaN, recorded if the matrix is: the result for a matrix that is singular at every posture."""
+    undefined: Scalar = math.nan
     for x in np.ravel(matrix):
         if isinstance(x, Number):
-            nowhere = pick(x, x, 0.0, math.nan)
-    return nowhere
+            undefined = pick(x, x, 0.0, math.nan)
+    return undefined
 
 
 def reflections(matrix: Array) -> Reflections:
     """Householder decomposition of a matrix (n, m), n not less than m.
 
-    Of columns that depend on each other at every posture it is NaN.
+    It is NaN where columns are linearly dependent at every posture.
     """
     work = matrix.astype(object)
     n, m = work.shape
@@ -146,7 +136,7 @@ def reflections(matrix: Array) -> Reflections:
         x = work[k:, k].copy()
         size = copysign(square_root(norm_squared(x)), x[0])
         if is_zero(size):
-            size = _nowhere(matrix)
+            size = _undefined(matrix)
         x[0] = x[0] + size
         factor = 1.0 / (size * x[0])
         work[k, k] = -size
@@ -177,15 +167,15 @@ def inverse(matrix: Array) -> Array:
 
 
 def solution(matrix: Array, right: Array) -> Array:
-    """``matrix^-1 right`` of a square matrix, with no work on what is zero in every posture.
+    """``matrix^-1 right`` of a square matrix, without operations on entries that are always zero.
 
-    Each step takes the column with fewest entries that vary and reflects the rows where it has any.
-    A column of constants is eliminated instead, its pivot being known; and two columns that have
-    entries in the same two rows only are solved for by Cramer's rule, which needs no pivots either.
-    A matrix that is singular at every posture gives NaN.
+    Each step takes the column with fewest varying entries and reflects the rows of its nonzero
+    entries. A column of constants is eliminated instead, as its largest entry is known. Two columns
+    whose nonzero entries lie in the same two rows are solved by Cramer's rule, which needs no
+    pivots either. The result for a matrix that is singular at every posture is NaN.
     """
     n = len(matrix)
-    nowhere = _nowhere(matrix)
+    undefined = _undefined(matrix)
     work = np.concatenate([matrix, right], axis=1).astype(object)
     rows, columns = list(range(n)), list(range(n))
     steps: list[tuple[list[int], list[int], Array]] = []
@@ -201,12 +191,14 @@ def solution(matrix: Array, right: Array) -> Array:
         taken = filled[column]
         inner = [c for c in columns if filled[c] == taken]
         if len(taken) == len(inner) == 2:
-            block = _inverse_of_two(work[np.ix_(taken, inner)], nowhere)
+            block = _inverse_of_two(work[np.ix_(taken, inner)], undefined)
         else:
             inner = [column]
             others = [*(c for c in columns if c != column), *range(n, work.shape[1])]
-            row, one = _cleared(work, taken, column, others) if taken else (rows[0], nowhere)
-            taken, block = [row], np.array([[one]], object)
+            row, pivot_inverse = rows[0], undefined
+            if taken:
+                row, pivot_inverse = _clear_column(work, taken, column, others)
+            taken, block = [row], np.array([[pivot_inverse]], object)
         steps.append((taken, inner, block))
         rows = [i for i in rows if i not in taken]
         columns = [c for c in columns if c not in inner]
@@ -221,16 +213,18 @@ def solution(matrix: Array, right: Array) -> Array:
     return solved
 
 
-def _inverse_of_two(matrix: Array, nowhere: Scalar) -> Array:
-    """Inverse of a matrix (2, 2); made of `nowhere` if it has none in any posture."""
+def _inverse_of_two(matrix: Array, undefined: Scalar) -> Array:
+    """Inverse of a matrix (2, 2); made of `undefined` if it is singular at every posture."""
     (a, b), (c, d) = matrix
     determinant = a * d - b * c
-    one = nowhere if is_zero(determinant) else 1.0 / determinant
-    return np.array([[d * one, -(b * one)], [-(c * one), a * one]], object)
+    factor = undefined if is_zero(determinant) else 1.0 / determinant
+    return np.array([[d * factor, -(b * factor)], [-(c * factor), a * factor]], object)
 
 
-def _cleared(work: Array, filled: list[int], column: int, others: list[int]) -> tuple[int, Scalar]:
-    """Clear a column in all rows but one; which that is, and one over what stays there."""
+def _clear_column(
+    work: Array, filled: list[int], column: int, others: list[int]
+) -> tuple[int, Scalar]:
+    """Clear a column in all rows but one; that row, and the inverse of the entry that stays."""
     x = work[filled, column]
     if not any(isinstance(entry, Number) for entry in x):
         at = int(np.argmax(np.abs(x.astype(float))))
@@ -262,10 +256,10 @@ def _cleared(work: Array, filled: list[int], column: int, others: list[int]) -> 
 
 
 def positive_factor(matrix: Array) -> tuple[Array, Array, Array]:
-    """L (unit lower), 1 / d and d of ``matrix = L diag(d) L^T``, symmetric.
+    """L (unit lower triangular), 1 / d and d of a symmetric ``matrix = L diag(d) L^T``.
 
-    Scales of rows and columns do not matter: a matrix that is graded like its diagonal loses no
-    digits as long as no pivot is much less than its diagonal entry.
+    Scaling rows and columns alike does not change the relative error, which is small as long as no
+    pivot is much less than its diagonal entry.
     """
     n = len(matrix)
     L, inverses, pivots = zeros(n, n), zeros(n), zeros(n)
@@ -281,7 +275,7 @@ def positive_factor(matrix: Array) -> tuple[Array, Array, Array]:
 
 
 def below(L: Array, right: Array) -> Array:
-    """``L^-1 right`` for L with a unit diagonal and nothing above it."""
+    """``L^-1 right`` for a unit lower triangular L."""
     solved = right.astype(object)
     for i in range(1, len(L)):
         solved[i] = solved[i] - L[i, :i] @ solved[:i]
@@ -289,7 +283,7 @@ def below(L: Array, right: Array) -> Array:
 
 
 def above(L: Array, right: Array) -> Array:
-    """``L^-T right`` for L with a unit diagonal and nothing above it."""
+    """``L^-T right`` for a unit lower triangular L."""
     solved = right.astype(object)
     for i in reversed(range(len(L) - 1)):
         solved[i] = solved[i] - L[i + 1 :, i] @ solved[i + 1 :]
@@ -297,10 +291,11 @@ def above(L: Array, right: Array) -> Array:
 
 
 def eliminated(matrix: Array, keep: slice) -> tuple[Array, Scalar]:
-    """A block ``M_aa - M_ab M_bb^-1 M_ba`` of a positive matrix, the inverse of that of M^-1.
+    """Schur complement ``M_aa - M_ab M_bb^-1 M_ba`` of a positive matrix, and its loss of digits.
 
-    And how many times the relative error of M grows in it, as
-    `cartstiff.analysis.matrices.loss_of_elimination`; infinite where M_bb is not positive.
+    It is the inverse of the block a of M^-1. The loss is the factor by which the relative error of
+    M grows in it, as `cartstiff.analysis.matrices.loss_of_elimination`; infinite where M_bb is not
+    positive.
     """
     rest = np.delete(np.arange(len(matrix)), keep)
     whole, inner = matrix[keep, keep], matrix[np.ix_(rest, rest)]
@@ -324,14 +319,14 @@ def largest(values: Array) -> Scalar:
     return top
 
 
-#: How often the angle is halved, and terms of the series of asin(y) / y that are left to count.
+#: Number of halvings of the angle, and number of terms of the series of asin(y) / y.
 _HALVINGS, _TERMS = 4, 11
-#: Cosine of half the angle below which there is little left of its sine.
-_TURNED = 0.02
+#: Cosine of half the angle below which the sine of the angle has lost its digits.
+_LEAST_HALF_ANGLE_COSINE = 0.02
 
 
 def rotation_vector(R: Array) -> tuple[Array, Scalar]:
-    r"""W of ``R = exp([w])``, and 1 instead of 0 near half a turn, where it is not known.
+    r"""W of ``R = exp([w])``, and the verdict: `FALLBACK` near half a turn.
 
     The skew part of R has the vector ``s = w sin(t) / t``, t = |w|. With the cosines c_k of
     t / 2^k, found by halving from ``c_1 = sqrt((1 + tr R) / 4)``,
@@ -342,12 +337,12 @@ def rotation_vector(R: Array) -> tuple[Array, Scalar]:
     """
     s = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], object) * 0.5
     cosine: Scalar = square_root(larger((R[0, 0] + R[1, 1] + R[2, 2] + 1.0) * 0.25, 0.0))
-    verdict = pick(_TURNED, cosine, 0.0, 1.0)
-    product = cosine
+    verdict = pick(_LEAST_HALF_ANGLE_COSINE, cosine, PLAIN, FALLBACK)
+    cosines = cosine
     for _ in range(_HALVINGS - 1):
         cosine = square_root((cosine + 1.0) * 0.5)
-        product = product * cosine
-    inverse = 1.0 / product
+        cosines = cosines * cosine
+    inverse = 1.0 / cosines
     y = norm_squared(s) * inverse * inverse * 0.25**_HALVINGS
     series: Any = 0.0
     for k in reversed(range(_TERMS)):
@@ -355,35 +350,36 @@ def rotation_vector(R: Array) -> tuple[Array, Scalar]:
     return s * (series * inverse), verdict
 
 
-#: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
+#: Verdicts on a posture: its numbers are valid; `cartstiff.analyse` must compute it; no wrench
+#: balances it.
 PLAIN, FALLBACK, UNBALANCED = 0.0, 1.0, 2.0
 
-#: Condition numbers up to which the numbers here are trusted: of Jacobians (the engine calls them
-#: singular at 1 / `cartstiff.numerics.RANK`) and of what is inverted to find a compliance, beyond
-#: which the engine equilibrates or tells what is lost.
+#: Largest condition numbers for the verdict `PLAIN`: of Jacobians (`cartstiff.analyse` calls them
+#: singular at 1 / `cartstiff.numerics.RANK`) and of matrices that are inverted to a compliance
+#: (beyond it, `cartstiff.analyse` equilibrates or reports the loss of digits).
 JACOBIAN_CONDITION, STIFFNESS_CONDITION = numerics.PLAIN_JACOBIAN, numerics.PLAIN_STIFFNESS
 
 
-#: How well the norm of an inverse is known where it has lost nearly all of its digits, in sizes
-#: that the engine may choose a little differently.
-_KNOWN_TO = 0.7
-#: Share of an inverse up to which what its factors have lost for want of pivots may change it: in
-#: millions of matrices of mixed signs 3 % were the most that it did.
-_MISSED = 0.1
-#: Squared norm beyond which other sizes than those of the diagonal are taken for a matrix.
-_UNEVEN = 1e2
+#: Relative accuracy of the norm of an inverse that has lost nearly all digits; `cartstiff.analyse`
+#: may scale it by slightly different sizes.
+_NORM_ACCURACY = 0.7
+#: Relative change of an inverse that factors without pivoting may cause: 3 % was the largest in
+#: millions of indefinite matrices.
+_MAX_PIVOT_LOSS = 0.1
+#: Squared norm of an equilibrated matrix beyond which the diagonal is a poor choice of sizes.
+_MAX_SQUARED_NORM = 1e2
 
-#: Largest angle (rad) whose sine the vector code finds to the last digit.
+#: Largest angle [rad] whose sine the vector code computes to the last digit.
 LARGEST_ANGLE = 1e6
 
 
 def limited(value: Scalar, limit: float) -> Scalar:
-    """`PLAIN` where a value is below a limit, else `FALLBACK`; also where it is not a number."""
+    """`PLAIN` where a value is below a limit, else (and for NaN) `FALLBACK`."""
     return pick(value, limit, PLAIN, FALLBACK)
 
 
 def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:
-    """The matrix with its lower rows and right columns multiplied."""
+    """Multiply the lower rows and the right columns of a matrix (6, 6) by factors."""
     scaled = matrix.copy()
     scaled[3:] = scaled[3:] * rows
     scaled[:, 3:] = scaled[:, 3:] * columns
@@ -391,19 +387,19 @@ def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:
 
 
 def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
-    """Inverse of a stiffness, its lengths measured in `length`, and its squared condition."""
+    """Inverse of a stiffness, and its squared condition with lengths measured in `length`."""
     scaled = _in_length(K, length, length)
     inverted = inverse(scaled)
     return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(inverted)
 
 
 def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
-    r"""The verdict on K^B (6, 6) that is wanted without its inverse.
+    r"""Verdict on whether K^B (6, 6) resolves its softest direction, where no compliance is wanted.
 
-    Beside a compliance it need not hold its softer directions. The engine judges them by
-    ``|K| |K^-1|`` in the sizes of the diagonal. With ``K = L d L^T`` and ``X = L^-1`` the second
-    norm is that of ``X^T d^-1 X``. Where pivots of both signs have taken its digits, by the norm of
-    ``L |d| L^T`` beside K, it is bounded instead by the diagonal of ``X^T |d|^-1 X``.
+    `cartstiff.analyse` judges that by ``|K| |K^-1|`` in the sizes of the diagonal. With
+    ``K = L d L^T`` and ``X = L^-1`` the second norm is that of ``X^T d^-1 X``. Where pivots of both
+    signs have cancelled its digits (the norm of ``L |d| L^T`` beside that of K says so), the
+    diagonal of ``X^T |d|^-1 X`` bounds it.
     """
     kinds = {name.partition("_")[0] for name in wanted}
     if "stiffness" not in kinds or "compliance" in kinds:
@@ -414,10 +410,9 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     most: Scalar = _absolute(inverses) @ ((X * X) @ sizes)
     grown: Scalar = (1.0 / sizes) @ ((L * L) @ _absolute(pivots))
     known = squares_over(congruence(X, np.diag(inverses)), 1.0 / sizes)
-    softest = pick(grown * grown * known, (_MISSED / EPSILON) ** 2, known, most * most)
-    return limited(
-        squares_over(K, sizes) * softest, (_KNOWN_TO * numerics.LOST_ERROR / EPSILON) ** 2
-    )
+    softest = pick(grown * grown * known, (_MAX_PIVOT_LOSS / EPSILON) ** 2, known, most * most)
+    limit = (_NORM_ACCURACY * numerics.LOST_ERROR / EPSILON) ** 2
+    return limited(squares_over(K, sizes) * softest, limit)
 
 
 def _absolute(values: Array) -> Array:
@@ -425,23 +420,23 @@ def _absolute(values: Array) -> Array:
 
 
 def squares_over(matrix: Array, sizes: Array) -> Scalar:
-    """Squared norm of a matrix in sizes of its rows and columns."""
+    """Squared norm of a matrix divided by the sizes of its rows and columns."""
     return (matrix * matrix / np.multiply.outer(sizes, sizes)).sum()
 
 
 def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]:
-    """Squared norms of a matrix and its inverse in the sizes of the diagonal."""
+    """Squared norms of a matrix and its inverse, scaled by the sizes of the diagonal."""
     sizes = _absolute(matrix.diagonal())
     return squares_over(matrix, sizes), squares_over(inverse, 1.0 / sizes)
 
 
 def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:
-    """That of a cable: none where it is slack."""
+    """Stiffness of a cable: zero where it is slack."""
     return stiffness * pick(stretch, 0.0, 0.0, 1.0)
 
 
 def given_wrench(tape: Tape, case: Any, pose: Callable[[], Array]) -> Array | None:
-    """The wrench that a case is given, about M's origin in the axes of M; None without any."""
+    """The given wrench about M's origin in the axes of M; None without one."""
     if case.wrench == "none":
         return None
     W, at = tape.vector("wrench", 6), case.load.at
@@ -450,7 +445,7 @@ def given_wrench(tape: Tape, case: Any, pose: Callable[[], Array]) -> Array | No
     return wrench_in_body(W, pose() if case.axes == "world" else np.eye(4), at, case.axes)
 
 
-#: What makes ``K^A - K^B`` (6, 6) of the wrench.
+#: ``K^A - K^B`` (6, 6) of each basis wrench, on the last axis.
 FROM_B_TO_A = np.moveaxis(DEAD_AT_ORIGIN.changes(np.eye(6)), 0, -1)[0]
 
 
@@ -463,7 +458,7 @@ def connections(K_B: Array, W: Array, load: LoadKind) -> dict[str, Array]:
 def add_compliances(
     arrays: dict[str, Array], stiffness: dict[str, Array], wanted: Collection[str], length: Scalar
 ) -> Scalar:
-    """Put the compliances that are wanted into `arrays`; the largest squared condition of them."""
+    """Add the wanted compliances to `arrays`; return their largest squared condition."""
     largest: Scalar = 0.0
     for name, K in stiffness.items():
         output = f"compliance_{name}"
@@ -476,24 +471,24 @@ def add_compliances(
 def noteworthy(
     squared_condition: Scalar, *pairs: tuple[Array, Array], margin: float = 2.0
 ) -> Array:
-    """Two numbers: 1 and more where notes may tell of a near singularity, and of lost digits.
+    """Two numbers, at least 1 where notes on a near singularity, and on lost digits, are possible.
 
-    Bounds on the squared condition of the scaled Jacobian, and on that of matrices which are given
-    with their inverses, each divided by the sizes of the diagonal; with a margin, as the engine
-    finds them in another order, or along other motions.
+    They bound the squared condition of the scaled Jacobian, and that of matrices given in pairs
+    with their inverses, equilibrated; with a margin, as `cartstiff.analyse` evaluates them in
+    another order, or along other motions.
     """
     lost: Scalar = 0.0
     for pair in pairs:
         squares, others = equilibrated_squares(*pair)
         lost = larger(lost, squares * others * (margin * EPSILON / REPORTED_ERROR) ** 2)
-        lost = larger(lost, squares / _UNEVEN)
+        lost = larger(lost, squares / _MAX_SQUARED_NORM)
     return np.array([squared_condition * (1.01 * NEAR) ** 2, lost], object)
 
 
 def changed_compliance(
     C: Array, D: Array, length: Scalar, most: float = STIFFNESS_CONDITION
 ) -> tuple[Array, Scalar]:
-    """``C (1 + D C)^-1``: the inverse of K + D from C = K^-1, and the verdict on it."""
+    """``C (1 + D C)^-1``, the inverse of K + D from C = K^-1, and the verdict on it."""
     factor = _in_length(D @ C, length, 1.0 / length)
     factor[range(6), range(6)] = factor.diagonal() + 1.0
     turned = inverse(factor)
@@ -503,6 +498,6 @@ def changed_compliance(
 
 
 def shared_inputs(wrench: str) -> list[str]:
-    """Inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
+    """Names of inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
     own = ["stiffness", "rest", "forces", "weight", "lines", "anchors", "points", "length"]
     return own + (["wrench"] if wrench == "shared" else [])

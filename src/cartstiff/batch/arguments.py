@@ -1,4 +1,4 @@
-"""What `analyse_many` is given: checks, and the arrays that are filled."""
+"""Arguments of `analyse_many`: checks, and the arrays to fill."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17
-#: What can be asked for.
+#: Names of outputs of every mechanism.
 OUTPUTS = (
     "pose",
     "jacobian",
@@ -27,7 +27,7 @@ OUTPUTS = (
     *(f"stiffness_{c}" for c in OF_MANY),
     *(f"compliance_{c}" for c in OF_MANY),
 )
-#: Of the legs of a platform.
+#: Output for the legs of a platform.
 TENSIONS = "tensions"
 EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
 
@@ -92,7 +92,7 @@ def arrays_for(
     shape: tuple[int, ...],
     inputs: Mapping[str, Array | None],
 ) -> dict[str, Array]:
-    """The arrays to fill: those given in `out`, which share no memory with others, and new ones."""
+    """The arrays to fill: those given in `out`, which must not share memory, and new ones."""
     own = {full_name(name): array for name, array in (out or {}).items()}
     for name, array in own.items():
         if name not in names:
@@ -105,7 +105,7 @@ def arrays_for(
 def with_room(
     names: Sequence[str], arrays: Mapping[str, Array], shape: tuple[int, ...]
 ) -> dict[str, Array]:
-    """Those of the arrays that are named, and new ones for the other names."""
+    """The given arrays, and new ones for the other names."""
     return {
         name: arrays[name] if name in arrays else aligned_empty(*_shape(name, *shape))
         for name in names
@@ -132,7 +132,7 @@ def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -
     others = [(name, values) for name, values in inputs.items() if values is not None]
     bounds = sorted(byte_bounds(array) for _, array in (*others, *own.items()))
     if all(end <= start for (_, end), (start, _) in pairwise(bounds)):
-        return  # as nearly always, and soon seen
+        return  # the usual case, decided quickly
     for name, array in own.items():
         for other, values in others:
             if overlap(array, values):
@@ -146,16 +146,16 @@ def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -
 
 
 def address_of(array: Array) -> int:
-    """Where an array begins in memory; much faster than ``array.ctypes.data``."""
+    """Address of an array; much faster than ``array.ctypes.data``."""
     address: int = array.__array_interface__["data"][0]
     return address
 
 
 def aligned_empty(*shape: int) -> Array:
-    """Uninitialised doubles from an address divisible by 64, as whole cache lines are written.
+    """Uninitialised doubles, aligned to 64 bytes, so that whole cache lines are written.
 
-    From a mebibyte on they begin on a multiple of two, where a large page of memory can: small ones
-    cost a tenth of the time of writing. NumPy asks for large ones where four or more are wanted.
+    Arrays of a mebibyte and more are aligned to two, for large pages of memory: small ones cost a
+    tenth of the time of writing. NumPy requests large pages for four mebibytes and more.
     """
     size, step = prod(shape), _LINE
     room = size

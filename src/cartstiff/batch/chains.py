@@ -1,11 +1,11 @@
-r"""The arithmetic of a serial chain, any number of joints, on recording numbers.
+r"""Stiffness and compliance of a serial chain on recorded numbers, for any number of joints.
 
-Twists J_C of the joints are found in C, the frame of a joint, from it outward and inward. For six
-coordinates C stands in the middle of the chain: the axes beside it are constant, the next ones
-depend on one angle each, and the outermost on half of the angles, so that much of J_C is zero
-whatever the posture and is never computed. Else C is the body frame M. In coordinates of one kind,
-with L[a, b] = W . [J_a, J_b] for a behind b, else 0, which does not depend on the frame, and with
-H_L = H - S_W, S_W = -1/2 (L + L^T),
+The twists J_C of the joints are in the frame C of a joint. For six coordinates C is in the middle
+of the chain: the axes beside it are constant, the next ones depend on one angle each, and the
+outermost on half of the angles, so that many entries of J_C are zero at every posture and are not
+computed. Otherwise C is the body frame M. In coordinates of one kind, with L[a, b] = W . [J_a, J_b]
+for joint a after joint b, else 0, which does not depend on the frame, and with H_L = H - S_W,
+S_W = -1/2 (L + L^T),
 
     n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F + A^T L A - 1/2 Omega
     n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
@@ -15,29 +15,21 @@ H_L = H - S_W, S_W = -1/2 (L + L^T),
 
 which is the reduction of `cartstiff.stiffness.reduction` without its singular value decomposition.
 
-Nonlinear joint springs on recording numbers: the laws of `potentials.springs`.
-
-Line springs and cables between bodies of a chain, on recording numbers.
-
-With u the direction of a line of length l, D_a the velocity of its end in b less that of its end in
-a per rate of joint a, and t the tension,
+Line springs and cables between bodies of a chain: with u the direction of a line of length l, D_a
+the velocity of its end b less that of its end a per rate of joint a, and t the tension,
 
     dl/dq_a = u . D_a,
-    d2l/dq_a dq_b = (D_a . D_b - (u . D_a) (u . D_b)) / l + (u x omega_a) . D_b    for b behind a.
+    d2l/dq_a dq_b = (D_a . D_b - (u . D_a) (u . D_b)) / l + (u x omega_a) . D_b    for b after a.
 
-Joints that move both ends do not change it. A slack cable has neither tension nor stiffness.
+Joints that move both ends do not change the line. A slack cable has neither tension nor stiffness.
 
-Masses of a chain or a tree on recording numbers: the matrix of its kinetic energy.
-
-With m, h and I the mass, first and second moment about the origin of C of a joint and of all that
-hangs on it, and joint b on or behind joint a,
+Mass matrix of a chain or a tree: with m, h and I the mass, first and second moment about the origin
+of C of all bodies that joint b carries, b being a or after a,
 
     M_ab = omega_a . (I omega_b + h x v_b) + v_a . (m v_b - h x omega_b).
 
-A serial chain as recording numbers: twists, energy, scales, the Lagrangian Hessian.
-
-Gravity and dead forces enter through the bodies beyond each joint: with m, m c their mass and first
-moment and S_b = omega_b x m c + m v_b,
+Gravity and dead forces: with m and m c the mass and first moment of the bodies that joint b carries
+and S_b = omega_b x m c + m v_b,
 
     dPhi/dq_b = -g . S_b,     d2Phi/dq_a dq_b = -(g x omega_a) . S_b    for b not before a.
 """
@@ -98,17 +90,17 @@ from cartstiff.numerics import BALANCE, ROUNDING
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
-#: Points of a table that is recorded: every piece is a choice of six numbers.
-_POINTS = 33
-#: Newton steps to a deflection, and what the last of them may change, as a share of it.
-_STEPS, _CHANGED = 8, numerics.LAST_DIGITS**0.5
-#: Share of the way to where a law no longer rises that is trusted.
-_RISING = 0.99
+#: Largest number of points of a recorded table: each piece is a choice of six numbers.
+_MAX_TABLE_POINTS = 33
+#: Number of Newton steps for a deflection, and largest relative change by the last of them.
+_NEWTON_STEPS, _MAX_LAST_CHANGE = 8, numerics.LAST_DIGITS**0.5
+#: Largest deflection, as a share of that at which a polynomial law no longer rises.
+_MAX_RISING_SHARE = 0.99
 
 
 def is_recorded(law: SpringLaw) -> bool:
-    """Whether a law is recorded here."""
-    small = type(law) is TabulatedLaw and len(law.deflections) <= _POINTS
+    """Whether a law can be recorded."""
+    small = type(law) is TabulatedLaw and len(law.deflections) <= _MAX_TABLE_POINTS
     return small or type(law) is PolynomialLaw
 
 
@@ -122,8 +114,8 @@ def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
 def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     """Deflection that carries a torque, and the verdict on it.
 
-    On the part of a polynomial that rises through zero it is the root of smallest size; of a table,
-    where it rises or falls everywhere, there is one.
+    For a polynomial it is the root of smallest size, within the part that rises through zero. A
+    table must rise or fall throughout, so that there is one root.
     """
     if isinstance(law, TabulatedLaw):
         return _in_table(law, torque)
@@ -134,12 +126,14 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     real = np.abs(turning[np.abs(turning.imag) <= numerics.CLOSE * (1.0 + np.abs(turning))])
     x, verdict = _found(law, torque, torque * (1.0 / c[0]) if c[0] else np.nan)
     if real.size:
-        verdict = larger(verdict, pick(absolute(x), _RISING * float(real.min()), PLAIN, FALLBACK))
+        verdict = larger(
+            verdict, pick(absolute(x), _MAX_RISING_SHARE * float(real.min()), PLAIN, FALLBACK)
+        )
     return x, verdict
 
 
 def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scalar]:
-    """The row of a table's pieces in which x lies, behind how many of the ascending knots."""
+    """Coefficients of the piece in which x lies; `knots` are the ascending ends of the pieces."""
     rows = law._pieces.tolist()
     found: list[Scalar] = list(rows[-1])
     for row, knot in reversed(list(zip(rows[:-1], knots, strict=True))):
@@ -152,7 +146,7 @@ def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     if not ((np.diff(y) > 0.0).all() and law._pieces[[0, -1], 3].all()):
         return 0.0, FALLBACK
     start, verdict = _piece(law, torque, law.torques), PLAIN
-    # The piece is known: its cubic alone is solved, from the straight line through its ends.
+    # Solve the cubic of that piece, starting from the straight line through its ends.
     secants = np.diff(y) / np.diff(law.deflections)
     slopes = [law._pieces[0, 3], *secants.tolist(), law._pieces[-1, 3]]
     slope: Scalar = slopes[-1]
@@ -161,34 +155,34 @@ def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     knot, _, at_knot, *rest = start
     d = (torque - at_knot) / slope
     step: Scalar = 0.0
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         value = d * (rest[0] + d * (rest[1] + d * rest[2]))
         step = (torque - at_knot - value) / (rest[0] + d * (2.0 * rest[1] + 3.0 * d * rest[2]))
         d = d + step
-    return knot + d, larger(verdict, _settled(step, absolute(d)))
+    return knot + d, larger(verdict, _converged(step, absolute(d)))
 
 
 def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
-    """The deflection after Newton steps from x."""
+    """Deflection after Newton steps from x, and the verdict on it."""
     step: Scalar = 0.0
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         _, own, stiffness = stretched(law, x)
         step = (torque - own) / stiffness
         x = x + step
-    return x, _settled(step, absolute(x))
+    return x, _converged(step, absolute(x))
 
 
-def _settled(step: Scalar, size: Scalar) -> Scalar:
-    """Whether the last step has changed little; what is left is its square."""
-    return pick(absolute(step), size * _CHANGED + numerics.TINY, PLAIN, FALLBACK)
+def _converged(step: Scalar, size: Scalar) -> Scalar:
+    """Verdict on the last Newton step: the remaining relative error is its square."""
+    return pick(absolute(step), size * _MAX_LAST_CHANGE + numerics.TINY, PLAIN, FALLBACK)
 
 
 class JointSpringNumbers:
-    """Springs of the coordinates, linear and not, as numbers on a tape.
+    """Linear and nonlinear springs of the coordinates, recorded.
 
     Attributes
     ----------
-    verdict : the verdict on the deflections that were found.
+    verdict : on the deflections found by `under`.
     """
 
     def __init__(self, tape: Tape, n: int, laws: Sequence[tuple[int, SpringLaw]]) -> None:
@@ -197,7 +191,7 @@ class JointSpringNumbers:
         self.verdict: Scalar = PLAIN
 
     def at(self, a: int, q: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-        """Energy, torque and stiffness of a spring whose rest position is given."""
+        """Energy, torque and stiffness of a spring with a given rest position."""
         stretch = q - self._rest[a]
         if a in self._laws:
             return stretched(self._laws[a], stretch)
@@ -205,7 +199,7 @@ class JointSpringNumbers:
         return k * stretch * stretch * 0.5, k * stretch, k
 
     def under(self, a: int, torque: Scalar) -> tuple[Scalar, Scalar]:
-        """Energy and stiffness of a spring whose rest position is chosen: it exerts the torque."""
+        """Energy and stiffness of a spring whose rest position makes it exert a torque."""
         if a not in self._laws:
             k = self._stiffness[a]
             return torque * torque / k * 0.5, k
@@ -217,11 +211,11 @@ class JointSpringNumbers:
 
 @dataclass(frozen=True)
 class Line:
-    """Where a line spring is fastened.
+    """Attachment of a line spring.
 
     Attributes
     ----------
-    joints : bodies of its ends a and b, by the joints that carry them, counted from 1; 0 is F.
+    joints : joints that carry its ends a and b, counted from 1; 0 is F.
     points : its ends in the frames of these joints (2, 3).
     unilateral : whether it goes slack instead of pushing.
     """
@@ -236,7 +230,12 @@ def line_terms(
 ) -> tuple[Scalar, Array, Array, Scalar]:
     """Energy, gradient and Hessian in the joint positions, and the verdict on the length."""
     J, outward = kinematics.J, kinematics.outward
-    ends = [_end(kinematics, *end) for end in zip(line.joints, line.points, strict=True)]
+    ends: list[Array] = []
+    for joint, point in zip(line.joints, line.points, strict=True):
+        R, p = kinematics.R_C_F, kinematics.p_C_F
+        if joint:
+            R, p = kinematics.behind(joint - 1)
+        ends.append(R @ np.array(point) + p)
     along = ends[1] - ends[0]
     length = square_root(norm_squared(along))
     u = along * (1.0 / length)
@@ -268,26 +267,16 @@ def line_terms(
     return tension * stretch * 0.5, gradient, hessian, verdict
 
 
-def _end(kinematics: Any, joint: int, point: tuple[float, ...]) -> Array:
-    """A point of a joint's body, or of F, in the frame of the twists."""
-    if not joint:
-        R, p = kinematics.R_C_F, kinematics.p_C_F
-    else:
-        R, p = kinematics.behind(joint - 1)
-    end: Array = R @ np.array(point) + p
-    return end
-
-
 @dataclass(frozen=True)
 class Bodies:
-    """Masses that the joints carry, as plain numbers; a key.
+    """Inertias of the joints' bodies as plain numbers, hashable.
 
     Attributes
     ----------
-    masses : of each joint's body.
-    centres : in the joints' frames (joints, 3), flat.
-    moments : of inertia about these (joints, 3, 3), flat.
-    armatures : of each joint, what turns or shifts with its coordinate alone.
+    masses : mass of each joint's body.
+    centres : mass centres in the joints' frames (joints, 3), flat.
+    moments : moments of inertia about the centres (joints, 3, 3), flat.
+    armatures : inertia of each joint's rotor.
     """
 
     masses: tuple[float, ...]
@@ -297,14 +286,14 @@ class Bodies:
 
     @staticmethod
     def of(tree: KinematicTree) -> Bodies:
-        """Those of a tree, in kg and its unit of length."""
+        """Inertias of a tree, in kg and its unit of length."""
         masses, centres = tree.masses()
         moments = np.array([body.inertia for body in list(tree.model.inertias)[1:]])
         return Bodies(*map(numbers, (masses, centres, moments, np.array(tree.model.armature))))
 
 
 def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
-    """Masses' matrix (joints, joints) in the joint positions."""
+    """Mass matrix (joints, joints) in the joint positions."""
     J, joints = kinematics.J, kinematics.J.shape[1]
     centres = np.reshape(bodies.centres, (joints, 3))
     moments = np.reshape(bodies.moments, (joints, 3, 3))
@@ -332,43 +321,44 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     return M
 
 
-#: Where all axes meet within this share of the chain's size the engine chooses the length.
-_MEETING = numerics.NEARBY
+#: Characteristic length, as a share of the chain's size, below which all axes meet in a point and
+#: `cartstiff.analyse` must choose the length.
+_LEAST_LENGTH_SHARE = numerics.NEARBY
 
 
 @dataclass(frozen=True)
 class ChainCase:
-    """What acts on a chain.
+    """A chain with its springs and loads; the key of its recorded programs.
 
     Attributes
     ----------
     constants : ChainConstants
     open : tuple of bool or None
-        Coordinates whose rest position is chosen posture by posture; None without springs.
+        Coordinates whose rest position is chosen at each posture; None without springs.
     wrench : {"none", "shared", "each"}
         Whether a wrench is given: one for all postures, or one for each.
     fields : tuple of ForceField
     stretched : tuple of Line
-        Line springs and cables whose rest lengths are known.
+        Line springs and cables with known rest lengths.
     coupled : tuple of (indices, flat matrix)
         Springs over several coordinates.
     derivatives : bool
-        Whether energy, gradient and Hessian of further potentials are given as arrays.
+        Whether energy, gradient and Hessian of further potentials are input arrays.
     segments : tuple of tuples of int
-        Coordinates of segments of beams, whose derivatives are given segment by segment.
+        Coordinates of beam segments, whose derivatives are input arrays for each segment.
     settled : tuple of int
-        Coordinates without springs of their own that are at rest under the wrench before
-        anything is asked: `settling` finds where.
+        Coordinates without springs of their own, which are first deflected to rest under the
+        wrench (`cartstiff.batch.closed_chains.settling_arrays`).
     singular : bool
-        Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
+        Whether the program is for postures that have lost rank and uses no inverse Jacobian.
     laws : tuple of (int, SpringLaw)
-        Nonlinear springs among the coordinates' own.
+        Nonlinear springs of coordinates.
     bodies : Bodies, optional
-        All masses, where vibrations count.
+        All masses, for vibrations.
     rigid : tuple of int
-        Coordinates that stay where they are whatever acts.
+        Coordinates that do not move under any load.
     load : LoadKind
-        What the load does while the body moves, and where the wrench acts.
+        Behaviour of the load while the body moves, and the point of application of the wrench.
     axes : {"body", "world"}
         Axes of the wrench's components: those of M or of F.
     """
@@ -391,12 +381,12 @@ class ChainCase:
 
     @property
     def moving(self) -> list[int]:
-        """Coordinates that give."""
+        """Coordinates that are not rigid."""
         return [a for a in range(len(self.constants.is_length)) if a not in self.rigid]
 
     @property
     def freedoms(self) -> int:
-        """How many motions there are."""
+        """Number of motions."""
         return len(self.moving)
 
 
@@ -424,7 +414,7 @@ def _lower(matrix: Array) -> Array:
 
 
 def against(twist: Array, W: Array) -> Array:
-    """What gives ``-W . [twist, X]`` with any X."""
+    """Vector whose product with any twist X is ``-W . [twist, X]``."""
     turn, shift = twist[:3], twist[3:]
     return np.concatenate([cross(turn, W[:3]) + cross(shift, W[3:]), cross(turn, W[3:])])
 
@@ -434,7 +424,7 @@ def curvature_of(J: Array, W: Array) -> Array:
     joints = J.shape[1]
     S = zeros(joints, joints)
     half = W * 0.5
-    # Of a pair the twist with more zeros makes the row, which then has zeros too.
+    # The twist of a pair with more zeros makes the row, which then has zeros, too.
     order = sorted(range(joints), key=lambda a: sum(not is_zero(x) for x in J[:, a]))
     for i, b in enumerate(order):
         row = against(J[:, b], half)
@@ -444,12 +434,12 @@ def curvature_of(J: Array, W: Array) -> Array:
 
 
 class ChainNumbers:
-    """One chain under one case, as numbers on a tape."""
+    """A chain under a case, recorded: twists, energy, scales, the Lagrangian Hessian."""
 
     is_closed = False
     #: The verdict on deflections of springs and lengths of lines.
     of_springs: Scalar = PLAIN
-    # Of a closed chain they are other ones.
+    # Closed chains have other types of these.
     case: Any
     kinematics: Any
     columns: Array
@@ -481,18 +471,18 @@ class ChainNumbers:
             self._hold(case.moving)
 
     def _hold(self, moving: list[int]) -> None:
-        """Leave the motions of some coordinates only: the others are rigid."""
+        """Keep the motions of some coordinates only; the others are rigid."""
         own = np.eye(len(self.q)) if self.mimic is None else self.mimic
         self.mimic, self.J = own[:, moving], self.J_q[:, moving]
         self.columns = self.columns[moving]
         self.gradient, self.hessian = self.gradient[moving], self.hessian[np.ix_(moving, moving)]
 
     def _of_coordinates(self, J: Array) -> Array:
-        """A Jacobian of the coordinates from that of the joints."""
+        """Convert a Jacobian of the joints to the coordinates."""
         return J if self.mimic is None else J @ self.mimic
 
     def _others(self, tape: Tape) -> tuple[Any, Array, Array]:
-        """Energy, gradient, Hessian of everything but the springs."""
+        """Energy, gradient and Hessian of all terms but the coordinates' springs."""
         case, n = self.case, len(self.q)
         energy: Any = 0.0
         gradient, hessian = zeros(n), zeros(n, n)
@@ -519,7 +509,7 @@ class ChainNumbers:
         return energy, gradient, hessian
 
     def _on_bodies(self, tape: Tape) -> Iterator[tuple[Scalar, Array, Array]]:
-        """Energy, gradient, Hessian in the joint positions of each force and line on the bodies."""
+        """Energy, gradient and Hessian in the joint positions of each force and each line."""
         case = self.case
         forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
         for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
@@ -531,7 +521,7 @@ class ChainNumbers:
             yield E, g, H
 
     def _evaluate(self, tape: Tape) -> None:
-        """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
+        """Energy, gradient and Hessian of all terms, open rest positions balancing the load."""
         case, n = self.case, len(self.q)
         energy, gradient, hessian = self._others(tape)
         if case.open is not None:
@@ -549,9 +539,9 @@ class ChainNumbers:
         self.energy, self.gradient, self.hessian = energy, gradient, hessian
 
     def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
-        """Characteristic length, natural sizes of the coordinates, and the first verdict.
+        """Set the characteristic length, natural sizes of the coordinates, and the first verdict.
 
-        From twists J (6, k) in M, and how much each of them turns.
+        From twists J (6, k) in M and their squared rotation rates `turning`.
         """
         self.verdict: Scalar = self.of_springs
         total = sum(turning[1:], turning[0])
@@ -564,9 +554,9 @@ class ChainNumbers:
                 if not (isinstance(turning[a], float) and turning[a] == 0.0)
             ]
             area = sum(moments[1:], moments[0]) / total
-            if not is_zero(area):  # else the engine chooses
+            if not is_zero(area):  # else `cartstiff.analyse` chooses the length
                 self.area, self.length = area, square_root(area)
-            least = _MEETING * self.kinematics.size
+            least = _LEAST_LENGTH_SHARE * self.kinematics.size
             self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, FALLBACK))
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
@@ -575,7 +565,7 @@ class ChainNumbers:
             self.columns[a] = self.length if is_distance else 1.0
 
     def load(self) -> Array | None:
-        """The wrench where it is known beforehand."""
+        """Wrench that is known without the gradient; None if there is none."""
         is_open = self.case.open
         if self.W is None and is_open is not None and all(is_open[a] for a in self.case.moving):
             return zeros(6)
@@ -591,13 +581,13 @@ class ChainNumbers:
         return S if self.mimic is None else congruence(self.mimic, S)
 
     def inverse(self) -> Array:
-        """J^-1 of six coordinates, and the verdict on it."""
+        """J^-1 of six coordinates; adds the verdict on it."""
         kinematics = self.kinematics
-        # So that turns and shifts are of one size any length near the reach serves; 1 is free.
+        # Any length near the reach makes rotations and translations comparable; 1 costs nothing.
         length = 4.0 ** round(math.log(kinematics.reach or 1.0, 4.0))
         scale = np.repeat([length, 1.0], 3)[:, None]
         A = solution(self._of_coordinates(kinematics.J) * scale, kinematics.adjoint() * scale)
-        # Where the characteristic length is small beside that, C knows less than M would.
+        # A characteristic length that is small beside that makes C less accurate than M.
         limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
         condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
         self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, FALLBACK))
@@ -607,43 +597,39 @@ class ChainNumbers:
     def condition(self, forward: Array, backward: Array) -> Scalar:
         """Bound on the squared condition number of the scaled Jacobian.
 
-        From its transpose and its transposed inverse, or what differs from them by a rotation of
-        the coordinates.
+        From its transpose and its transposed inverse, up to a rotation of the coordinates.
         """
         if self.mimic is None and not any(self.case.constants.is_length):
-            size: Scalar = 2.0 * self.n  # by the choice of the length
+            size: Scalar = 2.0 * self.n  # by the definition of the length
         else:
             size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
         return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
 
     def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
-        """Whether notes may tell of something near, and of digits: `arithmetic.noteworthy`.
-
-        From H_L in the coordinates and K^B, each with its inverse.
-        """
+        """`cartstiff.batch.algebra.noteworthy`, from H_L and K^B, each with its inverse."""
         margin = 2.0 if self.n == 6 else 100.0
         return noteworthy(self.squared_condition, own, outer, margin=margin)
 
     def kinetic(self, bodies: Bodies) -> Array:
-        """Masses' matrix in the coordinates."""
+        """Mass matrix in the coordinates."""
         M = kinetic(bodies, self.kinematics)
         return M if self.mimic is None else congruence(self.mimic, M)
 
 
-#: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
-_SHARE = numerics.LOST_ERROR
-#: Most that factors of mixed signs may exceed the entries of their row.
-_GROWTH = 100.0
-#: Most that one step of Newton's method may change an inverse: it leaves the square of that.
-_LOST_TO_PIVOTS = numerics.LAST_DIGITS**0.5
-#: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
-#: largest entry, that are trusted.
-_PIVOT = numerics.LOST_ERROR
+#: Least pivot of the Hessian, as a share of its diagonal entry: four digits are lost.
+_LEAST_PIVOT_SHARE = numerics.LOST_ERROR
+#: Largest ratio of factors with mixed signs to the entries of their row.
+_MAX_FACTOR_GROWTH = 100.0
+#: Largest relative change of an inverse by one step of Newton's method, whose square remains.
+_MAX_NEWTON_CHANGE = numerics.LAST_DIGITS**0.5
+#: Least pivot of the self-motion's stiffness, and least norm of its Schur complement, as shares of
+#: the largest entry.
+_LEAST_SELF_MOTION_SHARE = numerics.LOST_ERROR
 
 
 @lru_cache(maxsize=64)
 def _middle(constants: ChainConstants) -> int:
-    """The joint in whose frame the Jacobian of six coordinates is inverted with least effort."""
+    """Joint in whose frame the inverse Jacobian of six coordinates takes fewest operations."""
     counts = {}
     for joint in range(1, len(constants.screws) // 6 + 1):
         tape = Tape()
@@ -654,7 +640,7 @@ def _middle(constants: ChainConstants) -> int:
 
 
 def _six(chain: ChainNumbers) -> tuple[Array, Array, Array]:
-    """W, K^B and K^F of six coordinates."""
+    """W, K^B and K^F of a chain of six coordinates."""
     A = chain.inverse()
     W = chain.load()
     if W is None:
@@ -688,7 +674,7 @@ def _curved(chain: ChainNumbers, A: Array, W: Array) -> Array:
 
 
 def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
-    """W and K^B of more than six joints, the energy least over the self-motion."""
+    """W and K^B of more than six joints, the energy being least over the self-motion."""
     n, columns = chain.n, chain.columns
     Q = reflections((chain.J * columns).T)
     inverse_R = upper_inverse(Q.R)
@@ -700,24 +686,24 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
         gradient = chain.gradient * columns
         turned = Q.apply_transposed(gradient)
         W = inverse_R @ turned[:6]
-        noise = largest(chain.hessian * columns * columns[:, None]) * ROUNDING
-        limit = largest(gradient) * BALANCE + noise
-        felt = square_root(norm_squared(turned[6:]))
-        # The engine's basis of the self-motion is another: its largest entry is only bounded.
+        roundoff = largest(chain.hessian * columns * columns[:, None]) * ROUNDING
+        limit = largest(gradient) * BALANCE + roundoff
+        torque = square_root(norm_squared(turned[6:]))
+        # `cartstiff.analyse` has another basis of the self-motion: this bounds its largest entry.
         balanced = pick(
-            felt, limit * 0.5, PLAIN, pick(limit * (2.0 * n), felt, UNBALANCED, FALLBACK)
+            torque, limit * 0.5, PLAIN, pick(limit * (2.0 * n), torque, UNBALANCED, FALLBACK)
         )
     H = chain.lagrangian(W) * columns * columns[:, None]
     turned_H = Q.conjugate(H)
     L, inverses, pivots = positive_factor(turned_H[6:, 6:])
     reached = below(L, turned_H[6:, :6])
     S = turned_H[:6, :6] - congruence(reached, np.diag(inverses))
-    limit = largest(H) * _PIVOT
+    limit = largest(H) * _LEAST_SELF_MOTION_SHARE
     stable: Scalar = PLAIN
     for pivot in pivots:
         stable = larger(stable, pick(limit, pivot, PLAIN, FALLBACK))
     stable = larger(stable, pick(limit * limit, norm_squared(S), PLAIN, FALLBACK))
-    # An unbalanced posture has no H_L; whatever else is doubtful goes to the engine.
+    # An unbalanced posture has no H_L; any other doubt leads to the verdict `FALLBACK`.
     verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
     verdict = pick(regular, 0.5, verdict, FALLBACK)
     chain.verdict = pick(chain.verdict, 0.5, verdict, FALLBACK)
@@ -725,7 +711,7 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
 
 
 def _through_compliance(chain: ChainNumbers) -> tuple[Array, Array]:
-    """W, which is known, and K^B of more than six motions: the inverse of their compliance."""
+    """The known W and K^B, the inverse of the compliance, of more than six motions."""
     W = chain.load()
     if W is None:
         raise ValueError("the wrench of more than six motions is not known beforehand")
@@ -738,7 +724,7 @@ def _through_compliance(chain: ChainNumbers) -> tuple[Array, Array]:
 
 
 def _deficient(chain: ChainNumbers) -> Array:
-    """W of least norm of fewer than six joints."""
+    """W of least norm for fewer than six joints."""
     columns, length = chain.columns, chain.length
     scaled = chain.J * columns
     scaled[3:] = scaled[3:] / length
@@ -760,13 +746,13 @@ def _deficient(chain: ChainNumbers) -> Array:
 def _compliances(
     chain: ChainNumbers, W: Array, arrays: dict[str, Array], wanted: Collection[str]
 ) -> Scalar:
-    """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `arrays`, D = K^X - K^B; the verdict on them."""
+    """Add ``C^X = J (H_L + J^T D J)^-1 J^T``, D = K^X - K^B, to `arrays`; return the verdict."""
     names = [name for name in OF_MANY if f"compliance_{name}" in wanted]
     verdict: Scalar = PLAIN
     if not names:
         return verdict
     unloaded = all(is_zero(w) for w in W)
-    # Six coordinates leave no self-motion whose balance hangs on a sign.
+    # Six coordinates have no self-motion that an indefinite Hessian could make unstable.
     signed = chain.n == 6 and not (chain.is_closed or chain.case.singular)
     H = chain.hessian if unloaded else chain.lagrangian(W)
     C, verdict = _softness(chain, H, signed)
@@ -788,32 +774,35 @@ def _compliances(
 
 
 def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
-    """``J H^-1 J^T`` and the verdict on it; `signed` admits an H that is not positive.
+    """``J H^-1 J^T`` and the verdict on it; `signed` admits an indefinite H.
 
-    Of a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; where signs are mixed,
-    that of their sizes says what the factors lose for want of pivoting. Where that is much, one
-    step of Newton's method, ``X (2 - H X)``, squares what is lost, as long as it is little. It is
-    not taken elsewhere: what H has next to its softest motion the factors know better.
+    For a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; for an indefinite one,
+    the sum of absolute values bounds the loss of factors without pivoting. Where the loss is large,
+    one step of Newton's method, ``X (2 - H X)``, squares it, as long as it is below 1. Elsewhere
+    the step is not taken, as the factors resolve the softest motion better.
     """
     L, inverses, pivots = positive_factor(H)
     C = congruence(below(L, chain.J.T), np.diag(inverses))
     verdict: Scalar = PLAIN
     if not signed:
         for a, pivot in enumerate(pivots):
-            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, FALLBACK))
+            least = H[a, a] * _LEAST_PIVOT_SHARE
+            verdict = larger(verdict, pick(least, pivot, PLAIN, FALLBACK))
         return C, verdict
     sizes = np.array([absolute(pivot) for pivot in pivots], object)
     scaled = H * chain.columns / chain.columns[:, None]
     for a in range(len(H)):
         grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
-        verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, FALLBACK))
-        verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, FALLBACK))
+        verdict = larger(
+            verdict, pick(grown, largest(scaled[a]) * _MAX_FACTOR_GROWTH, PLAIN, FALLBACK)
+        )
+        verdict = larger(verdict, pick(grown * _LEAST_PIVOT_SHARE, sizes[a], PLAIN, FALLBACK))
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
     step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
     size, inverse_size = equilibrated_squares(H, X + step)
     known = limited(size * inverse_size, numerics.WELL_CONDITIONED**2)
     change = equilibrated_squares(H, step)[1]
-    known = larger(known, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, FALLBACK))
+    known = larger(known, pick(change, inverse_size * _MAX_NEWTON_CHANGE**2, PLAIN, FALLBACK))
     return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
 
 
@@ -824,7 +813,7 @@ def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
 
 
 def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
-    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
+    """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     joints = len(case.constants.screws) // 6
     if case.singular:
         return _singular_arrays(ChainNumbers(tape, case, joints), wanted)
@@ -834,11 +823,10 @@ def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[s
 
 
 def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
-    """What exists where rank is lost, and "looked_at": what tells that it is.
+    """Outputs that exist where rank is lost, and "looked_at", which shows the loss of rank.
 
-    That is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of the Hessian, in
-    natural sizes of the coordinates that give. The wrench and the compliances are those of a known
-    load.
+    The latter is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of the
+    Hessian, in natural sizes of the moving coordinates. Wrench and compliances need a known load.
     """
     scaled = chain.J * chain.columns
     scaled[3:] = scaled[3:] * (1.0 / chain.length)
@@ -853,7 +841,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     W, verdict = chain.load(), chain.verdict
     if W is not None:
         arrays["wrench"], chain.has_chart = W, False
-        # Else a self-motion may cost nothing, or buckle.
+        # Rejects self-motions that cost nothing or buckle.
         verdict = larger(verdict, _softness(chain, chain.lagrangian(W))[1])
         verdict = larger(verdict, _compliances(chain, W, arrays, wanted))
     arrays["verdict"] = np.array([verdict], object)
@@ -861,7 +849,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
 
 
 def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
-    """`chain_arrays` of a chain."""
+    """`chain_arrays` of a recorded chain."""
     arrays: dict[str, Array] = {
         "pose": chain.kinematics.pose(),
         "jacobian": chain.J_q,
@@ -899,7 +887,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     verdict = _compliances(chain, W, arrays, wanted)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
-    # What does not balance stays so, whatever its stiffness would be.
+    # An unbalanced posture keeps that verdict, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
     arrays["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
     if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:

@@ -1,40 +1,37 @@
-r"""Which closed chains have recorded arithmetic, and what it is made for.
+r"""Closed chains on recorded numbers: closing them, deflecting their links, and their stiffness.
 
-A closed chain as recording numbers: the numbers of an open one on the motions that stay closed.
-
-With closures C dq = 0, dependent coordinates D and independent ones I, all motions are
-``dq = N dx``, N = 1 on I and ``-C_D^-1 C_I`` on D. In the coordinates x of these motions
+The stiffness is that of an open chain on the motions that keep the closures. With closures
+``C dq = 0``, dependent coordinates D and independent ones I, all motions are ``dq = N dx``, N = 1
+on I and ``-C_D^-1 C_I`` on D. In the coordinates x of these motions
 
     J = J_q N,    g = N^T g_q,    H = N^T (H_q + lam c'') N,    C_D^T lam = -(g_q)_D,
     S_W = N^T (S_q,W - mu c'') N,    C_D^T mu = (J_q^T W)_D
 
-and everything goes on as for an open chain. The reduction of `cartstiff.stiffness` is the same with
-a basis from the singular value decomposition. I are the coordinates that are held while the chain
-is closed, or a choice of as many as there are motions; without any, N is orthonormal, from
-reflections of C^T.
+and the rest is as for an open chain (`cartstiff.batch.chains`). `cartstiff.stiffness.reduction` is
+the same with a basis from the singular value decomposition. I are the coordinates that are held
+while the chain is closed, or a choice of as many as there are motions; without such a choice, N is
+orthonormal, from reflections of C^T.
 
 Springs c whose rest positions are chosen exert the torques t nearest to ``(J_q^T W)_c`` with
-``N_c^T t = J^T W - N_s^T g_s``, g_s being what all else exerts.
+``N_c^T t = J^T W - N_s^T g_s``, g_s being the torques of all else.
 
-Closing chains by machine code: the steps of `Chain.closed`, recorded.
-
-Along the axes of F, with ``w = log(R_b R_a^T)``, x = w.w and d from a to b, the residual of a weld
-is ``xi = (w, d + w x d / 2 + c w x (w x d))`` and its rates are those of the twist about b times
+The steps that close a chain are those of `Chain.closed`. Along the axes of F, with
+``w = log(R_b R_a^T)``, x = w.w and d from a to b, the residual of a weld is
+``xi = (w, d + w x d / 2 + c w x (w x d))`` and its rates are those of the twist about b times
 
     J_r^-1(xi) = 1 + ad / 2 + A ad^2 + B ad^4,
 
-c, A and B being power series in x with the coefficients of ``(t / 2) cot(t / 2)``, t^2 = x; those
-of a point are the twist about a. Each step is limited as there.
+c, A and B being power series in x with the coefficients of ``(t / 2) cot(t / 2)``, t^2 = x. The
+rates for a joined point are those of the twist about a. The length of each step is limited.
 
-Links that give, at rest under a load: the steps of `stiffness.settled_links`, recorded.
-
-In the coordinates x of the motions that stay closed (`closed_chain`; of an open chain, its own),
-those f without springs of their own take the step
+The steps that deflect compliant links under a load are those of `stiffness.settled_links`. In the
+coordinates x of the motions above (of an open chain: its coordinates), those f without springs of
+their own take the step
 
     dx_f = -(H_L + J^T D J)_ff^-1 (g - J^T W)_f,    D = K^load - K^B,    dq = N_f dx_f + c,
 
-c on the dependent coordinates shutting what the step before has left open of the closures, and
-K^load that of a load which keeps its components in M (a follower, K^A) or in F (a dead one).
+c being the correction of the dependent coordinates for the remaining closure residual, and K^load
+that of a load which keeps its components in M (a follower, K^A) or in F (a dead one).
 """
 
 from __future__ import annotations
@@ -65,7 +62,6 @@ from cartstiff.batch.algebra import (
     positive_factor,
     reflections,
     rotation_vector,
-    skew,
     solution,
     upper_inverse,
     zeros,
@@ -81,7 +77,7 @@ from cartstiff.batch.chains import (
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.batch.twists import Tie, TreeConstants, TreeKinematics, numbers
 from cartstiff.errors import ConvergenceError
-from cartstiff.geometry.se3 import Array
+from cartstiff.geometry.se3 import Array, skew_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -97,27 +93,26 @@ from cartstiff.stiffness.settled_links import (
     settled_coordinates,
 )
 
-#: Condition of the closures up to which their motions are known to all but four digits.
-_CLOSED = 1.0 / numerics.LOST_ERROR
+#: Largest condition number of the closures: their motions lose four digits.
+_MAX_CLOSURE_CONDITION = 1.0 / numerics.LOST_ERROR
 
 
 @dataclass(frozen=True)
 class ClosedCase(ChainCase):
-    """What acts on a closed chain; `open` are those of `springs` whose rest position is chosen.
+    """A closed chain with its springs and loads; `open` are `springs` with a chosen rest position.
 
     Attributes
     ----------
     balance : {"given", "chosen", "idle"}
-        Whether springs exert what their rest positions say, those that are open carry all that
-        acts, or nothing acts and nothing is stretched.
+        Whether rest positions determine the springs' torques, the open ones are chosen so that the
+        springs carry all loads, or there is no load and no spring is deflected.
     springs : coordinates with a spring of their own.
-    held : coordinates that stay where they are while the chain is closed, besides the rigid ones.
-    independent : coordinates I, as many as closures leave, or none.
-    rows : of each tie, rows of its relative twist that are independent of all others' (0 to 5).
-    shut : of each tie, rows that are independent while `held` is held.
-    length : characteristic length of the chain somewhere, for scales that decide nothing else.
-    still : coordinates that are zero, and Hessian of their springs there: elsewhere the engine
-        decides.
+    held : coordinates that are fixed while the chain is closed, besides the rigid ones.
+    independent : coordinates I, as many as there are motions, or none.
+    rows : of each closure, the rows of its twist (0 to 5) that make all closures independent.
+    shut : the same while `held` is fixed.
+    length : characteristic length of the chain at one posture, for scaling.
+    still : coordinates that must be zero, and the Hessian of their springs there.
     has_chart : whether the independent coordinates are the chart of K^F.
     is_driven : whether the independent coordinates are the actuated ones.
     """
@@ -141,14 +136,15 @@ class ClosedCase(ChainCase):
 
     @property
     def freedoms(self) -> int:
-        """How many motions stay closed."""
+        """Number of motions that keep the closures."""
         return len(self.moving) - sum(map(len, self.rows))
 
     @property
     def ways(self) -> tuple[ClosedCase, ...]:
-        """Whose steps close the chain, one after the other as long as they end in vain.
+        """Cases whose steps are tried one after the other to close the chain.
 
-        More coordinates than there are motions can be held in few postures; in others none is.
+        Where more coordinates are held than there are motions, few postures can be closed: the
+        second case holds none.
         """
         if len(self.held) <= self.freedoms:
             return (self,)
@@ -156,11 +152,11 @@ class ClosedCase(ChainCase):
 
 
 class ClosedChainNumbers(ChainNumbers):
-    """One closed chain under one case; coordinates are those of the motions N."""
+    """A closed chain under a case, recorded; the coordinates are those of the motions N."""
 
     is_closed = True
 
-    def __init__(self, tape: Tape, case: ClosedCase) -> None:  # its own way
+    def __init__(self, tape: Tape, case: ClosedCase) -> None:  # does not call that of the base
         constants = case.constants
         self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
         self.q = self.position = tape.vector("q", len(constants.is_length))
@@ -186,7 +182,7 @@ class ClosedChainNumbers(ChainNumbers):
         self.mimic = self.N
 
     def _motions(self, case: ClosedCase) -> Scalar:
-        """N, and the verdict on it."""
+        """Find the motions N; return the verdict on them."""
         constants, tree = case.constants, self.kinematics
         kept, left = list[Array](), list[Array]()
         self._ties: list[tuple[Array, list[int]]] = []
@@ -205,14 +201,14 @@ class ClosedChainNumbers(ChainNumbers):
         scaled = self.C * scale[:, None] * sizes
         if case.independent:
             D, free = case.dependent, list(case.independent)
-            # A vector in no particular direction tells how large the inverse is.
+            # A right-hand side in a generic direction estimates the norm of the inverse.
             probe = np.cos(np.arange(1.0, 1.0 + len(D)))
             solved = solution(scaled[:, D], np.column_stack([scaled[:, free], probe]))
             self.N = zeros(n, len(free))
             self.N[free] = np.eye(len(free))
             self.N[D] = solved[:, :-1] * -(sizes[D][:, None] / sizes[free])
             size = norm_squared(solved) / len(D) * norm_squared(scaled[:, D])
-            limit = _CLOSED**2
+            limit = _MAX_CLOSURE_CONDITION**2
         else:
             moving = case.moving
             Q = reflections(scaled[:, moving].T)
@@ -231,7 +227,7 @@ class ClosedChainNumbers(ChainNumbers):
         return verdict
 
     def _multipliers(self, right: Array) -> Array:
-        """Closure forces that balance generalised forces (n,) on what depends on others."""
+        """Closure forces that balance generalised forces (n,) on the dependent coordinates."""
         if all(is_zero(x) for x in right.flat):
             return zeros(len(self.C))
         if self.case.independent:
@@ -242,7 +238,7 @@ class ClosedChainNumbers(ChainNumbers):
         return (inverse_R @ turned[: len(inverse_R)]) * scale
 
     def _turning(self, multipliers: Array) -> Array:
-        """``lam c''``."""
+        """Curvature ``lam c''`` (n, n) of the closures."""
         n, start = len(self.q), 0
         S = zeros(n, n)
         for tie, (twists, rows) in zip(self.case.constants.ties, self._ties, strict=True):
@@ -256,7 +252,7 @@ class ClosedChainNumbers(ChainNumbers):
         return S
 
     def _evaluate(self, tape: Tape) -> None:
-        """Energy, gradient and Hessian of everything on the motions; springs are balanced."""
+        """Energy, gradient and Hessian on the motions, open rest positions balancing the load."""
         case = self.case
         energy, gradient, hessian = self._others(tape)
         for indices, flat in case.still:
@@ -266,19 +262,19 @@ class ClosedChainNumbers(ChainNumbers):
             a for a in case.springs if case.balance == "chosen" and case.open and case.open[a]
         ]
         for a in (a for a in case.springs if a not in chosen):
-            if case.balance == "idle":  # nothing is stretched
+            if case.balance == "idle":  # no spring is deflected
                 own, stiffness = springs.under(a, 0.0)
             else:
                 own, torque, stiffness = springs.at(a, self.q[a])
                 gradient[a] = gradient[a] + torque
             energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
         if case.balance == "chosen":
-            # The springs carry what the closures pass on to them.
+            # The springs carry the forces that the closures transmit.
             settled = [a for a in range(len(self.q)) if a not in chosen]
             wanted = -(self.N[settled].T @ gradient[settled])
             if self.W is not None:
                 wanted = wanted + self.J.T @ self.W
-            if case.settled:  # what the other motions feel is nothing
+            if case.settled:  # the other motions are in equilibrium
                 wanted = wanted[[case.independent.index(a) for a in chosen]]
             elif chosen != list(case.independent):
                 wanted = self._nearest(chosen, wanted)
@@ -308,11 +304,11 @@ class ClosedChainNumbers(ChainNumbers):
         return own + N @ (inverse_gram @ (wanted - self.N[chosen].T @ own)) / sizes
 
     def load(self) -> Array | None:
-        """The wrench where it is known beforehand."""
+        """Wrench that is known without the gradient; None if there is none."""
         return zeros(6) if self.W is None and self.case.balance != "given" else self.W
 
     def lagrangian(self, W: Array) -> Array:
-        """H_L on the motions: what the load turns and what the closures do meet before them."""
+        """H_L on the motions; the terms of load and closures are added before projection."""
         return self.hessian if all(map(is_zero, W)) else congruence(self.N, self.of_joints(W))
 
     def of_joints(self, W: Array) -> Array:
@@ -324,7 +320,7 @@ class ClosedChainNumbers(ChainNumbers):
         return H
 
     def inverse(self) -> Array:
-        """J^-1 of six motions, and the verdict on it."""
+        """J^-1 of six motions; adds the verdict on it."""
         scale = np.repeat([1.0, 1.0 / self.case.length], 3)
         A = inverse(self.J * scale[:, None]) * scale
         condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
@@ -333,11 +329,11 @@ class ClosedChainNumbers(ChainNumbers):
         return A
 
     def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
-        """As of an open chain, on whatever orthonormal motions that stay closed.
+        """As for an open chain, on orthonormal motions.
 
-        With N and x in natural sizes they are ``N (N^T N)^(-1/2)``, of which the independent
-        coordinates, which the actuators are, move as much as ``(N^T N)^(-1/2)``; what moves the
-        body by a twist, ``N H^-1 J^T K^B``, tells how small the Jacobian can be.
+        With N and x in natural sizes these are ``N (N^T N)^(-1/2)``, along which the independent
+        coordinates, the actuators, move by ``(N^T N)^(-1/2)``; the motion per twist of the body,
+        ``N H^-1 J^T K^B``, bounds the inverse Jacobian.
         """
         sizes = np.array([self.length if d else 1.0 for d in self.case.constants.is_length], object)
         N = self.N / sizes[:, None] * self.columns
@@ -365,7 +361,7 @@ class ClosedChainNumbers(ChainNumbers):
         return np.array([near, lost], object)
 
 
-def length_of(tree: TreeKinematics) -> Scalar:
+def characteristic_length(tree: TreeKinematics) -> Scalar:
     """Root mean square distance of the axes of joints on the way to the body from its origin."""
     way = [j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]]
     moments = tree.in_body(tree.J[:, way])[3:]
@@ -373,7 +369,7 @@ def length_of(tree: TreeKinematics) -> Scalar:
 
 
 def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
-    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
+    """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     return arrays_of(ClosedChainNumbers(tape, case), wanted)
 
 
@@ -390,9 +386,10 @@ _COTANGENT = (
     -43867 / 5109094217170944000,
     -174611 / 802857662698291200000,
 )
-#: Steps after which rounding may choose the assembly, and after which the engine gives up. What
-#: other way may then be taken, `ClosedCase.ways` tells: more coordinates than there are motions
-#: are not held by chance; as many may be, in another assembly, which is left to the engine.
+#: Number of steps after which round-off may decide the assembly mode, and after which
+#: `cartstiff.analyse` gives up. `ClosedCase.ways` has the alternatives: more held coordinates than
+#: motions do not close by chance; as many may, in another assembly mode, which is left to
+#: `cartstiff.analyse`.
 STEPS, LAST_STEP = 40, 100
 
 
@@ -419,8 +416,8 @@ def weld_residual(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]
     A = _series(x, [(k - 1.0) * c_k for k, c_k in enumerate(_COTANGENT)])
     B = _series(x, [(k + 1.0) * c_k for k, c_k in enumerate(_COTANGENT[1:])])
     ad = zeros(6, 6)
-    ad[:3, :3] = ad[3:, 3:] = skew(xi[:3])
-    ad[3:, :3] = skew(xi[3:])
+    ad[:3, :3] = ad[3:, 3:] = skew_of(xi[:3])
+    ad[3:, :3] = skew_of(xi[3:])
     twice = ad @ ad
     turned = np.eye(6) + ad * 0.5 + twice * A + (twice @ twice) * B
     J = tree.tied(tie, p_b)
@@ -436,7 +433,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     n = len(constants.is_length)
     q = tape.vector("q", n)
     tree = TreeKinematics(constants, q)
-    length = length_of(tree)
+    length = characteristic_length(tree)
     columns = np.array([length if d else 1.0 for d in constants.is_length], object)
     verdict: Scalar = PLAIN
     residuals, every, rates = list[Array](), list[Array](), list[Array]()
@@ -450,30 +447,30 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
         every.append(xi)
         residuals.append(xi[list(rows)])
         rates.append(J[list(rows)])
-    missed, C = np.concatenate(residuals), np.concatenate(rates)
+    residual, C = np.concatenate(residuals), np.concatenate(rates)
     step = zeros(n)
     D = [j for j in case.moving if j not in case.held]
     sizes = columns[D]
     scaled = C[:, D] * sizes
     if len(D) == len(C):
-        # A vector in no particular direction tells whether rounding would choose the assembly.
+        # A right-hand side in a generic direction shows whether round-off decides the assembly
+        # mode.
         probe = np.cos(np.arange(1.0, 1.0 + len(D)))
-        solved = solution(scaled, np.column_stack([-missed, probe]))
+        solved = solution(scaled, np.column_stack([-residual, probe]))
         step[D] = solved[:, 0]
-        size = norm_squared(solved[:, 1]) / len(D) * norm_squared(scaled)
+        condition = norm_squared(solved[:, 1]) / len(D) * norm_squared(scaled)
     else:
         Q = reflections(scaled.T)
         inverse_R = upper_inverse(Q.R)
         y = zeros(len(D))
-        y[: len(Q.R)] = inverse_R.T @ -missed
-        size = norm_squared(Q.R) * norm_squared(inverse_R)
+        y[: len(Q.R)] = inverse_R.T @ -residual
+        condition = norm_squared(Q.R) * norm_squared(inverse_R)
         step[D] = Q.apply(y)
-    verdict = larger(verdict, limited(size, JACOBIAN_CONDITION**2))
-    long = largest(step)
-    step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
-    left = np.array([largest(np.concatenate(every)), long, length, verdict], object)
-    moved = q + step
-    return {"next": moved, "left": left}
+    verdict = larger(verdict, limited(condition, JACOBIAN_CONDITION**2))
+    size = largest(step)
+    step = step * columns * pick(size, LONGEST_STEP, 1.0, LONGEST_STEP / size)
+    left = np.array([largest(np.concatenate(every)), size, length, verdict], object)
+    return {"next": q + step, "left": left}
 
 
 #: Runs a program over rows: inputs by name to outputs by name.
@@ -483,11 +480,10 @@ Step = Callable[[Mapping[str, Array]], dict[str, Array]]
 def close(
     ways: Sequence[Callable[[], Step]], q: Array
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Coordinates that close the chain from q (N, n), where they do, and where none do.
+    """Coordinates that close the chain from q (N, n), where they do, and where no steps can.
 
-    `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways`.
-    Where the engine would go on, or end elsewhere, the coordinates stay those given; where it would
-    go on in vain, by these ways, is told.
+    `ways` make the kernels for `closing_arrays` of `ClosedCase.ways`. Where `cartstiff.analyse`
+    would take more steps, or find another solution, the given coordinates stay.
     """
     closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
     for way in ways:
@@ -501,9 +497,9 @@ def close(
 
 
 def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
-    """Whether closures are met: at rounding level, or within tolerance once steps do not help.
+    """Whether closures are met: to round-off, or within tolerance once steps bring no more.
 
-    By what is "left", and the residual `before`.
+    From the numbers in "left" and the residual of the step `before`.
     """
     unit = np.maximum(1.0, length)
     return (size <= numerics.ATTAINABLE_PRECISION * unit) | (
@@ -515,7 +511,7 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
 def _close(
     step_on: Step, q: Array, is_closed: NDArray[np.bool_], is_vain: NDArray[np.bool_]
 ) -> None:
-    """Take steps from q, in place; where they close the chain, and where they end in vain."""
+    """Take steps from q in place; set where they close the chain, and where they cannot."""
     which, before = np.arange(len(q)), np.full(len(q), np.inf)
     best, futile = before, np.zeros(len(q), int)
     for taken in range(LAST_STEP):
@@ -538,10 +534,11 @@ def _close(
     is_vain[which] = True
 
 
-#: Steps within which both ways of stepping end alike: of 2293 postures of robots with flexible
-#: links, under loads up to all that they carry, those 23 that did not took nine and more.
-_FEW = 8
-#: Evaluates what is beside the program at postures (N, n): inputs, and verdicts.
+#: Number of steps within which these steps and those of `settled_links` find the same rest: of 2293
+#: postures of robots with flexible links, under loads up to the largest that they carry, 23 did
+#: not, all with nine steps or more.
+_MAX_SETTLING_STEPS = 8
+#: Evaluates the terms outside the program at postures (N, n): inputs, and verdicts.
 Evaluate = Callable[[Array], tuple[dict[str, Array], Array]]
 
 
@@ -550,27 +547,30 @@ def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
     return () if wrench == "none" else tuple(settled_coordinates(elastic).tolist())
 
 
-def _shutting(chain: ClosedChainNumbers, case: ClosedCase, sizes: Array) -> tuple[Array, Scalar]:
-    """What shuts the closures, on the dependent coordinates (n,), and the verdict on it."""
-    tree, missed = chain.kinematics, list[Array]()
+def _closing_step(
+    chain: ClosedChainNumbers, case: ClosedCase, sizes: Array
+) -> tuple[Array, Scalar]:
+    """Step (n,) of the dependent coordinates that closes the chain, and the verdict on it."""
+    tree, residual = chain.kinematics, list[Array]()
     verdict: Scalar = PLAIN
     for tie, rows in zip(case.constants.ties, case.rows, strict=True):
         p_b = tree.placed(tie.joint_b, tie.T_b)[1]
         if tie.is_weld:
             xi, _, doubt = weld_residual(tree, tie)
             verdict = larger(verdict, doubt)
-            # About the origin of F, as the twists of the closures are.
+            # About the origin of F, like the twists of the closures.
             gap = np.concatenate([xi[:3], xi[3:] + cross(p_b, xi[:3])])
         else:
             gap = np.concatenate([zeros(3), p_b - tree.placed(tie.joint_a, tie.T_a)[1]])
-        missed.append(gap[list(rows)])
-    D, shut = case.dependent, zeros(len(chain.q))
-    shut[D] = solution(chain.C[:, D] * sizes[D], -np.concatenate(missed)[:, None])[:, 0] * sizes[D]
-    return shut, verdict
+        residual.append(gap[list(rows)])
+    D, step = case.dependent, zeros(len(chain.q))
+    right = -np.concatenate(residual)[:, None]
+    step[D] = solution(chain.C[:, D] * sizes[D], right)[:, 0] * sizes[D]
+    return step, verdict
 
 
 def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
-    """The coordinates after a step, "settled", and how it "moved": longest part, verdict."""
+    """Coordinates after a step, "settled", and its largest part and verdict, "moved"."""
     chain: Any
     verdict: Scalar = PLAIN
     if isinstance(case, ClosedCase):
@@ -581,10 +581,10 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
         names, N = tuple(range(chain.n)), np.eye(chain.n)
     W, load = chain.W, LoadKind("dead" if case.axes == "world" else "follower", case.load.at)
     sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
-    left, shut = chain.gradient - chain.J.T @ W, zeros(len(chain.q))
+    left, closing = chain.gradient - chain.J.T @ W, zeros(len(chain.q))
     if isinstance(case, ClosedCase):
-        shut, verdict = _shutting(chain, case, sizes)
-        left = left + N.T @ (chain.of_joints(W) @ shut)
+        closing, verdict = _closing_step(chain, case, sizes)
+        left = left + N.T @ (chain.of_joints(W) @ closing)
     free = [i for i, name in enumerate(names) if name in case.settled]
     H, J = chain.lagrangian(W)[np.ix_(free, free)], chain.J[:, free]
     L, inverses, pivots = positive_factor(H)
@@ -596,14 +596,11 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     D = load.change(W)
     C = congruence(reach, np.diag(inverses))
     changed = D @ solution(np.eye(6) + C @ D, (reach.T @ (y * inverses))[:, None])[:, 0]
-    step = N[:, free] @ above(L, (y - reach @ changed) * inverses) + shut
+    step = N[:, free] @ above(L, (y - reach @ changed) * inverses) + closing
     verdict = larger(verdict, chain.verdict)
     moved = largest(step / sizes)
     settled = chain.q + step * pick(moved, LONGEST, 1.0, LONGEST / moved)
-    return {
-        "settled": settled,
-        "moved": np.array([moved, verdict], object),
-    }
+    return {"settled": settled, "moved": np.array([moved, verdict], object)}
 
 
 def settle(
@@ -613,14 +610,14 @@ def settle(
     q: Array,
     which: NDArray[np.intp],
 ) -> NDArray[np.intp]:
-    """Take steps from some postures q[which], in place; those that come to rest.
+    """Take steps from the postures q[which], in place; return those that come to rest.
 
-    `inputs` are the program's, "wrench" with one row or one for each of q. What finds no rest by
-    a few of these steps is the engine's: how it ends there is not looked into, and its steps, which
-    are others on the way, may end elsewhere.
+    `inputs` are the program's, "wrench" with one row or one for each of q. Postures that do not
+    come to rest within a few steps are left to `cartstiff.analyse`, whose steps differ and may find
+    another rest.
     """
     rest, moved = list[NDArray[np.intp]](), np.zeros(0)
-    for _ in range(_FEW):
+    for _ in range(_MAX_SETTLING_STEPS):
         at = np.ascontiguousarray(q[which])
         more, doubts = evaluate(at)
         own = {**inputs, "q": at, **more}
@@ -639,13 +636,13 @@ def settle(
     return np.concatenate(rest)
 
 
-#: Postures that closures are looked at in, and how far from home they are sought (rad, or shares
-#: of the characteristic length).
-_SAMPLES, _AWAY = 4, 0.1
+#: Number of postures at which the rank of the closures is sampled, and their largest distance from
+#: the reference posture (rad, or shares of the characteristic length).
+_SAMPLES, _SAMPLE_DISTANCE = 4, 0.1
 
 
 def tree_constants(chain: Chain) -> TreeConstants:
-    """Geometry of a tree with its ties."""
+    """Geometry of a tree with its loop closures."""
     tree = chain.tree
     places = [(chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
 
@@ -669,10 +666,12 @@ def tree_constants(chain: Chain) -> TreeConstants:
 
 
 def _samples(chain: Chain, q: Array) -> list[Array]:
-    """Coordinates of a few closed postures about q."""
+    """Coordinates of a few closed postures near q."""
     samples, rng = list[Array](), np.random.default_rng(0)
     for i in range(3 * _SAMPLES):
-        away = chain.at(q).coordinate_lengths * rng.uniform(-_AWAY, _AWAY, q.size)
+        away = chain.at(q).coordinate_lengths * rng.uniform(
+            -_SAMPLE_DISTANCE, _SAMPLE_DISTANCE, q.size
+        )
         away[list(chain.virtual)] = 0.0
         try:
             samples.append(chain.closed(q if i == 0 else q + away).q)
@@ -686,9 +685,10 @@ def _samples(chain: Chain, q: Array) -> list[Array]:
 def _rows(
     constants: TreeConstants, samples: Sequence[Array], held: Sequence[int] = ()
 ) -> tuple[tuple[tuple[int, ...], ...], list[Array], int] | None:
-    """Of each tie the rows that make the closures independent; None where they differ.
+    """Rows of each closure that make all closures independent; None if the rank differs.
 
-    Also these rows at the samples, without columns of what is held, and how many are not zero.
+    Also the matrix of these rows at the samples, without columns of held coordinates, and the
+    number of rows that are not zero.
     """
     every, names = list[Array](), list[tuple[int, int]]()
     for at in samples:
@@ -706,7 +706,7 @@ def _rows(
     if len(ranks) != 1:
         return None
     together = np.concatenate(every, axis=1)
-    # Rows that are zero everywhere come last; of the others the first that are independent.
+    # The first independent rows are kept; rows that are zero at all samples come last.
     kept = sorted(numerics.first_independent(_reduced(together, ranks.pop()).T).tolist())
     sizes = np.abs(together).max(axis=1)
     acting = int(np.count_nonzero(sizes > numerics.RANK * sizes.max(initial=0.0)))
@@ -726,16 +726,16 @@ def _rows(
 def _independent(
     chain: Chain, moving: Array, closures: Sequence[Array], freedoms: int
 ) -> tuple[int, ...]:
-    """Coordinates that tell all motions: those held, or else as many without a say in closing.
+    """Coordinates that determine all motions: the held ones, or as many others; else none.
 
-    Of more actuators than motions none are left out: there are no such coordinates then. The
-    closures' columns are the `moving` ones.
+    With more actuators than motions there are none, as no actuator may be left out. The closures'
+    columns are the `moving` coordinates.
     """
     held = [j for j in chain.held if j not in chain.rigid]
     driven = [j for j in chain.actuated or () if j not in chain.rigid]
     if len(held) in (0, freedoms) or len(driven) > freedoms:
         return tuple(held) if len(held) == freedoms else ()
-    # What closes the chain depends on the others as far as it goes.
+    # Choose dependent coordinates among those that are not held, if possible.
     weights = np.where(np.isin(moving, held), 1e-3, 1.0)
     dependent = numerics.first_independent(closures[0] * weights)
     free = np.setdiff1d(np.arange(len(moving)), dependent)
@@ -745,7 +745,7 @@ def _independent(
 
 
 def _reduced(rows: Array, rank: int) -> Array:
-    """Columns that span those of some rows together, as many as one posture's rank."""
+    """Columns, as many as the rank of one posture, that span the columns of `rows`."""
     U, values, _ = np.linalg.svd(rows, full_matrices=False)
     return np.asarray(U[:, :rank] * values[:rank])
 
@@ -753,7 +753,7 @@ def _reduced(rows: Array, rank: int) -> Array:
 def closed_case(
     elastic: ElasticMechanism, chain: Chain, wrench: str
 ) -> tuple[ClosedCase, tuple[Potential, ...]] | str:
-    """The case of a closed chain and potentials that it does not hold, or why there is none."""
+    """Case of a closed chain and the potentials outside it, or the reason why there is none."""
     springs = elastic.springs
     if springs is not None and not isinstance(springs, JointSprings):
         return "line springs of a chain have no arithmetic of their own"
@@ -807,10 +807,10 @@ def closed_case(
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
-    # Torques and forces beside each other are shared by way of a length that is not the same there.
+    # `_nearest` would weigh torques against forces by a length that `cartstiff.analyse` has not.
     kinds = {constants.is_length[a] for a in np.flatnonzero(is_open)}
     independent = _independent(chain, moving, closures, freedoms)
-    if not is_open.any():  # where links give, nothing but them carries a load
+    if not is_open.any():  # compliant links alone carry a load
         balance = "chosen" if settled else "given" if acts or wrench != "none" else "idle"
     elif settled:
         if not set(np.flatnonzero(is_open).tolist()) <= set(independent):

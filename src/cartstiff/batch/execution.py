@@ -1,9 +1,9 @@
-"""Running a recorded program: over rows of arrays, on one posture, or in a browser.
+"""Execution of a recorded program: over rows of arrays, for one posture, or in a browser.
 
-As Python or JavaScript a program is one straight-line function: the order of every operation is
-kept, so that sums, products, quotients and roots are the same to the last bit. The same Python runs
-on numbers, or over NumPy's arrays, chunk by chunk so that they stay in the cache. Sines and cosines
-are those of the language. Machine code is made by llvmlite.
+As Python or JavaScript, a program is one straight-line function in the order of the operations, so
+that sums, products, quotients and roots are equal to the last bit. The same Python runs on numbers,
+or over NumPy arrays in chunks that fit into the cache. Sines and cosines are those of the language.
+llvmlite makes machine code.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from cartstiff.batch.tape import Program
 from cartstiff.batch.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 from cartstiff.geometry.se3 import Array
 
-#: Postures per chunk: long enough to hide the cost of a call, short enough for the cache.
+#: Postures per chunk: many enough to hide the cost of a call, few enough for the cache.
 CHUNK = 768
 
 # -- as source ---------------------------------------------------------------------------------
 
-#: What JavaScript needs beside `Math`: the size of the first with the sign of the second.
+#: JavaScript's `Math` has no copysign: the size of the first number with the sign of the second.
 HELPERS = "const withSign=(x,y)=>y<0||Object.is(y,-0)?-Math.abs(x):Math.abs(x);"
 
-# Characters of an expression from which on it gets a name, so that none is nested too deeply.
-_LONGEST = 160
+# Length of an expression from which on its value gets a name, which limits the nesting.
+_LONGEST_EXPRESSION = 160
 
 
 class _Language(NamedTuple):
-    """How a language writes operations, numbers and a value that gets a name."""
+    """Templates of a language for operations, for numbers and for naming a value."""
 
     words: Mapping[str, str]
     number: Callable[[float], str]
@@ -91,7 +91,7 @@ _PYTHON = _Language(
     "{}={}",
 )
 _NUMPY = _PYTHON._replace(words={**_PYTHON.words, "pick": "where({}<{},{},{})"})
-#: What these call beside what Python has itself.
+#: Functions that the two call, besides those of Python.
 _ON_NUMBERS = {name: getattr(math, name) for name in ("sqrt", "copysign", "sin", "cos")}
 _ON_ARRAYS = {
     **{name: getattr(np, name) for name in (*_ON_NUMBERS, "abs", "where")},
@@ -100,7 +100,7 @@ _ON_ARRAYS = {
 
 
 class _Source(NamedTuple):
-    """Lines that name values, outputs one after the other, where each stands, and the arrays."""
+    """Lines that name values, the outputs' expressions, each output's place, and input arrays."""
 
     lines: list[str]
     outputs: list[str]
@@ -109,7 +109,7 @@ class _Source(NamedTuple):
 
 
 def _placed(program: Program) -> tuple[dict[str, tuple[int, int]], list[int]]:
-    """Where in a record each output stands, equal ones in one place, and the record's steps."""
+    """Place of each output in a record, shared by equal outputs, and the record's steps."""
     places: dict[tuple[int, ...], tuple[int, int]] = {}
     ends: list[int] = []
     for steps in program.outputs.values():
@@ -120,9 +120,9 @@ def _placed(program: Program) -> tuple[dict[str, tuple[int, int]], list[int]]:
 
 
 def _written(program: Program, language: _Language) -> _Source:
-    """A program as source; `arrays` gives the name of each input array in it.
+    """A program as source; `arrays` has the name of each input array in it.
 
-    Values that are read once stand where they are read, and the order of every operation is kept.
+    Values that are read once are written where they are read; operations keep their order.
     """
     places, ends = _placed(program)
     reads = [0] * len(program.operations)
@@ -139,10 +139,12 @@ def _written(program: Program, language: _Language) -> _Source:
             text = f"{source.arrays.setdefault(array, f'a{len(source.arrays)}')}[{index}]"
         else:
             text = language.words[kind].format(*(texts[a] for a in arguments))
-        # A constant has no place of its own unless it is long and read often.
+        # A constant gets a name only if it is long and read often.
         is_operation = kind not in ("constant", "input")
         often = reads[step] > (2 if kind == "input" else 1)
-        if (often and (is_operation or len(text) > 6)) or (is_operation and len(text) > _LONGEST):
+        if (often and (is_operation or len(text) > 6)) or (
+            is_operation and len(text) > _LONGEST_EXPRESSION
+        ):
             source.lines.append(language.named.format(f"v{step}", text))
             text = f"v{step}"
         texts.append(text)
@@ -151,12 +153,12 @@ def _written(program: Program, language: _Language) -> _Source:
 
 
 def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
-    """Source of a function of (inputs, out), and where in `out` each output stands.
+    """Source of a function of (inputs, out), and the place of each output in `out`.
 
     Parameters
     ----------
     program : Program
-        What it computes.
+        The program.
 
     Returns
     -------
@@ -174,9 +176,9 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
 def _python(
     program: Program, language: _Language, functions: Mapping[str, Any]
 ) -> tuple[Callable[..., list[Any]], list[str], dict[str, slice]]:
-    """A function of lists in Python, the names of these, and where in its list outputs stand."""
+    """A Python function of lists, the names of these, and the outputs' places in its result."""
     lines, outputs, places, arrays = _written(program, language)
-    if language is _NUMPY:  # what nothing reads any more gives its memory back
+    if language is _NUMPY:  # free the memory of arrays after their last use
         last = {name: i for i, line in enumerate(lines) for name in re.findall(r"\bv\d+", line)}
         for name in last.keys() - set(re.findall(r"\bv\d+", " ".join(outputs))):
             lines[last[name]] += f";del {name}"
@@ -188,7 +190,7 @@ def _python(
 
 
 class Kernel:
-    """A program that runs over rows of arrays.
+    """A program that computes rows of arrays.
 
     Attributes
     ----------
@@ -205,15 +207,15 @@ class Kernel:
         threads: int = 1,
         stream: bool = False,
     ) -> None:
-        """Compute `count` rows: rows of inputs to rows of outputs, all of them contiguous.
+        """Compute `count` rows of outputs from rows of inputs, all of them contiguous.
 
         Every array has two dimensions; shared inputs have one row. With `stream` outputs are
-        written past the cache, where that is possible.
+        written past the cache if possible.
         """
         raise NotImplementedError
 
     def __call__(self, inputs: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
-        """Outputs (N, ...) of inputs (N, ...) by name; of those that are shared (1, ...)."""
+        """Outputs (N, ...) by name, from inputs (N, ...), or (1, ...) for shared ones, by name."""
         rows = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
         count = len(next(a for name, a in rows.items() if name not in self.program.shared))
         outputs = {
@@ -224,7 +226,7 @@ class Kernel:
 
 
 class PortableKernel(Kernel):
-    """A program over NumPy's arrays; threads would wait for Python."""
+    """A program over NumPy arrays, on one thread: several would wait for Python."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -254,9 +256,9 @@ class PortableKernel(Kernel):
                     rows[:, column] = value
 
 
-#: Level of LLVM's work on machine code, 0 to 3: beyond 2 nothing becomes quicker.
+#: Optimisation level of LLVM, 0 to 3; 3 makes no faster code.
 OPTIMISATION = 2
-#: Bytes of output beyond which writing past the cache pays.
+#: Bytes of output beyond which writing past the cache is faster.
 STREAMED = 1 << 23
 
 _SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_int64, *[ctypes.c_void_p] * 4)
@@ -286,12 +288,12 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    # A forked process has none of its parent's threads.
+    # A forked process does not have its parent's threads.
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 class CompiledKernel(Kernel):
-    """A program as machine code; keeps the engines that own it, and memory that it works in."""
+    """A program as machine code; keeps LLVM's engines that own it, and scratch memory."""
 
     def __init__(self, program: Program, width: int | None = None, longest: int = LONGEST) -> None:
         self.program = program
@@ -304,7 +306,7 @@ class CompiledKernel(Kernel):
 
     def entry(self, stream: bool) -> Any:
         """The function that writes through the cache or, with `stream`, past it."""
-        if stream not in self._made:  # of two threads that compile it at once one is kept
+        if stream not in self._made:  # if two threads compile it at once, one result is kept
             self._made.setdefault(stream, self._compile(stream))
         return self._made[stream][1]
 
@@ -322,12 +324,12 @@ class CompiledKernel(Kernel):
         return engine, _SIGNATURE(engine.get_function_address("kernel"))
 
     def memory(self) -> Array:
-        """Scratch memory of one thread; `run` takes it from what has been given back."""
+        """Scratch memory for one thread, which `run` returns to the free list."""
         try:
             return self._free.pop()
         except IndexError:
             scratch = aligned_empty(self.scratch)
-            # The first round works on what is here: no surprises for the processor.
+            # The first round computes with this content: zeros are as fast as any number.
             scratch[:] = 0.0
             return scratch
 
@@ -345,7 +347,7 @@ class CompiledKernel(Kernel):
         if whole:
             self._run(inputs, outputs, whole // block, threads, stream)
         if whole < count:
-            # The last rows, in buffers of a whole block.
+            # The last rows, padded to a whole block.
             padded = {}
             for name in self.arrays:
                 rows = inputs[name]
@@ -373,7 +375,7 @@ class CompiledKernel(Kernel):
         progress = (ctypes.c_int64 * 2)()
 
         def share(scratch: Array, held: object = (inputs, outputs)) -> None:  # noqa: ARG001
-            # An interrupt may end this thread's call: what the others write to is held until then.
+            # An interrupt may end this thread's call: keep the arrays that other threads write to.
             entry(blocks, *pointers, address_of(scratch), progress)
             self._free.append(scratch)
 
@@ -383,11 +385,11 @@ class CompiledKernel(Kernel):
         for other in shares:
             if progress[1] < blocks:
                 other.result()
-            other.cancel()  # one that has not begun would find nothing left
+            other.cancel()  # one that has not begun would find no block left
 
 
 def pointers_to(addresses: list[int]) -> Any:
-    """An array of pointers."""
+    """C array of pointers."""
     return (ctypes.c_void_p * len(addresses))(*addresses)
 
 
@@ -395,7 +397,7 @@ _ROWS, _COLUMNS = np.tril_indices(6)
 
 
 def lower_triangle(matrix: Array) -> Array:
-    """Of a symmetric matrix (6, 6), row by row."""
+    """Lower triangle of a symmetric matrix (6, 6), row by row."""
     return np.asarray(matrix[_ROWS, _COLUMNS])
 
 
@@ -407,25 +409,25 @@ def from_triangles(rows: Array) -> Array:
 
 
 def compiled_or_portable(program: Program, compiled: bool) -> Kernel:
-    """A kernel of machine code, or over arrays."""
+    """Kernel of machine code, or over NumPy arrays."""
     return CompiledKernel(program) if compiled else PortableKernel(program)
 
 
 class OnePosture(Kernel):
-    """One posture after the other, by machine code or by Python on numbers.
+    """A program for one posture at a time, by machine code or by Python on numbers.
 
     Attributes
     ----------
     at : dict of str to slice
-        Where in a record each output stands.
+        Place of each output in a record.
     """
 
     at: dict[str, slice]
 
     def record(self, **given: Array) -> Array:
-        """All outputs, one after the other, of inputs (n,), or (1, n), by name.
+        """All outputs in one array, from inputs (n,) or (1, n) by name.
 
-        Inputs that the program does not read are left aside.
+        Inputs that the program does not read are ignored.
         """
         raise NotImplementedError
 
@@ -446,7 +448,7 @@ class OnePosture(Kernel):
 
 
 class PrintedPosture(OnePosture):
-    """One posture by straight-line Python, where no machine code can be made."""
+    """One posture at a time by straight-line Python, where llvmlite is not installed."""
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
         self.program = program
@@ -455,19 +457,19 @@ class PrintedPosture(OnePosture):
         self._nothing = np.full(max(place.stop for place in self.at.values()), np.nan)
 
     def record(self, **given: Array) -> Array:
-        """As `OnePosture.record`; all NaN where a number is not finite, or has no root."""
+        """As `OnePosture.record`; all NaN if a number is not finite or has no root."""
         known = self._shared
         lists = [known[n] if n in known else given[n].ravel().tolist() for n in self._names]
         try:
             record = np.array(self._function(*lists))
         except (ZeroDivisionError, ValueError, OverflowError):
             return self._nothing.copy()
-        # Python's `max` does not hand on a NaN.
+        # Python's `max` does not propagate NaN.
         return record if math.isfinite(record.sum()) else self._nothing.copy()
 
 
 class CompiledPosture(OnePosture):
-    """One posture by machine code."""
+    """One posture at a time by machine code."""
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
         self.program = program
@@ -480,7 +482,7 @@ class CompiledPosture(OnePosture):
     def record(self, **given: Array) -> Array:
         """As `OnePosture.record`."""
         try:
-            memory = self._free.pop()  # as much is made as is used at the same time
+            memory = self._free.pop()  # one for each thread that calls at the same time
         except IndexError:
             memory = self._memory()
         inputs, written, progress, arguments, _ = memory
@@ -493,7 +495,7 @@ class CompiledPosture(OnePosture):
         return record
 
     def _memory(self) -> tuple[Any, ...]:
-        """What one call reads, writes and counts, its arguments, and what these point to."""
+        """Arrays that one call reads, writes and counts in, its arguments, and their memory."""
         kernel, program = self._kernel, self._kernel.program
         widths: dict[str, int] = {}
         for array, component in program.inputs:

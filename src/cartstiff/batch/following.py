@@ -1,8 +1,8 @@
-"""Closing many postures of a chain so that they stay in one assembly.
+"""Closing many postures of a chain in one assembly mode.
 
-Newton's steps from afar end in another assembly, or nowhere. What is held therefore leads there
-from the mechanism's own posture; where that fails, cells of a grid start from one beside them. What
-comes out does not depend on what else is computed.
+Newton steps from far away converge to another assembly mode, or not at all. The held coordinates
+therefore move in steps from the mechanism's reference posture; where that fails, cells of a grid
+start from a neighbouring cell. The result does not depend on what else is computed.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-# A coordinate that the closures have moved by more than this is another one.
-_MOVED = numerics.CLOSE
+# Largest change of a held coordinate by the closures.
+_MAX_HELD_CHANGE = numerics.CLOSE
 
 Closed = tuple[Array, NDArray[np.bool_]]
 
@@ -34,14 +34,14 @@ class Assembler:
     elastic : ElasticMechanism
         A mechanism whose `mechanism` is a `Chain`.
     base : ndarray (n,)
-        Its posture from which the others are led; closed first if it can be.
+        Reference posture from which the others are reached; closed first if possible.
     own : sequence of int
-        Coordinates whose values are asked for. If they are not all held by actuators, the actuators
+        Coordinates whose values are given. If they are not all held by actuators, the actuators
         follow them.
     path : {"auto", "compiled", "portable", "engine"}
-        What computes the map. "engine": it closes as well; else machine code where it can be made.
+        Path of the map. "engine" closes by `Chain.closed`; the others by machine code if possible.
     rows : int
-        Postures at a time, at the most.
+        Largest number of postures at a time.
     """
 
     def __init__(
@@ -55,9 +55,9 @@ class Assembler:
         if not set(own) <= set(held):
             self._hold = sorted(({*held} - {*(self._chain.actuated or ())}) | {*own})
         if self._hold != sorted(held):
-            path = "engine"  # the recorded steps hold what the mechanism holds
+            path = "engine"  # the recorded steps hold the mechanism's own held coordinates
         elif path in ("auto", "portable") and has_package("llvmlite"):
-            # Steps of few postures: machine code is made before arrays have taken a hundred.
+            # Compiling takes less time than a hundred steps over NumPy arrays.
             path = "compiled"
         self._steps = Closer(elastic, path, rows)
         self._base = self.near(base[None])[0][0]
@@ -77,7 +77,7 @@ class Assembler:
                 closed = self._chain.closed(q[i], hold=self._hold).q
             except ConvergenceError:
                 continue
-            if not self._hold or np.abs(closed - q[i])[self._hold].max() <= _MOVED:
+            if not self._hold or np.abs(closed - q[i])[self._hold].max() <= _MAX_HELD_CHANGE:
                 at[i], is_closed[i] = closed, True
         return at, is_closed, ~is_closed
 

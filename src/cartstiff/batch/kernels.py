@@ -1,4 +1,4 @@
-"""Which kernel computes a stack of postures, and its way through the chunks."""
+"""Choice of the kernel for a stack of postures, and its run in chunks."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from cartstiff.stiffness.applied_load import Axes, LoadKind
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
 
-#: Postures from which on it pays to compile a mechanism that has not been compiled yet.
+#: Least number of postures for which a mechanism is compiled.
 WORTH_COMPILING = 5000
-#: Postures from which on it pays to compile what is read, too.
+#: Least number of postures for which quantities are compiled, too.
 WORTH_READING = 200_000
-#: Operations beyond which compiling takes more than a few seconds.
+#: Number of operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
-#: Postures from which on it pays to wait for them: making a program takes as long as computing
-#: 25,000 postures over arrays, however long it is.
+#: Least number of postures for which larger programs are compiled: compiling takes as long as
+#: computing 25,000 postures over NumPy arrays, whatever the size.
 WORTH_WAITING = 50_000
-#: Postures computed at a time in compiled code, a multiple of every block.
+#: Chunk of postures for machine code, a multiple of every block.
 COMPILED_CHUNK = 1 << 17
-#: Postures for each thread below which another one costs more than it saves.
+#: Least number of postures for each thread.
 LEAST_PER_THREAD = 2048
-#: Postures from which on it pays to look at the closures of a chain, or at lost ranks.
+#: Least number of postures for which closed chains, or postures of lost rank, are recorded.
 WORTH_RECORDING = 100
-#: Postures of closed chains at a time: their coordinates are read again and again.
+#: Chunk of postures of closed chains: each step reads their coordinates again.
 CLOSED_CHUNK = 4096
-#: Postures at a time where some potentials are evaluated one by one: n^2 numbers each are held.
+#: Chunk of postures with terms outside the program: these have n^2 numbers for each posture.
 EVALUATED_CHUNK = 1024
 
 
@@ -66,23 +66,19 @@ _lock = process_lock()
 
 
 def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | None = None) -> Any:
-    """Machine code for a case; the last 64 are kept."""
+    """Machine code for a case; the last 64 are cached."""
     key = (case, names, readings)
     with _lock:
         with timed(MAKING):
             kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
-        _keep(key, kernel)
+        _compiled[key] = kernel
+        if len(_compiled) > 64:
+            del _compiled[next(iter(_compiled))]
     return kernel
 
 
-def _keep(key: tuple[Case, tuple[str, ...], Readings | None], kernel: Any) -> None:
-    _compiled[key] = kernel
-    while len(_compiled) > 64:
-        del _compiled[next(iter(_compiled))]
-
-
 def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -> Any:
-    """What computes `count` postures of a case; machine code where it pays and is wanted."""
+    """Kernel for `count` postures of a case; machine code if wanted and worth compiling."""
     make = _compiled_kernel if compiled and count >= WORTH_COMPILING else _portable_kernel
     return make(case, names)
 
@@ -90,7 +86,7 @@ def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -
 def reading_kernel(
     case: Case, names: tuple[str, ...], readings: Readings, path: Backend = "auto"
 ) -> Any:
-    """What reads; None where something that is read does not exist, or nothing is quick enough."""
+    """Kernel that reads quantities; None if one does not exist, or no machine code can be made."""
     program = program_for(case, names, readings)
     if "readings" not in program.outputs:
         return None
@@ -107,7 +103,7 @@ def has_package(package: str) -> bool:
     return find_spec(package) is not None
 
 
-#: Why nothing faster computes what somebody wanted computed so.
+#: Reason for a path that the caller has chosen.
 ASKED = "asked for"
 
 
@@ -120,10 +116,10 @@ def chosen(
     load: LoadKind,
     axes: Axes,
 ) -> tuple[TracedModel | None, Any, str]:
-    """Case and kernel, or None for the engine; and why not a faster one."""
+    """Model and kernel, or None for `cartstiff.analyse`; and the reason why not a faster one."""
     kind = given_as(loads)
     if path == "engine":
-        known = known_plan(elastic, kind)  # for a map it was looked at before
+        known = known_plan(elastic, kind)  # a map has planned before
         return None, None, known if isinstance(known, str) else ASKED
     if path == "auto" and (reason := _few_of_closed(elastic, count)):
         return None, None, reason
@@ -135,7 +131,7 @@ def chosen(
             )
         return None, None, answer
     answer = answer.under(load, axes)
-    # In one order, so that the same set finds the same kernel.
+    # In a fixed order, so that equal sets share a kernel.
     ordered = tuple(name for name in EVERY_OUTPUT if name in names)
     if path == "portable":
         return answer, _portable_kernel(answer.case, ordered), ASKED
@@ -157,22 +153,22 @@ def chosen(
 
 
 def _workers(threads: int, rows: int) -> int:
-    """How many threads so many postures keep busy."""
+    """Number of threads for a number of postures."""
     return max(1, min(threads, rows // LEAST_PER_THREAD))
 
 
 def _compiles(count: int) -> bool:
-    """Whether so many postures are worth machine code, and it can be made."""
+    """Whether machine code can be made and is worth it for so many postures."""
     return count >= WORTH_COMPILING and has_package("llvmlite")
 
 
 def _is_worth_making(size: int, count: int) -> bool:
-    """Whether machine code of so many operations is, for so many postures."""
+    """Whether machine code of so many operations is worth it for so many postures."""
     return size <= LARGEST_PROGRAM or count >= WORTH_WAITING
 
 
 def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
-    """Why the engine is quicker than to look at the closures of a chain; empty if it is not."""
+    """Reason why `cartstiff.analyse` is faster than recording a closed chain; empty if not."""
     few = count < WORTH_RECORDING and bool(getattr(elastic.mechanism, "closures", ()))
     return f"a closed chain is recorded from {WORTH_RECORDING} postures on" if few else ""
 
@@ -183,7 +179,7 @@ def lasting_path(
     names: tuple[str, ...],
     count: int,
 ) -> Backend:
-    """The path that serves `count` postures, whatever was compiled in this process before."""
+    """The path for `count` postures, independent of kernels that this process has cached."""
     answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(answer, str):
         return "engine"
@@ -193,8 +189,8 @@ def lasting_path(
     return "portable"
 
 
-class _Standing:
-    """Ways to postures that can be looked at: chains closed, links bent by the load."""
+class _PostureSolver:
+    """Solves for the coordinates of a posture: closes chains, deflects links under the load."""
 
     def __init__(self, taken: TracedModel, compiled: bool, threads: int = 1) -> None:
         make = _compiled_kernel if compiled else _portable_kernel
@@ -214,67 +210,66 @@ class _Standing:
     def closed(
         self, q: Array, first: int | None = None
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """What `close` gives for coordinates (N, n), by the first few ways."""
+        """Result of `close` for coordinates (N, n), by the `first` few ways, or all."""
         return close(self._closing[:first], q)
 
-    def _led(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """As the engine closes: led from home where only what is held was given."""
+    def _assembled(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Close as `Chain.closed` does, from the reference posture if only held ones differ."""
         steps = np.zeros(0, int) if self._home is None else self._home.steps_where_asked(q)
         which = np.flatnonzero(steps)
         if self._home is None or not which.size:
             return self.closed(q)[:2]
-        at, stands = q.copy(), np.zeros(len(q), bool)
+        at, is_closed = q.copy(), np.zeros(len(q), bool)
         near = partial(self.closed, first=1)
-        at[which], stands[which], is_vain = self._home.continue_from(near, q[which], steps[which])
+        at[which], is_closed[which], is_vain = self._home.continue_from(
+            near, q[which], steps[which]
+        )
         others = np.setdiff1d(np.arange(len(q)), which[~is_vain])
-        at[others], stands[others], _ = self.closed(q[others])
-        return at, stands
+        at[others], is_closed[others], _ = self.closed(q[others])
+        return at, is_closed
 
-    def found(self, q: Array, inputs: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
-        """Coordinates, and whether they stand.
-
-        What does not stand is as it was given: the engine begins there.
-        """
-        given, stands = q, np.ones(len(q), bool)
+    def solve(self, q: Array, inputs: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
+        """Coordinates, and where they were found; elsewhere they are as given."""
+        given, is_found = q, np.ones(len(q), bool)
         if self._closing:
-            q, stands = self._led(q)
+            q, is_found = self._assembled(q)
         if self._settling is not None:
-            moved, which = q.copy(), np.flatnonzero(stands)
+            moved, which = q.copy(), np.flatnonzero(is_found)
             which = settle(self._settling, self._evaluate, inputs, moved, which)
-            stands, q = np.isin(np.arange(len(q)), which), moved
-        return np.where(stands[:, None], q, given), stands
+            is_found, q = np.isin(np.arange(len(q)), which), moved
+        return np.where(is_found[:, None], q, given), is_found
 
 
 class Closer:
-    """Closes postures of a chain by recorded steps, what is held kept, and nothing else.
+    """Closes postures of a chain by recorded steps that keep the held coordinates.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     path : {"auto", "compiled", "portable", "engine"}
-        Machine code for "compiled"; the engine has no such steps.
+        Machine code for "compiled"; for "engine" there are no recorded steps.
     rows : int
-        Postures at a time.
+        Chunk of postures.
     """
 
     def __init__(self, elastic: ElasticMechanism, path: Backend, rows: int) -> None:
         self._rows = min(rows, CLOSED_CHUNK)
         taken = "" if path == "engine" or not rows else plan(elastic, "none")
-        self._standing: _Standing | None = None
+        self._solver: _PostureSolver | None = None
         if not isinstance(taken, str) and taken.is_closed:
-            self._standing = _Standing(taken, path == "compiled")
+            self._solver = _PostureSolver(taken, path == "compiled")
 
     def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Coordinates from q (N, n), where they close the chain, and where none close it.
+        """Coordinates from q (N, n), where they close the chain, and where no steps can.
 
-        The others are as given: there are no such steps, or they do not end.
+        Coordinates that do not close the chain are as given.
         """
-        if self._standing is None or not len(q):
+        if self._solver is None or not len(q):
             return q, np.zeros(len(q), bool), np.zeros(len(q), bool)
-        # The first way; the next lets go of what is held.
+        # The first way only: the next releases the held coordinates.
         parts = (
-            self._standing.closed(q[i : i + self._rows], 1) for i in range(0, len(q), self._rows)
+            self._solver.closed(q[i : i + self._rows], 1) for i in range(0, len(q), self._rows)
         )
         at, is_closed, is_vain = (np.concatenate(each) for each in zip(*parts, strict=True))
         return at, is_closed, is_vain
@@ -290,10 +285,10 @@ def run(
     threads: int,
     size: int | None,
 ) -> None:
-    """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN.
+    """Fill the arrays by a kernel in chunks; outputs that do not exist become NaN.
 
-    Coordinates of closed chains are replaced by those that close them, those of links that give by
-    those where they carry the load; where none are found they stay, and the engine decides.
+    Coordinates of closed chains are replaced by those that close them, those of compliant links by
+    those at which they carry the load; if none are found, the verdict is `FALLBACK`.
     """
     if not len(q):
         return
@@ -309,29 +304,29 @@ def run(
             is_streamed = sum(arrays[name].nbytes for name in exists) > STREAMED
             with timed(MAKING):
                 kernel.entry(is_streamed)
-        if taken.has_derivatives:
+        if taken.untraced:
             length = min(length, EVALUATED_CHUNK)
         if taken.is_closed:
             length = min(length, CLOSED_CHUNK)
         length = min(length, count)
         workers = _workers(threads, length)
-        standing = _Standing(taken, is_compiled, workers)
+        solver = _PostureSolver(taken, is_compiled, workers)
         shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
         if loads is not None and loads.ndim == 1:
             shared["wrench"] = np.ascontiguousarray(loads)[None]
-        verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
+        verdict = aligned_empty(length, 1)  # aligned, or no output could be written past the cache
         for start in range(0, count, length):
             stop = min(start + length, count)
             rows = stop - start
             inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
             if loads is not None and loads.ndim == 2:
                 inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
-            stands = None
-            if standing:
-                q[start:stop], stands = standing.found(inputs["q"], inputs)
+            is_found = None
+            if solver:
+                q[start:stop], is_found = solver.solve(inputs["q"], inputs)
                 inputs["q"] = np.ascontiguousarray(q[start:stop])
             doubts = None
-            if taken.has_derivatives:
+            if taken.untraced:
                 more, doubts = taken.untraced.derivatives(
                     inputs["q"], is_compiled, inputs.get("wrench")
                 )
@@ -351,12 +346,12 @@ def run(
             if doubts is not None:
                 doubted = doubts != PLAIN
                 verdicts[start:stop][doubted] = doubts[doubted]
-            if stands is not None:
-                verdicts[start:stop][~stands] = FALLBACK
+            if is_found is not None:
+                verdicts[start:stop][~is_found] = FALLBACK
 
 
 def _way(taken: TracedModel, kernel: Any) -> str:
-    """What a kernel is, in words."""
+    """Description of a kernel for the profile."""
     is_portable = isinstance(kernel, PortableKernel)
     way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
     way += ", quantities read at once" * ("readings" in kernel.program.outputs)

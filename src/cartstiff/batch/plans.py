@@ -1,4 +1,4 @@
-"""Which arithmetic serves a mechanism, and what it reads at run time."""
+"""Choice of the recorded arithmetic of a mechanism, and its inputs."""
 
 from __future__ import annotations
 
@@ -42,26 +42,26 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 Case = ChainCase | PlatformCase
-#: The outputs that stand for steps towards closure, and towards rest of links under a load.
+#: Outputs of the programs for steps towards closure, and towards rest of links under a load.
 CLOSING, SETTLING = ("next", "left"), ("settled", "moved")
 
 
 @dataclass(frozen=True)
 class TracedModel:
-    """A case of the arithmetic with its inputs.
+    """A case of the recorded arithmetic with its inputs.
 
     Attributes
     ----------
     case : ChainCase or PlatformCase
-        What the program is made for.
+        Key of the program.
     shared : dict of str to ndarray, shape (1, ...)
         Inputs that are the same for all postures.
     regular : str
-        State of the postures that the program deals with.
+        State of the postures that the program computes.
     untraced : UntracedTerms
-        Energies whose derivatives the program takes as inputs.
+        Energies whose derivatives are inputs of the program.
     home : ReferencePosture, optional
-        Posture of a closed chain from which others are led.
+        Posture of a closed chain from which others are reached.
     """
 
     case: Case
@@ -72,7 +72,7 @@ class TracedModel:
 
     @property
     def is_closed(self) -> bool:
-        """Whether coordinates are those of a closed chain, which is closed first."""
+        """Whether the mechanism is a closed chain, which is closed first."""
         return isinstance(self.case, ClosedCase)
 
     @property
@@ -81,25 +81,20 @@ class TracedModel:
         return isinstance(self.case, ChainCase) and bool(self.case.settled)
 
     def under(self, load: LoadKind, axes: Axes) -> TracedModel:
-        """The same under a load that behaves in a way, with a wrench along the axes of M or F."""
+        """The same under another kind of load, with a wrench along the axes of M or F."""
         if load == DEAD_AT_ORIGIN and axes == "body":
             return self
         untraced = replace(self.untraced, load=load, axes=axes)
         return replace(self, case=replace(self.case, load=load, axes=axes), untraced=untraced)
 
-    @property
-    def has_derivatives(self) -> bool:
-        """Whether some of the energy is evaluated beside the program."""
-        return bool(self.untraced)
-
 
 @lru_cache(maxsize=64)
 @uncollected()
 def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None = None) -> Program:
-    """Program of the outputs of a case that exist, and of the verdict on the posture; kept.
+    """Program of the existing outputs of a case and of the verdict on the posture; cached.
 
-    With `readings`, where all that they need exists, of their numbers under that name and of the
-    pose instead; verdicts on the outputs count.
+    With `readings`, if all that they need exists, its outputs are instead "readings" and "pose",
+    and the verdict is still that on all outputs.
     """
     tape = Tape()
     if isinstance(case, ClosedCase) and outputs == CLOSING:
@@ -107,15 +102,11 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
     needed = outputs if readings is None else (*outputs, *readings.needs)
-    if isinstance(case, ClosedCase):
-        arrays = closed_arrays(tape, case, needed)
-        lengths = case.constants.is_length
-    elif isinstance(case, ChainCase):
-        arrays = chain_arrays(tape, case, needed)
-        lengths = case.constants.is_length
+    if isinstance(case, PlatformCase):
+        arrays, lengths = platform_arrays(tape, case, needed), (True,) * 6
     else:
-        arrays = platform_arrays(tape, case, needed)
-        lengths = (True,) * 6
+        of_chain = closed_arrays if isinstance(case, ClosedCase) else chain_arrays
+        arrays, lengths = of_chain(tape, case, needed), case.constants.is_length
     if readings is not None and readings.exist_beside(arrays):
         values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
@@ -125,17 +116,17 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     return tape.program(kept, shared_inputs(case.wrench))
 
 
-#: The last plans, with what they were made for: mechanisms do not change.
+#: The last plans with their mechanisms, which do not change, and kinds of wrench.
 _plans: deque[tuple[ElasticMechanism, str, TracedModel | str]] = deque(maxlen=8)
 
 
 def given_as(wrench: Array | None) -> Literal["none", "shared", "each"]:
-    """How a plan calls wrenches: none, one (6,) for all postures, or one for each (N, 6)."""
+    """Kind of wrench for a plan: none, one (6,) for all postures, or one for each (N, 6)."""
     return "none" if wrench is None else "shared" if wrench.ndim == 1 else "each"
 
 
 def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
-    """The arithmetic that serves a mechanism, or why none does; the last few are kept.
+    """The recorded arithmetic of a mechanism, or the reason why it has none; the last are cached.
 
     `wrench` is "none", "shared" or "each".
     """
@@ -148,7 +139,7 @@ def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
 
 
 def known_plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str | None:
-    """What `plan` has kept; None if that is nothing."""
+    """Cached result of `plan`, or None."""
     of_it = (p for known, kind, p in tuple(_plans) if known is elastic and kind == wrench)
     return next(of_it, None)
 
@@ -168,7 +159,7 @@ _lock = process_lock()
 
 
 def chain_constants(chain: Chain) -> ChainConstants | str:
-    """Geometry of a chain, or why it is not a plain one; kept as long as the chain is."""
+    """`read_chain`, cached as long as the chain exists."""
     with _lock:
         if chain not in _constants:
             _constants[chain] = read_chain(chain)
@@ -220,7 +211,7 @@ def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Traced
 
 
 def _spring_values(springs: JointSprings) -> tuple[dict[str, Array], Mapping[int, SpringLaw]]:
-    """Stiffnesses and rest positions, zero where there is none, and nonlinear laws."""
+    """Stiffnesses and rest positions, zero if there is none, and nonlinear laws."""
     stiffness = springs.stiffness.copy()
     if springs.laws:
         stiffness[list(springs.laws)] = 0.0
@@ -236,7 +227,7 @@ def _with_fields(
     laws: Mapping[int, SpringLaw],
     freedoms: int,
 ) -> TracedModel:
-    """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
+    """The plan of a chain with gravity and other potentials, recorded as far as possible."""
     fields, forces, loose, beams = [], [], [], list[Beam]()
     lines, known = list[Line](), list[Array]()
     joints = len(case.constants.screws) // 6
@@ -280,9 +271,9 @@ def _with_fields(
 
 
 def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Line], Array] | None:
-    """Line springs between F and bodies on the way, their stiffnesses and rest lengths (m, 2).
+    """Line springs between F and bodies on the path, their stiffnesses and rest lengths (m, 2).
 
-    None for anything else, and where a rest length is not known.
+    None for any other potential, and if a rest length is not known.
     """
     if type(potential) is not LineSprings or not potential.is_complete:
         return None
@@ -372,14 +363,14 @@ def _forces(
 def _strut_plan(
     elastic: ElasticMechanism, platform: Platform, struts: FlexureStruts, wrench: str
 ) -> TracedModel | str:
-    """Struts as derivatives that are given, beside lines that carry nothing."""
+    """Struts, whose derivatives are inputs; the platform's lines carry no force."""
     if (struts.frame_a, struts.frame_b) != ("world", "body"):
         return "the struts are not the platform's own"
     if elastic.gravity is not None and platform.struts is not None:
         return "struts between flexures that weigh are put together posture by posture"
     forces, points, loose = _forces(elastic, platform)
     m = len(struts.stiffness)
-    # The wrench is known to the struts' rest lengths; to the program it is what they exert.
+    # The struts' rest lengths balance the wrench; the program reads it from their gradient.
     case = PlatformCase(
         numbers(platform.anchors),
         numbers(platform.points),

@@ -1,4 +1,4 @@
-r"""The arithmetic of a body held by lines, on recording numbers.
+r"""Stiffness and compliance of a body held by lines, on recorded numbers.
 
 The coordinates are the pose of P in F; derivatives are taken along body twists, so that K^B is the
 Hessian of the energy. With anchors a, points b in M, length l, direction u, line g = (b x u, u),
@@ -26,7 +26,6 @@ from cartstiff.batch.algebra import (
     LARGEST_ANGLE,
     PLAIN,
     STIFFNESS_CONDITION,
-    Reflections,
     add_compliances,
     connections,
     given_wrench,
@@ -48,16 +47,17 @@ from cartstiff.potentials.line_springs import lines_of_many, second_derivative
 from cartstiff.potentials.loads import held_force
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
-#: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
-_SHORT = numerics.SHORTEST
-#: Product of the condition numbers of lines and stiffness up to which a compliance has its digits,
-#: one to spare.
-_KNOWN = 0.1 * numerics.LOST_ERROR / numerics.EPSILON
+#: Shortest line with the verdict `PLAIN`, as a share of the platform's size; `cartstiff.analyse`
+#: reports lines of zero length.
+_SHORTEST_LINE = numerics.SHORTEST
+#: Largest product of the condition numbers of lines and stiffness at which a compliance has enough
+#: digits, with a margin of one digit.
+_MAX_CONDITION_PRODUCT = 0.1 * numerics.LOST_ERROR / numerics.EPSILON
 
 
 @dataclass(frozen=True)
 class PlatformCase:
-    """A platform and what acts on it, as plain numbers; a key.
+    """A platform with its springs and loads as plain numbers; the key of its recorded programs.
 
     Attributes
     ----------
@@ -65,20 +65,20 @@ class PlatformCase:
     T_P_M : flat (4, 4).
     length : characteristic length.
     rest : {"given", "open"}
-        Whether the lines have rest lengths, or these are chosen posture by posture.
+        Whether the lines have rest lengths, or these are chosen at each posture.
     wrench : {"none", "shared", "each"}
     unilateral : bool
-    points_of_forces : points of the body in M that carry constant forces.
+    points_of_forces : points of the body in M at which constant forces act.
     derivatives : bool
-        Whether energy, gradient and Hessian of further potentials are given as arrays.
+        Whether energy, gradient and Hessian of further potentials are input arrays.
     legs : Struts, optional
-        Masses of the legs, where these count.
+        Masses of the legs, for gravity and vibrations.
     has_weight : bool
-        Whether the legs weigh.
-    inertia : flat (6, 6) of the body on its twists, where vibrations count.
+        Whether gravity acts on the legs.
+    inertia : inertia matrix of the body (6, 6), flat, for vibrations.
     lines : int
-        How many lines, where anchors, points and length are given at run time: one program then
-        serves platforms of every size.
+        Number of lines where anchors, points and length are inputs, so that one program serves
+        platforms of every size; else 0.
     load, axes : as of `cartstiff.batch.chains.ChainCase`.
     """
 
@@ -99,17 +99,8 @@ class PlatformCase:
     axes: Axes = "body"
 
 
-def _chosen_tensions(
-    reflections: Reflections, inverse_R: Array, missing: Array, present: Array
-) -> Array:
-    """Tensions nearest to the present ones whose lines, Q R, sum to what is missing."""
-    short = zeros(len(present))
-    short[:6] = inverse_R.T @ missing
-    return present + reflections.apply(short)
-
-
 def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> dict[str, Array]:
-    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
+    """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     q = tape.vector("q", 6)
     anchors = np.reshape(case.anchors, (-1, 3))
     points = np.reshape(case.points, (-1, 3))
@@ -125,7 +116,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     T[:3, :3], T[:3, 3], T[3, 3] = R_P @ T_P_M[:3, :3], R_P @ T_P_M[:3, 3] + q[:3], 1.0
     geometry = lines_of_many(T, anchors, points)
     lengths, _, lines = geometry
-    size = _SHORT * larger(largest(anchors), largest(points))
+    size = _SHORTEST_LINE * larger(largest(anchors), largest(points))
     verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
     for length in lengths:
         verdict = larger(verdict, pick(size, length, PLAIN, FALLBACK))
@@ -175,9 +166,12 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         missing = -gradient if W is None else W - gradient
         present = t if m > 6 else zeros(m)
         missing = missing - lines.T @ present
-        t = _chosen_tensions(decomposition, inverse_R, missing, present)
+        # The tensions nearest to the present ones that add the missing wrench.
+        added = zeros(m)
+        added[:6] = inverse_R.T @ missing
+        t = present + decomposition.apply(added)
         if case.unilateral:
-            # Of more than six cables the engine keeps each taut, if it can.
+            # With more than six cables `cartstiff.analyse` keeps each taut, if possible.
             least = largest(t) * numerics.NEGLIGIBLE_FORCE if m > 6 else -numerics.TINY
             for tension in t:
                 verdict = larger(verdict, pick(least, tension, PLAIN, FALLBACK))
@@ -213,8 +207,8 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         arrays |= {"kinetic": M, "lagrangian": K_B, "motion": np.eye(6)}
     condition = add_compliances(arrays, stiffness, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
-    # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.
-    verdict = larger(verdict, limited(condition * squared_condition, _KNOWN**2))
+    # Near type 2 the forces of actuators, and their part of the stiffness, are less accurate.
+    verdict = larger(verdict, limited(condition * squared_condition, _MAX_CONDITION_PRODUCT**2))
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))
     arrays["verdict"] = np.array([verdict], object)
     if "noteworthy" in wanted and decomposition is not None and "compliance_B" in arrays:

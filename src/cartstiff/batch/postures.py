@@ -1,22 +1,16 @@
-r"""Many postures at once: postures in, arrays out.
+r"""Many postures at once: coordinates in, arrays out.
 
-Chains, open and closed, with lines between their bodies, and platforms on line springs are computed
-by arithmetic written once (`chains`, `platform_arithmetic`), as machine code made for the mechanism
-(`compiled`) or over NumPy arrays (`portable`). Every other mechanism, and every posture that is not
-well inside the regular ones, is computed by `cartstiff.analyse` itself, which also names its state.
+Recorded formulas compute chains, open and closed, with lines between their bodies
+(`cartstiff.batch.chains`, `closed_chains`), and platforms on line springs (`platforms`), as machine
+code for the mechanism (path "compiled") or over NumPy arrays (path "portable"). `cartstiff.analyse`
+itself (path "engine") computes every other mechanism, and every posture that is not well inside the
+regular ones, and names its state.
 
-One posture after the other by the engine: for every mechanism, and for doubtful postures.
-
-Postures of arms that have lost rank, in stacks: ``C = J H^-1 J^T`` needs no inverse of J.
-
-What the engine calls them is decided here only where there is no doubt about it: the rank by
-singular values far from the limit, a stiffness that is positive along every motion, so that no
-self-motion is idle or buckles, and a self-motion that either feels nothing, because the springs
-carry a load that is known, or plainly a torque. All else stays with the engine.
-
-Tensions of a platform's legs at many postures, by the arithmetic that finds its stiffness.
-
-Numbers of many postures, read by the machine code that makes their matrices.
+Postures of arms that have lost rank are computed in stacks as well, as ``C = J H^-1 J^T`` needs no
+inverse of J, where their state is certain: the singular values are far from the limit of rank, the
+stiffness is positive along every motion, so that no self-motion costs nothing or buckles, and the
+torque along the self-motion is either zero, because the springs carry a known load, or far from
+zero.
 """
 
 from __future__ import annotations
@@ -84,12 +78,12 @@ REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 
 
 def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
-    """The code that stands for a posture's state.
+    """Code of a posture's state.
 
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
-    else, if matrices are among the outputs, a stiffness matrix (K^A, K^K and the tangent under the
-    load, where their inverse is asked for) that has no inverse, or what a note of `analyse` says of
-    lost digits: of the compliance, or, where none is asked for, of the stiffness, too.
+    else, if matrices are among the outputs, a singular stiffness matrix (K^A, K^K and the tangent
+    under the load, if their inverse is an output), or a note of `analyse` on lost digits of the
+    compliance, or, if none is an output, of the stiffness.
     """
     if result.reduction.states:
         return result.reduction.states[-1].code
@@ -97,7 +91,7 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     notes = result.notes_on_posture
     if "compliance" in kinds:
         notes = result.notes
-    elif "stiffness" in kinds:  # other inverses need not be found
+    elif "stiffness" in kinds:  # does not compute other inverses
         notes = *notes, *result.notes_on_digits
     codes = {note.code for note in notes}
     for code in ("type-2-singularity", "singular-stiffness"):
@@ -110,7 +104,7 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
         if (
             note.code == "ill-conditioned"
             and np.asarray(note.values["relative_error"]) > numerics.LOST_ERROR
-            # Beside a compliance a stiffness need not hold its softer directions.
+            # Beside a compliance, a stiffness need not resolve its softer directions.
             and (note.values["matrix"] == "compliance" or "compliance" not in kinds)
         ):
             return note.code
@@ -125,9 +119,9 @@ def fill(
     load: LoadKind,
     axes: Axes,
 ) -> tuple[str, Array]:
-    """Write one posture's arrays into `rows`; its state, and its coordinates.
+    """Write one posture's arrays into `rows`; return its state and its coordinates.
 
-    Those of a chain that can be closed are the closed ones, whatever its state.
+    The coordinates of a chain that can be closed are the closed ones, whatever its state.
     """
     for row in rows.values():
         row[...] = np.nan
@@ -140,7 +134,7 @@ def fill(
     except UndefinedError as error:
         return error.code, _closed(elastic, q)
     except InputError:
-        # Everything given has been checked: the springs cannot carry this load here.
+        # All input has been checked before: the springs cannot carry this load here.
         at = elastic.mechanism.closed(elastic.mechanism.checked(q))
         if "pose" in rows:
             rows["pose"][...] = at.pose
@@ -170,7 +164,7 @@ def _output(result: PostureStiffness, name: str) -> Array | float | None:
     return value
 
 
-#: How far from a limit there is no doubt.
+#: Factor from a limit beyond which a state is certain.
 _MARGIN = 10.0
 
 
@@ -184,14 +178,14 @@ def lost_ranks(
     threads: int,
     size: int | None,
 ) -> tuple[str, NDArray[np.intp], NDArray[np.intp]]:
-    """Fill those of some postures that have plainly lost rank.
+    """Fill those of the postures `which` that have certainly lost rank.
 
     Returns
     -------
     state : str
-        Of those that are filled.
+        State of those that are filled.
     filled, unbalanced : ndarray of int
-        Some of `which`; of the latter nothing but pose, Jacobian and energy is filled.
+        Some of `which`; the latter have pose, Jacobian and energy only.
     """
     case = taken.case
     if type(case) is not ChainCase or case.settled:
@@ -217,12 +211,12 @@ def lost_ranks(
     is_lost = is_known & (ranks < min(6, n))
     unbalanced = np.zeros(len(which), bool)
     if loads is None and not (case.open and all(case.open[a] for a in case.moving)):
-        # Springs exert what they do: whether the self-motions feel it.
+        # Given rest positions determine the torques: those along the self-motions must vanish.
         g, stiffest = looked_at[:, 6 * n : 7 * n], looked_at[:, 7 * n]
         free, motions = np.arange(n) >= ranks[:, None], np.linalg.svd(J)[2]
-        felt = np.linalg.norm((motions @ g[:, :, None])[:, :, 0] * free, axis=1)
+        torque = np.linalg.norm((motions @ g[:, :, None])[:, :, 0] * free, axis=1)
         most = BALANCE * np.abs(g).max(axis=1) + ROUNDING * stiffest
-        unbalanced = is_lost & (felt > most * (_MARGIN * n))
+        unbalanced = is_lost & (torque > most * (_MARGIN * n))
         is_lost[:] = False
     for these in (is_lost, unbalanced):
         for name, array in arrays.items():
@@ -230,7 +224,7 @@ def lost_ranks(
     return state, which[is_lost], which[unbalanced]
 
 
-#: State of postures that nobody has looked at one by one.
+#: State of postures that exceed the number `one_by_one`.
 UNDECIDED = "undecided"
 
 
@@ -241,23 +235,23 @@ class Postures:
     Attributes
     ----------
     q : ndarray (N, n)
-        Coordinates; those of a closed chain as assembled, of links that give as a load bends them.
+        Coordinates; those of a closed chain as assembled, of compliant links as deflected.
     arrays : dict of str to ndarray, shape (N, ...)
-        What was asked for, by name.
+        Outputs by name.
     state : ndarray of uint8 (N,)
         Index into `codes` of each posture's state.
     codes : tuple of str
         ``codes[0]`` is "regular"; the others are codes of notes, see the reference, and
         "not-assembled" for closures that cannot be met.
     path : {"compiled", "portable", "engine"}
-        What computed the regular postures.
+        Path that computed the regular postures.
     reason : str
-        Why nothing faster did; empty if nothing is.
+        Reason why no faster path did; empty if there is none.
     names : tuple of str
         Names of the coordinates.
     fallback : int
-        How many postures `cartstiff.analyse` has computed one by one: all of them where nothing
-        faster serves, else those that are not plainly regular.
+        Number of postures that `cartstiff.analyse` has computed one by one: all of them on the path
+        "engine", else those that are not well inside the regular ones.
     """
 
     q: Array
@@ -324,7 +318,7 @@ class Postures:
         }
         for name, array in self.arrays.items():
             kind, _, letter = name.partition("_")
-            # "wrench" names an axis, so that the array of wrenches needs another name.
+            # "wrench" is also the name of an axis, so that this array has another name.
             short = {"stiffness": f"K_{letter}", "compliance": f"C_{letter}", "wrench": "W"}
             arrays[short.get(kind, name)] = ("posture", *axes[kind]), array
         labels = {**COMPONENTS, "posture": range(len(self)), "coordinate": self.names}
@@ -354,7 +348,7 @@ class Postures:
         return self.to_xarray()[short].to_dataframe(("posture", "wrench", "motion"))
 
     def counts(self) -> dict[str, int]:
-        """How many postures are in each state that occurs."""
+        """Number of postures in each state that occurs."""
         counts = Counter(self.state.tolist())
         return {code: counts[i] for i, code in enumerate(self.codes) if counts[i]}
 
@@ -387,33 +381,32 @@ def analyse_many(
         (moment, force) on the body at `load_at`, for all postures or for each; as in `analyse`, the
         rest positions are then chosen at every posture.
     load_kind, load_at, load_axes
-        What the load does while the body moves, where it acts, and along whose axes it is given: as
-        in `analyse`.
+        Behaviour of the load while the body moves, its point of application and its axes, as in
+        `analyse`.
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
         "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
         under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of a platform's
         legs. Only what they need is computed.
     out : mapping of str to ndarray, optional
-        Arrays of doubles to write outputs into. Memory that is used again saves the system's
-        work of providing it, which costs more than the computation.
+        Arrays of doubles to write outputs into. Reusing memory saves its allocation, which takes
+        longer than the computation.
     threads : int, optional
         Threads of the compiled path; default: as many as there are processors. The others use one.
         The result does not depend on it.
     path : {"auto", "compiled", "portable", "engine"}
         Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes the first
-        that serves.
+        that is possible.
     chunk : int, optional
         Postures computed at a time. The result does not depend on it.
-
     one_by_one : int, optional
-        Of the postures that the fast paths cannot decide, spread evenly over them, so many at the
-        most go to `analyse`; the others have NaN and the state "undecided". Default: all go.
+        Largest number of postures, spread evenly over those that the fast paths cannot decide, that
+        `analyse` computes; the others have NaN and the state "undecided". Default: all.
 
     Returns
     -------
     Postures
-        Arrays, the state of every posture, and what computed them.
+        Arrays, the state of every posture, and the path that computed them.
 
     Raises
     ------
@@ -478,7 +471,7 @@ def analyse_many(
     if len(unbalanced):
         state[unbalanced] = _index(codes, "unbalanced")
         unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance", TENSIONS)
-        if taken.untraced.struts is not None:  # what is not found has no energy either
+        if taken.untraced.struts is not None:  # without equilibrium there is no energy either
             unknown += ("energy", "jacobian")
         for name in names:
             if name.startswith(unknown):
@@ -499,7 +492,7 @@ def analyse_many(
 def _clear_still_halves(
     elastic: ElasticMechanism, arrays: Mapping[str, Array], which: NDArray[np.intp] | slice
 ) -> None:
-    """Zeros in the compliances of postures that have no rank of six, where rounding stands."""
+    """Set round-off to zero in the compliances of postures with a rank below six."""
     length = elastic.mechanism.at(elastic.q).length
     for name, array in arrays.items():
         if name.startswith("compliance"):
@@ -509,7 +502,7 @@ def _clear_still_halves(
 
 
 def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
-    """Whether coordinates are changed: by closing the chain, or by links that bend."""
+    """Whether coordinates are changed: by closing the chain, or by deflection of links."""
     bends = loads is not None and bool(settled_coordinates(elastic).size)
     return bends or bool(getattr(elastic.mechanism, "closures", ()))
 
@@ -526,7 +519,7 @@ def _by_reference(
     axes: Axes,
     reason: str = "",
 ) -> None:
-    """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
+    """Fill some postures one by one; also writes the coordinates of assembled chains into `q`."""
     is_moved = _is_moved(elastic, loads)
     way = BY_REFERENCE if reason in ("", ASKED) else f"{BY_REFERENCE} ({reason})"
     with timed(way, len(which)), numerics.one_thread():
@@ -552,9 +545,9 @@ def tensions_of_many(
     kind: LoadKind,
     axes: Axes,
 ) -> Array:
-    """Tensions (N, m) at postures q (N, 6), as `cartstiff.analyse` has them under a wrench (6,).
+    """Tensions (N, m) of a platform's legs at postures q (N, 6) under a wrench (6,), if any.
 
-    NaN where no tensions balance the load, and of mechanisms without legs.
+    NaN where no tensions balance the load, and for mechanisms without legs.
     """
     load: dict[str, Any] = {}
     if wrench is not None:
@@ -567,7 +560,7 @@ def tensions_of_many(
 
 
 class Values(NamedTuple):
-    """What was read.
+    """Quantities of many postures, from `Reader.read`.
 
     Attributes
     ----------
@@ -576,10 +569,9 @@ class Values(NamedTuple):
     poses : ndarray (N, 4, 4)
         ``T_F_M``.
     q : ndarray (N, n)
-        Coordinates, those of links that give as the load bends them.
+        Coordinates, those of compliant links as deflected by the load.
     is_known : ndarray of bool (N,)
-        Postures of which the numbers stand; all others are for `analyse_many` and what reads its
-        arrays.
+        Postures with valid numbers; all others need `analyse_many`.
     """
 
     values: dict[str, Array]
@@ -591,7 +583,7 @@ class Values(NamedTuple):
 def readable(
     elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None
 ) -> tuple[str, ...]:
-    """Which quantities machine code can read of a mechanism under a load, if it reads at all."""
+    """Names of the quantities that can be recorded for a mechanism under a load."""
     taken, frequencies = plan(elastic, given_as(wrench)), 0
     if isinstance(taken, TracedModel) and with_masses(elastic, taken.case) is not None:
         frequencies = frequencies_of(taken.case)
@@ -600,28 +592,28 @@ def readable(
 
 
 class Reader:
-    """Reads many postures of a mechanism under one load.
+    """Computes quantities of many postures of a mechanism under one load, without their matrices.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     readings : Readings
-        What to read.
+        The quantities, with the kind of the load and its point.
     outputs : tuple of str
         Outputs of `analyse_many` whose verdicts count.
     wrench : ndarray (6,), optional
         Load on the body.
     axes : {"body", "world"}
-        Axes of its components; of what kind it is, and where, the readings say.
+        Axes of its components.
     path : {"auto", "portable"}
-        Machine code, where it can be made; or NumPy, which is slower than reading from arrays and
-        serves to compare.
+        Machine code, if it can be made; or NumPy, which is slower than reading from arrays and
+        serves for comparison.
 
     Attributes
     ----------
     state : str
-        State of the postures that are read.
+        State of the postures with valid numbers.
     """
 
     def __init__(
@@ -648,11 +640,11 @@ class Reader:
 
     @property
     def serves(self) -> bool:
-        """Whether there is machine code for these readings of this mechanism."""
+        """Whether these quantities of this mechanism can be read."""
         return self._kernel is not None
 
     def read(self, q: Array) -> Values:
-        """Read postures q (N, n)."""
+        """Quantities at postures q (N, n)."""
         if not isinstance(self._plan, TracedModel):
             raise TypeError(self._plan)
         count = len(q)
@@ -663,15 +655,9 @@ class Reader:
         }
         verdicts = np.zeros(count, np.uint8)
         run(self._plan, self._kernel, q, self._wrench, arrays, verdicts, 1, None)
-        values = _finished(arrays["readings"], self.readings)
+        values = {}
+        for name, column in zip(self.readings.names, arrays["readings"].T, strict=False):
+            root = READINGS[name].root
+            with np.errstate(invalid="ignore"):  # at postures without valid numbers
+                values[name] = column if root == 1 else column ** (1.0 / root)
         return Values(values, arrays["pose"], q, verdicts == 0)
-
-
-def _finished(values: Array, asked: Readings) -> dict[str, Array]:
-    """Numbers (N,) by name from what was read (N, k), and perhaps once more."""
-    readings = {}
-    for name, column in zip(asked.names, values.T, strict=False):
-        root = READINGS[name].root
-        with np.errstate(invalid="ignore"):  # of what the verdict leaves to others
-            readings[name] = column if root == 1 else column ** (1.0 / root)
-    return readings

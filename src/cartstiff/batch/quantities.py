@@ -1,10 +1,10 @@
-"""The table of quantities: what is read from the stiffness of a posture, each described once.
+"""The table of quantities that are read from the stiffness of a posture.
 
-An entry has its name, words, unit, what it needs, which end is the better one, and its formula. A
-formula takes *numbers* from a `Source`: floats in stacks of many postures (`cartstiff.maps`), or
-numbers that record themselves for machine code (`cartstiff.batch.readings`). Sources know
-eigenvalues, and what does not exist: over stacks it is NaN, on a tape a verdict that leaves the
-posture to the stacks.
+An entry has its name, words, unit, required outputs, better end, and formula. A formula takes
+*numbers* from a `Source`: floats in stacks of many postures (`cartstiff.maps`), or recorded numbers
+for machine code (`cartstiff.batch.readings`). Sources compute eigenvalues, and decide existence: a
+number that does not exist is NaN in a stack; a recorded one gets the verdict `FALLBACK`, so that
+the posture is read from a stack.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ ASYMMETRIC = ("A", "load")
 
 @dataclass(frozen=True)
 class Settings:
-    """What the quantities of a map refer to.
+    """Settings that the quantities of a map refer to.
 
     Attributes
     ----------
@@ -44,20 +44,20 @@ class Settings:
     direction : tuple of float, optional
         For stiffness along and about a direction.
     deflect : tuple of float, optional
-        Wrench (moment, force) added to the load, whose linear deflection is asked for; default the
+        Wrench (moment, force) added to the load, whose linear deflection is computed; default the
         load itself.
     world : bool
         Whether `direction` and `deflect` are in the axes of F instead of the body's.
     load : LoadKind
-        What the load does while the body moves.
+        Behaviour of the load while the body moves.
     deflect_at : tuple of float
         Point of the body, in M, at which the wrench `deflect` acts.
     is_loaded : bool
-        Whether a load is given, whose own deflection can be asked for.
+        Whether a load is given.
     damping : Damping
-        What damps the vibrations, beside the mechanism's own dampers.
+        Damping of the vibrations, besides the mechanism's own dampers.
     milling : Milling, optional
-        The cutter whose limiting depth is asked for.
+        The cutter for the limiting depth.
     """
 
     connection: str = "B"
@@ -73,12 +73,12 @@ class Settings:
 
     @property
     def matrix(self) -> str:
-        """The matrix whose symmetric part is read: for A that is B itself."""
+        """The matrix whose symmetric part is read: B for A, as it is the symmetric part."""
         return "B" if self.connection == "A" else self.connection
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Outputs that are needed with the other freedoms free."""
+        """Outputs needed for values with the other freedoms free."""
         if self.connection in ASYMMETRIC:
             name = self.connection
             return f"stiffness_{name}", f"compliance_{name}"
@@ -86,7 +86,7 @@ class Settings:
 
     @property
     def inverted(self) -> tuple[str, ...]:
-        """Outputs from which the inverse of that symmetric part follows."""
+        """Outputs needed for the inverse of the symmetric part."""
         if self.matrix == "load":
             return "compliance_B", "wrench"
         return (f"compliance_{self.matrix}",)
@@ -100,14 +100,14 @@ Rows = Sequence[Any] | Array
 
 
 class Source:
-    """Matrices of one recorded posture, or of a stack of many, and what is derived from them.
+    """Matrices of one recorded posture, or of a stack of many, and numbers derived from them.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray
         Outputs of `cartstiff.batch.postures.analyse_many` by name, (N, ...) or recorded.
     settings : Settings
-        What the quantities refer to.
+        Settings of the quantities.
     """
 
     #: Compliance (..., 6, 6) of the connection itself, and its symmetric part.
@@ -118,7 +118,7 @@ class Source:
         self._found: dict[str, Any] = {}
 
     def once(self, key: str, make: Callable[[], Any]) -> Any:
-        """What `make` returned when the key was first asked for."""
+        """Cached result of `make` for a key."""
         if key not in self._found:
             self._found[key] = make()
         return self._found[key]
@@ -128,7 +128,7 @@ class Source:
         return self.arrays[name]
 
     def direction(self) -> Array:
-        """Unit vectors (..., 3) of the direction, in body axes; turned as a force is."""
+        """Unit vectors (..., 3) of the direction, in body axes; rotated like a force."""
         u = np.array(self.settings.direction, float)
         return self._in_body([0.0, 0.0, 0.0, *(u / np.linalg.norm(u))], (0.0, 0.0, 0.0))[..., 3:]
 
@@ -148,10 +148,10 @@ class Source:
         axes: Literal["world", "body"] = "world" if self.settings.world else "body"
         return wrench_in_body(wrench, self.arrays["pose"], at, axes)
 
-    # -- what each kind of source has its own way to --------------------------------------------
+    # -- implemented by each kind of source -----------------------------------------------------
 
     def principal(self, kind: str, freedom: Freedom, others: Others, of_held: bool = False) -> Rows:
-        """Three principal values, smallest first; with `of_held` from the pair for others held."""
+        """Three principal values, smallest first; `of_held`: from the pair with others held."""
         raise NotImplementedError
 
     def spectrum(self) -> Rows:
@@ -163,15 +163,15 @@ class Source:
         raise NotImplementedError
 
     def ratio(self, values: Rows) -> Numbers:
-        """Largest over smallest size of eigenvalues, smallest first."""
+        """Ratio of the largest to the smallest absolute eigenvalue, given in ascending order."""
         raise NotImplementedError
 
     def root(self, value: Numbers, degree: int) -> Numbers:
-        """A root; a tape leaves it to `Quantity.root`."""
+        """A root; recorded sources leave it to `Quantity.root`."""
         raise NotImplementedError
 
     def where_positive(self, value: Numbers, least: Numbers, at_zero: float = np.nan) -> Numbers:
-        """A value that exists only if another number is positive, or as given, if that is zero."""
+        """A value that exists only if `least` is positive; `at_zero` if that is zero."""
         raise NotImplementedError
 
 
@@ -226,23 +226,23 @@ class Quantity:
     Attributes
     ----------
     name, description : str
-        For people and for files.
+        For text and files.
     unit : str
         With {length}, {force} for the mechanism's units.
     function : callable
         From a `Source` to a number, or to those (N,) of a stack.
     needs : tuple of str
-        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} stands for the connection,
-        {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
-        of that needs, "free" for what is read with other freedoms free.
+        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} is replaced by the
+        connection, {matrix} by `Settings.matrix`, "inverse" by `Settings.inverted`, "free" by
+        `Settings.free`.
     asks : {"direction", "deflect", "length", "damping", "milling"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
-        Which end is the best posture.
+        Which end belongs to the better posture.
     root : int
-        Root that is taken of the recorded number at last.
+        Root to take of the recorded number.
     is_recorded : bool
-        Whether the formula can be recorded for machine code; else it is one of stacks alone.
+        Whether the formula can be recorded; else it is computed in stacks only.
     """
 
     name: str
@@ -256,11 +256,11 @@ class Quantity:
     is_recorded: bool = True
 
     def unit_in(self, units: Units) -> str:
-        """The unit with the mechanism's names."""
+        """The unit, with the mechanism's units of length and force."""
         return self.unit.format(length=units.length, force=units.force)
 
     def outputs(self, settings: Settings) -> tuple[str, ...]:
-        """Outputs of `analyse_many` that are needed."""
+        """Required outputs of `analyse_many`."""
         names = {"matrix": settings.matrix, "connection": settings.connection}
         several = {"inverse": settings.inverted, "free": settings.free}
         needed = [several.get(n) or (n.format(**names),) for n in self.needs]
@@ -311,7 +311,7 @@ def _on_axis(s: Any, freedom: Freedom, others: Others) -> Numbers:
 
 
 def frequency_name(which: int) -> str:
-    """The quantity's name, counted from 0."""
+    """Name of a frequency, counted from 0."""
     return f"frequency_{which + 1}"
 
 

@@ -1,4 +1,4 @@
-r"""Inverse kinematics of arms by machine code: the steps of `JointPoses`, recorded."""
+r"""Inverse kinematics of arms by machine code, from the recorded steps of `JointPoses`."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
 class QuickPoses(JointPoses):
-    """`JointPoses` with errors and steps by machine code, where a chain of any joints has them.
+    """`JointPoses` with errors and steps by machine code, for serial chains.
 
-    Worth its compiling from some 20 000 solutions on. The steps are the same to rounding.
+    Compiling pays from about 20,000 solutions on. The steps are the same to round-off.
     """
 
     rows_at_once = 4096
@@ -94,7 +94,7 @@ def _error_program(constants: ChainConstants, length: float, sizes: Array) -> Pr
 
 
 def _step_program(sizes: Array, is_limited: bool) -> Program:
-    """`JointPoses._step`, its second and third look at the limits taken everywhere."""
+    """`JointPoses._step`; the step is always solved again for coordinates at their limits."""
     tape, n = Tape(), len(sizes)
     q, e = tape.vector("q", n), tape.vector("e", 6)
     J = tape.vector("jacobian", 6 * n).reshape(6, n)

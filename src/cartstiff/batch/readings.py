@@ -1,29 +1,23 @@
-r"""Which mechanisms' masses recorded arithmetic knows, so that it finds their vibrations.
+r"""Quantities of the table `cartstiff.batch.quantities` on recorded numbers.
 
-Eigenvalues of symmetric matrices by a fixed number of steps.
+A program with quantities does not store the matrices that they are read from. Eigenvalues come from
+a matrix if it has the digits, else from its inverse; a posture that needs more than that has the
+verdict `FALLBACK` and is read from stored matrices (`cartstiff.maps.quantities`).
 
-All of them by Jacobi's rotations: a sweep turns every pair of rows once, and what is left beside
-the diagonal shrinks with its square at last. The largest alone, for a quarter of the work, by
-Laguerre's iteration on the characteristic polynomial of a tridiagonal matrix, from a bound
-downwards: it converges with the third power. Nothing bounds the number of steps of either: what is
-left after them is a verdict.
+Eigenvalues of symmetric matrices take a fixed number of steps. All of them come from Jacobi
+rotations: a sweep rotates every pair of rows once, and the off-diagonal part finally converges
+quadratically. The largest alone takes a quarter of the work, by Laguerre's iteration on the
+characteristic polynomial of a tridiagonal matrix, from a bound downwards, with cubic convergence.
+The remaining error decides the verdict.
 
-Small vibrations on recording numbers: ``K_q x = omega^2 M x``.
-
-With H the Lagrangian Hessian on the motions x, J their twists and D = K^load - K^B,
+Small vibrations ``K_q x = omega^2 M x``: with H the Lagrangian Hessian on the motions x, J their
+twists and D = K^load - K^B,
 
     K_q = H + J^T D J = L L^T,    1 / omega^2: eigenvalues of L^-1 M L^-T,
 
-which holds the slow ones to the last digit, and with M = G G^T those of its inverse,
-``L^T M^-1 L``, the quick ones. Without an energy, K_q has no such factor; nor where a motion costs
-nothing, or grows: the engine decides.
-
-What maps read from matrices, recorded behind the arithmetic that makes them.
-
-The quantities of `cartstiff.batch.quantities` on recording numbers: what is read here is never
-stored. Eigenvalues come from a matrix where it has the digits
-and else from its inverse, as there; a posture for which that takes more has the verdict `FALLBACK`,
-and is read there.
+which resolves the slow ones to the last digit, and with M = G G^T those of its inverse,
+``L^T M^-1 L``, the fast ones. K_q has no such factor without an energy, nor where a motion costs
+nothing or is unstable.
 """
 
 from __future__ import annotations
@@ -76,20 +70,20 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.vibration.response import Damping
 
-#: Rows up to which all eigenvalues are found; of more the operations would be too many.
+#: Largest number of rows for which all eigenvalues are recorded.
 LARGEST = 8
-#: Sweeps after which nearly every matrix of a size is diagonal.
+#: Number of sweeps after which nearly every matrix of a size is diagonal.
 _SWEEPS = {1: 0, 2: 1, 3: 4, 4: 5, 5: 6, 6: 6, 7: 7, 8: 7}
-#: Steps of Laguerre's iteration after which it stands still nearly always.
-_STEPS = 6
+#: Number of steps after which Laguerre's iteration has nearly always converged.
+_LAGUERRE_STEPS = 6
 
 
 def _rounds(n: int) -> tuple[tuple[int, int], ...]:
-    """Pairs of n rows, in an order in which neighbours have no row in common: none waits.
+    """All pairs of n rows, in an order in which consecutive pairs share no row: none waits.
 
-    Those of a tournament in which every row meets every other once.
+    It is that of a round-robin tournament.
     """
-    seats: list[int] = [*range(n), *[n] * (n % 2)]  # with one too few, somebody rests
+    seats: list[int] = [*range(n), *[n] * (n % 2)]  # an odd number has a bye
     pairs = list[tuple[int, int]]()
     for _ in range(len(seats) - 1):
         met = zip(seats[: len(seats) // 2], reversed(seats), strict=False)
@@ -99,17 +93,17 @@ def _rounds(n: int) -> tuple[tuple[int, int], ...]:
 
 
 _PAIRS = {n: _rounds(n) for n in _SWEEPS}
-#: What may be left beside the diagonal, as a share of the whole matrix: rounding.
-_LEFT = 4.0 * numerics.EPSILON
-#: The last step that may be left to do, as a share: rounding where two are near each other.
-_STEP = 64.0 * numerics.EPSILON
-#: Condition number of a block up to which it alone has digits enough for all its eigenvalues, less
-#: what two ways to find it may differ by.
-_PLAIN = 0.99 * numerics.PLAIN_BLOCK
+#: Largest off-diagonal part, as a share of the whole matrix: round-off.
+_MAX_OFF_DIAGONAL = 4.0 * numerics.EPSILON
+#: Largest last step, as a share: round-off where two eigenvalues are near each other.
+_MAX_LAST_STEP = 64.0 * numerics.EPSILON
+#: Largest condition number of a block that alone determines all its eigenvalues, with a margin for
+#: two ways to compute it.
+_MAX_BLOCK_CONDITION = 0.99 * numerics.PLAIN_BLOCK
 
 
 def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
-    """Eigenvalues of a symmetric matrix in no order, and the verdict on them.
+    """Unordered eigenvalues of a symmetric matrix, and the verdict on them.
 
     Their errors are those of a backward stable method: a few roundings of the largest.
     """
@@ -125,12 +119,12 @@ def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
         left = left + work[p, q] * work[p, q]
     verdict: Scalar = PLAIN
     if not is_zero(left):
-        verdict = pick(left, whole * _LEFT**2, PLAIN, FALLBACK)
+        verdict = pick(left, whole * _MAX_OFF_DIAGONAL**2, PLAIN, FALLBACK)
     return list(work.diagonal()), larger(verdict, limited(whole, np.inf))
 
 
 def _turn(work: Array, p: int, q: int) -> None:
-    """Turn rows and columns p and q so that their common entry vanishes.
+    """Rotate rows and columns p and q so that their common entry vanishes.
 
     With d the difference of the two on the diagonal, b between them, h^2 = d^2 + 4 b^2 and
     u = |d| + h, the rotation by less than an eighth of a turn has (c, s) in the ratio u : 2 b.
@@ -138,7 +132,7 @@ def _turn(work: Array, p: int, q: int) -> None:
     b, d = work[p, q], work[q, q] - work[p, p]
     twice = b + b
     square = twice * twice
-    # Two equal entries with nothing between them stay as they are.
+    # `TINY` keeps two equal entries with 0 between them unchanged.
     h = square_root(d * d + square + numerics.TINY)
     u = d + copysign(h, d)
     norm = 1.0 / square_root(u * u + square)
@@ -169,7 +163,7 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
     diagonal, squares = _tridiagonal(matrix * (1.0 / whole))
     x: Scalar = 1.0
     step: Scalar = 0.0
-    for _ in range(_STEPS):
+    for _ in range(_LAGUERRE_STEPS):
         values: list[tuple[Scalar, Scalar, Scalar]] = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
         for d, square in zip(diagonal, [0.0, *squares], strict=True):
             (q, q1, q2), (p, p1, p2) = values
@@ -182,11 +176,11 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
         root = (p1 * p1) * float((n - 1) ** 2) - (p * p2) * float(n * (n - 1))
         step = p * float(n) / (p1 + square_root(larger(root, 0.0)))
         x = x - step
-    return x * whole, pick(absolute(step), x * _STEP, PLAIN, FALLBACK)
+    return x * whole, pick(absolute(step), x * _MAX_LAST_STEP, PLAIN, FALLBACK)
 
 
 def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
-    """Diagonal of a tridiagonal matrix with the same eigenvalues, and squares beside it."""
+    """Diagonal and squared off-diagonal of a tridiagonal matrix with the same eigenvalues."""
     work, squares = matrix.astype(object), list[Scalar]()
     for k in range(len(work) - 2):
         v = work[k + 1 :, k].copy()
@@ -207,7 +201,7 @@ def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
     return list(work.diagonal()), squares
 
 
-#: Exchanges that sort so many numbers: of neighbours in turns, or fewer where they are known.
+#: Exchanges that sort n numbers: of neighbours in turns, or a known shorter network.
 _EXCHANGES = {
     **{n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2)) for n in _SWEEPS},
     2: ((0, 1),),
@@ -230,7 +224,7 @@ _EXCHANGES = {
 
 
 def ascending(values: Sequence[Scalar]) -> list[Scalar]:
-    """The numbers, smallest first."""
+    """The numbers in ascending order."""
     ordered = list(values)
     for i, j in _EXCHANGES[len(ordered)]:
         x, y = ordered[i], ordered[j]
@@ -243,13 +237,13 @@ def principal_values(
 ) -> tuple[list[Scalar], Scalar]:
     """Eigenvalues of a positive matrix, smallest first, and the verdict on them.
 
-    Where the matrix alone has not the digits, each is taken from the matrix or from its inverse, as
-    `cartstiff.numerics.eigenpairs` does: where less is lost, that is, where it is nearer to the
-    largest eigenvalue. The error of the inverse counts `growth` times.
+    If the matrix alone does not determine them, each is taken from the matrix or from its inverse,
+    like `cartstiff.numerics.eigenpairs`: from the one in which it is nearer to the largest
+    eigenvalue. The error of the inverse counts `growth` times.
     """
     values, doubt = eigenvalues(matrix)
     ordered = ascending(values)
-    alone = pick(ordered[-1], ordered[0] * _PLAIN, PLAIN, FALLBACK)
+    alone = pick(ordered[-1], ordered[0] * _MAX_BLOCK_CONDITION, PLAIN, FALLBACK)
     if inverse is None:
         return ordered, larger(doubt, alone)
     others, verdict = eigenvalues(inverse)
@@ -259,26 +253,23 @@ def principal_values(
     merged = []
     for x, y in zip(ordered, reversed(others), strict=True):
         direct, around = ordered[-1] / x, growth * others[-1] / y
-        verdict = larger(verdict, pick(direct, _PLAIN, PLAIN, limited(around, _PLAIN)))
+        of_inverse = limited(around, _MAX_BLOCK_CONDITION)
+        verdict = larger(verdict, pick(direct, _MAX_BLOCK_CONDITION, PLAIN, of_inverse))
         merged.append(pick(alone, FALLBACK, x, pick(direct, around, x, 1.0 / y)))
     return ascending(merged), larger(doubt, pick(alone, FALLBACK, PLAIN, verdict))
 
 
-#: Loss of digits up to which an eigenvalue is taken from the one matrix, or from the other.
-_DIGITS = 0.99 * numerics.PLAIN_BLOCK
-
-
 def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Scalar], Scalar]:
-    """The largest 1 / omega^2, so many or more, and the verdict on them.
+    """The largest 1 / omega^2, and the verdict on them.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray
         "kinetic" M, "lagrangian" H and "motion" J.
     D : ndarray (6, 6)
-        What the load adds to the stiffness.
+        K^load - K^B.
     number : int
-        How many are wanted; the first alone takes less.
+        How many; the first alone takes fewer operations.
     """
     H, M, J = (arrays[name] for name in ("lagrangian", "kinetic", "motion"))
     verdict: Scalar = PLAIN
@@ -302,11 +293,11 @@ def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Sc
     quickest = ascending(quickest)
     found = list[Scalar]()
     for x, y in list(zip(slowest, quickest, strict=True))[:number]:
-        # Of motions without mass the inverse knows nothing: its verdict counts where it is asked.
+        # The inverse does not determine motions without mass: its verdict counts where it is used.
         loss = slowest[0] / x
-        other = larger(doubt, limited(quickest[-1] / y, _DIGITS))
-        verdict = larger(verdict, pick(loss, _DIGITS, PLAIN, other))
-        found.append(pick(loss, _DIGITS, x, 1.0 / y))
+        other = larger(doubt, limited(quickest[-1] / y, _MAX_BLOCK_CONDITION))
+        verdict = larger(verdict, pick(loss, _MAX_BLOCK_CONDITION, PLAIN, other))
+        found.append(pick(loss, _MAX_BLOCK_CONDITION, x, 1.0 / y))
     return found, verdict
 
 
@@ -319,16 +310,16 @@ def _inverse(M: Array, L: Array) -> Array:
 
 @dataclass(frozen=True)
 class Readings:
-    """Quantities to read at every posture, and what they refer to; a key.
+    """Quantities to read at every posture, with their settings; hashable.
 
     Attributes
     ----------
     names : tuple of str
-        Of `READINGS`.
+        Names in `READINGS`.
     settings : Settings
-        What they refer to.
+        Settings of the quantities.
     hertz : float
-        Frequency whose square goes with a stiffness of 1 over a mass of 1 in the mechanism's units.
+        Frequency [Hz] of a mass of 1 on a stiffness of 1 in the mechanism's units.
     """
 
     names: tuple[str, ...]
@@ -336,13 +327,13 @@ class Readings:
     hertz: float = 0.5 / math.pi
 
     def __post_init__(self) -> None:
-        """Leave out what no reading refers to, and what cannot be part of a key."""
+        """Remove settings that no recorded quantity uses, and that are not hashable."""
         settings = replace(self.settings, damping=Damping(), milling=None)
         object.__setattr__(self, "settings", settings)
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Outputs that are read."""
+        """Required outputs."""
         own = {"B", self.settings.connection} - {"load"}
         names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
         if not FREQUENCIES.isdisjoint(self.names):
@@ -350,20 +341,20 @@ class Readings:
         return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
 
     def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
-        """Whether a mechanism has all that is read."""
+        """Whether all required outputs exist."""
         of_jacobian = any("jacobian" in QUANTITIES[name].needs for name in self.names)
         return all(name in arrays for name in self.needs if name != "jacobian" or of_jacobian)
 
 
-#: Less what two ways to find a condition number may differ by.
-_PAIRED = 0.99 * numerics.LARGEST_PAIRED_CONDITION
-#: Least pivot of a positive matrix of such a condition number, as a share of its diagonal entry,
-#: that rounding does not make.
-_POSITIVE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
+#: Largest condition number of a pair, with a margin for two ways to compute it.
+_MAX_PAIR_CONDITION = 0.99 * numerics.LARGEST_PAIRED_CONDITION
+#: Least pivot of a positive matrix of such a condition number that is not round-off, as a share of
+#: its diagonal entry.
+_LEAST_PIVOT_SHARE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
 
 
 class RecordedSource(Source):
-    """Matrices of one posture on a tape."""
+    """Recorded matrices of one posture."""
 
     def __init__(self, arrays: Mapping[str, Array], asked: Readings) -> None:
         super().__init__(arrays, asked.settings)
@@ -394,15 +385,20 @@ class RecordedSource(Source):
         return changed
 
     def require(self, verdict: Scalar) -> None:
-        """Let a verdict count."""
+        """Add a verdict."""
         self.verdict = larger(self.verdict, verdict)
 
     def _require_digits(self) -> None:
-        """That stiffness and compliance hold all principal values: `numerics.pair_conditions`."""
+        """Require that stiffness and compliance determine all principal values.
+
+        See `numerics.pair_conditions`.
+        """
         k, c = _squared_blocks(self.arrays["stiffness_B"]), _squared_blocks(self.C)
         area = square_root(k[0] / k[2])
         size = k[0] / area / area + k[1] / area + k[2]
-        self.require(limited(size * (c[0] * area * area + c[1] * area + c[2]), _PAIRED**2))
+        self.require(
+            limited(size * (c[0] * area * area + c[1] * area + c[2]), _MAX_PAIR_CONDITION**2)
+        )
 
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
@@ -436,7 +432,7 @@ class RecordedSource(Source):
                 self.require(pick(0.0, least, PLAIN, FALLBACK))
             values = []
             for x, y in zip(a, reversed(b), strict=True):
-                # The one that is nearer to the largest of its matrix.
+                # From the matrix in which it is nearer to the largest one.
                 values.append(pick(a[5] * y, b[5] * x, x, 1.0 / y))
             return ascending(values)
 
@@ -454,7 +450,7 @@ class RecordedSource(Source):
                 self.require(doubt)
                 values.append(largest)
             for pivot, entry in zip(positive_factor(scaled)[2], scaled.diagonal(), strict=True):
-                self.require(pick(entry * _POSITIVE, pivot, PLAIN, FALLBACK))
+                self.require(pick(entry * _LEAST_PIVOT_SHARE, pivot, PLAIN, FALLBACK))
             return [1.0 / values[0], values[1]]
 
         found: list[Scalar] = self.once("ends", make)
@@ -474,12 +470,12 @@ class RecordedSource(Source):
         least: Scalar,
         at_zero: float = np.nan,  # noqa: ARG002
     ) -> Scalar:
-        """The value; where another is not positive the posture is read elsewhere."""
+        """The value; requires that `least` is positive."""
         self.require(pick(0.0, least, PLAIN, FALLBACK))
         return value
 
     def unstable(self) -> Scalar:
-        """None: where there may be one it is read elsewhere."""
+        """Zero; `ends` requires that K is positive."""
         return self.ends()[0] * 0.0
 
     def on_axis(self, freedom: Freedom, others: Others) -> Scalar:
@@ -495,7 +491,7 @@ class RecordedSource(Source):
         return on_axis
 
     def singular_value_ratio(self) -> Scalar:
-        """By the largest eigenvalues of ``J J^T`` and of its inverse: no digits are lost."""
+        """From the largest eigenvalues of ``J J^T`` and of its inverse, without loss of digits."""
         R = self._root_of_jacobian(self.settings.length)
         product: Scalar = 1.0
         for factor in (R, upper_inverse(R).T):
@@ -540,20 +536,20 @@ def _squared_blocks(matrix: Array) -> tuple[Scalar, Scalar, Scalar]:
     return norm_squared(matrix[:3, :3]), coupling, norm_squared(matrix[3:, 3:])
 
 
-#: What can be read.
+#: Quantities that can be recorded, by name.
 READINGS = {name: quantity for name, quantity in QUANTITIES.items() if quantity.is_recorded}
 
 
 def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
-    """Readings of one posture in the order of their names, and the verdict on them.
+    """Quantities of one posture in the order of their names, and the verdict on them.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        Outputs of `analyse_many` on a tape; "lengths" (n,) tells which coordinates of the Jacobian
+        Recorded outputs of `analyse_many`; "lengths" (n,) says which coordinates of the Jacobian
         are distances.
     asked : Readings
-        What to read.
+        The quantities.
     """
     source = RecordedSource(arrays, asked)
     values = zeros(len(asked.names))
@@ -567,7 +563,7 @@ _Case = ChainCase | PlatformCase
 
 
 def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
-    """The case with all masses; None where some are not on the tape, or there are none."""
+    """The case with all masses; None if some are not recorded, or if there are none."""
     if any(
         isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass) for p in elastic.potentials
     ):
@@ -587,6 +583,6 @@ def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
 
 
 def frequencies_of(case: _Case) -> int:
-    """How many of the lowest frequencies are found: all, or the first of many motions."""
+    """Number of recorded frequencies: all, or the lowest one of many motions."""
     motions = case.freedoms if isinstance(case, ChainCase) else 6
     return motions if motions <= LARGEST else 1

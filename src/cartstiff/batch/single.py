@@ -1,14 +1,10 @@
-"""One posture at a time by its recorded formulas, where a mechanism is analysed again and again.
+"""One posture at a time by recorded formulas, for a mechanism that is analysed many times.
 
-A mechanism gets code in its call number `COMPILED_AT`, in the calling thread, so that which calls
-are answered by which arithmetic is the same in every run: machine code where llvmlite is installed,
-else Python. The code answers where it finds a posture plainly regular, the engine everything else:
-the answers agree to rounding.
-
-A posture whose numbers code has found, and that code.
-
-Every answer is the engine's, to rounding; what the code does not compute is asked of the engine
-when it is read.
+The call number `COMPILED_AT` for a mechanism makes its code, in the calling thread, so that every
+run of a script uses the same arithmetic in the same calls: machine code if llvmlite is installed,
+else Python. The code computes postures that are well inside the regular ones;
+`cartstiff.stiffness.compute.analyse`, here called the engine, computes all others, and on demand
+the properties that the code does not have. The results agree to round-off.
 """
 
 from __future__ import annotations
@@ -48,7 +44,7 @@ if TYPE_CHECKING:
     from cartstiff.batch.execution import OnePosture
     from cartstiff.batch.plans import TracedModel
 
-#: What the code writes down of a posture.
+#: Outputs of the code for one posture.
 RECORDED = (
     "pose",
     "jacobian",
@@ -62,7 +58,7 @@ RECORDED = (
 
 
 class QuickPosture(PostureStiffness):
-    """A posture whose numbers code has found; the engine is asked for everything else."""
+    """A posture with the numbers of a `PostureCode`; the engine computes all else on demand."""
 
     def __init__(
         self,
@@ -89,7 +85,7 @@ class QuickPosture(PostureStiffness):
     _record: Array
 
     def __reduce__(self) -> Any:
-        """Between processes it is the engine's answer that goes."""
+        """Pickle the engine's result."""
         return copy, (self._engine,)
 
     @cached_property
@@ -98,7 +94,7 @@ class QuickPosture(PostureStiffness):
 
     @cached_property
     def _balanced(self) -> tuple[ElasticMechanism, Evaluation]:
-        """`elastic` and `evaluation`; links of closed chains that give are bent by the engine."""
+        """`elastic` and `evaluation`; for closed chains from the engine, which deflects links."""
         if self._code.is_closed:
             return self._engine.elastic, self._engine.evaluation
         if self.posture.coordinates_are_pose:
@@ -197,31 +193,31 @@ class QuickPosture(PostureStiffness):
 
     @property
     def _diagnostics(self) -> list[Note]:
-        """What links that are bent have to say, and lines that are cables or more than six."""
+        """Notes of deflected links, of cables, and of more than six lines."""
         springs = self._asked.springs
         if isinstance(springs, LineSprings) and (springs.unilateral or len(springs.stiffness) > 6):
             return self.elastic.diagnostics(self.posture)
         if not self._code.bends:
             return []
         beams = [term for term in self._asked.terms() if isinstance(term, Beam)]
-        evaluate_together(beams, self.posture)  # which they remember
+        evaluate_together(beams, self.posture)  # each beam caches its result
         return self._asked.diagnostics(self.posture)
 
     @property
     def _deflections(self) -> list[Note]:
-        """Doubts about joints; lines, whose rest lengths take time to find, have none."""
+        """Notes on deflections of joints; lines have none."""
         lines = isinstance(self._asked.springs, LineSprings)
         return [] if lines else deflection_notes(self.elastic, self.q)
 
     @property
     def _forces(self) -> list[Note]:
-        """Notes of forces of legs; only where they have limits is the engine asked for them."""
+        """Notes on forces of legs, from the engine, if these have limits."""
         legs = getattr(self._asked.mechanism, "leg_limits", None)
         return [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
 
 
 class PostureCode:
-    """Code for a mechanism under a wrench, or under none: machine code, or printed Python."""
+    """Code for a mechanism with or without a wrench: machine code, or printed Python."""
 
     def __init__(self, elastic: ElasticMechanism, taken: TracedModel, compiled: bool) -> None:
         from cartstiff.batch.execution import CompiledPosture, PrintedPosture
@@ -253,7 +249,7 @@ class PostureCode:
         self.notes_on_weight = tuple(gravity_loads(elastic).notes)
 
     def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
-        """Coordinates and all numbers of a posture; None where it is not plainly regular."""
+        """Coordinates and all numbers of a posture; None unless it is plainly regular."""
         at: Array | None = q
         given = {} if wrench is None else {"wrench": wrench}
         if self._closing is not None:
@@ -266,13 +262,13 @@ class PostureCode:
         return (at, record) if record[self._verdict] == 0.0 else None
 
     def _derivatives(self, q: Array) -> dict[str, Array]:
-        """Inputs of the programs that are evaluated beside them."""
+        """Derivatives of the terms outside the programs."""
         if not self._untraced:
             return {}
         return self._untraced.derivatives(q[None], self._is_compiled)[0]
 
     def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
-        """Coordinates at which links carry the load; None where the engine would go on."""
+        """Coordinates at which links carry the load; None if a few steps do not find them."""
         from cartstiff.batch.closed_chains import settle
 
         evaluate = partial(self._untraced.derivatives, compiled=self._is_compiled)
@@ -282,7 +278,7 @@ class PostureCode:
         return at[0] if len(found) else None
 
     def near_notes(self, quick: QuickPosture) -> list[Note]:
-        """Notes on near singularities; the sizes of a platform are the same everywhere."""
+        """Notes on near singularities; the sizes of a platform are the same at every posture."""
         if self._actuation is not None:
             lines = quick._record[self._actuation].reshape(-1, 6)
             return near_actuation_singularity(lines, *self._sizes)
@@ -290,7 +286,7 @@ class PostureCode:
         return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
 
     def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
-        """Coordinates that the engine closes; None where it would go on."""
+        """Coordinates that close the chain, as `Chain.closed` finds them; None if not found."""
         if self._home is None or not (steps := self._home.steps_where_asked(q[None])).any():
             return self._closed(closing, q)
 
@@ -304,7 +300,7 @@ class PostureCode:
 
     @staticmethod
     def _closed(closing: OnePosture, q: Array) -> Array | None:
-        """The steps of `closing.close` for one posture; None where the engine would go on."""
+        """The steps of `closed_chains.close` for one posture; None if these do not close it."""
         from cartstiff.batch.closed_chains import STEPS, is_shut
         from cartstiff.mechanisms.closures import LONGEST_STEP
 
@@ -328,17 +324,17 @@ class PostureCode:
 
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 
-#: Call of `analyse` in which a mechanism is compiled. That pays from the 28th to the 282nd call on
-#: as Python, from the 149th to the 795th as machine code (UR5, Panda, platforms, delta, with and
-#: without a load).
+#: Number of the call of `analyse` in which a mechanism is compiled. The total time is shorter than
+#: without code after 28 to 282 calls as Python, 149 to 795 as machine code (UR5, Panda, platforms,
+#: delta, with and without a load).
 COMPILED_AT = 200
-#: Mechanisms with links that a load bends are compiled in this call, which takes up to a quarter of
-#: a minute, if their programs have no more operations than this.
+#: Number of the call, which takes up to 15 s, in which mechanisms whose links a load deflects are
+#: compiled, and largest number of operations of their programs.
 BENT_COMPILED_AT, _LARGEST_BENT = 1000, 150_000
 
 
 class _Calls:
-    """Number of calls for a mechanism, and its machine code once it is compiled."""
+    """Number of calls for a mechanism, and its code once it is made."""
 
     def __init__(self, elastic: ElasticMechanism, key: tuple[int, bool]) -> None:
         self.elastic = weakref.ref(elastic, lambda _: _known.pop(key, None))
@@ -347,7 +343,7 @@ class _Calls:
 
 
 def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCode | None:
-    """Code of a mechanism, by llvmlite where it is installed; None where the engine goes on."""
+    """Code for a mechanism, by llvmlite if installed; None if only the engine can compute it."""
     from cartstiff.batch.kernels import LARGEST_PROGRAM, has_package
     from cartstiff.batch.plans import plan, program_for
 
@@ -370,8 +366,8 @@ def _compiled(elastic: ElasticMechanism, loaded: bool, bent: bool) -> PostureCod
 
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: TracedModel) -> bool:
-    """Whether nothing of it can change, and no energy has a remark on a posture."""
-    # Code bends a closed chain's own, or asks them for diagnostics.
+    """Whether the mechanism cannot change, and no potential has diagnostics that code lacks."""
+    # `QuickPosture` has diagnostics of these: lines of open chains, or links of closed ones.
     silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)
     if elastic.gravity is not None and elastic.gravity.flags.writeable:
         return False
@@ -385,8 +381,8 @@ def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: TracedModel) -> bo
 _known: dict[tuple[int, bool], _Calls] = {}
 
 
-def _quicker(engine: Ask) -> Ask:
-    """`analyse` with the same arguments and words about itself."""
+def _with_recorded_code(engine: Ask) -> Ask:
+    """`analyse` with the same signature and docstring that also uses recorded code."""
 
     @wraps(engine)
     def analyse(
@@ -414,8 +410,8 @@ def _quicker(engine: Ask) -> Ask:
             return engine(elastic, values, wrench=force)
         return QuickPosture(code, elastic, record[0], force, record[1])
 
-    analyse.__module__ = __name__  # where it can be found again when it is pickled
+    analyse.__module__ = __name__  # so that it can be pickled
     return cast(Ask, analyse)
 
 
-analyse = _quicker(compute.analyse)
+analyse = _with_recorded_code(compute.analyse)

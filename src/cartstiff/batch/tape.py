@@ -1,11 +1,12 @@
-r"""Arithmetic that writes itself down: recording numbers, and the straight-line tape they leave.
+r"""Recorded arithmetic: numbers that record operations on them, and the resulting program.
 
-A formula evaluated on `Number` instead of floats leaves a list of operations on scalars. Constants
-are folded, what is computed twice is shared, and `Tape.program` keeps what the outputs need. One
-tape serves every way to run it: over NumPy arrays (`portable`) or as vector code (`compiled`).
+A formula evaluated on `Number` instead of floats records a list of operations on scalars. Constants
+are folded, equal operations are shared, and `Tape.program` keeps what the outputs depend on. The
+same program runs over NumPy arrays, as vector code, as Python and as JavaScript
+(`cartstiff.batch.execution`).
 
-Folding assumes finite numbers: 0 x is 0. Where x is not finite the verdict on the posture, which
-is computed from the same numbers, says so.
+Folding assumes finite numbers: 0 x is 0. Where x is not finite, the verdict on the posture, which
+is computed from the same numbers, rejects the posture.
 """
 
 from __future__ import annotations
@@ -24,21 +25,21 @@ from cartstiff.geometry.se3 import Array
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Python's collector rests: a recording is many small objects that all stay.
+    """Switch Python's garbage collector off: it would take half of the time of a recording.
 
-    It would look through them again and again, for half of the time.
+    A recording makes many small objects and frees none of them.
     """
-    rests = gc.isenabled()
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if rests:
+        if was_enabled:
             gc.enable()
 
 
 class Operation(NamedTuple):
-    """One step: its name and the steps it reads; "constant" and "input" have their own data."""
+    """An operation and the steps that it reads; `value` is that of a "constant"."""
 
     name: str
     arguments: tuple[int, ...]
@@ -46,9 +47,9 @@ class Operation(NamedTuple):
 
 
 class Input(NamedTuple):
-    """A scalar that the tape reads: a component of a named array.
+    """A component of a named input array.
 
-    A *shared* array has one row for all postures, any other one row per posture.
+    A *shared* array has one row for all postures, any other array one row per posture.
     """
 
     array: str
@@ -87,7 +88,7 @@ class Tape:
         self._known: dict[tuple[object, ...], Number] = {}
 
     def input(self, array: str, index: int) -> Number:
-        """Component `index` of an array given at run time."""
+        """Return component `index` of an input array."""
         key = Input(array, index)
         if key not in self._known:
             self.inputs.append(key)
@@ -95,20 +96,20 @@ class Tape:
         return self._known[key]
 
     def vector(self, array: str, size: int) -> Array:
-        """All `size` components of an array, as an array of numbers."""
+        """Return all `size` components of an input array."""
         numbers = np.empty(size, object)
         numbers[:] = [self.input(array, i) for i in range(size)]
         return numbers
 
     def record(self, name: str, *arguments: Number | float) -> Number:
-        """The step that does an operation on numbers of which one at least is recorded."""
+        """Record an operation on numbers, at least one of which is recorded."""
         steps = tuple([a.step if type(a) is Number else self._constant(a) for a in arguments])
         if name in _COMMUTATIVE and steps[0] > steps[1]:
             steps = steps[::-1]
         return self._step(name, steps)
 
     def combine(self, name: str, left: Number | float, right: Number | float) -> Number:
-        """`record` for the two sides of + - * and /, which are most of a tape."""
+        """Record + - * or /, which are most operations of a tape: faster than `record`."""
         a = left.step if type(left) is Number else self._constant(left)
         b = right.step if type(right) is Number else self._constant(right)
         return self._step(name, (b, a) if a > b and name in _COMMUTATIVE else (a, b))
@@ -125,7 +126,10 @@ class Tape:
         return known
 
     def program(self, outputs: Mapping[str, Array], shared: Sequence[str]) -> Program:
-        """What the outputs need, renumbered; `shared` inputs have one row for all postures."""
+        """Program of the operations that the outputs depend on, renumbered.
+
+        Inputs in `shared` have one row for all postures.
+        """
         wanted = {
             name: [x.step if isinstance(x, Number) else self._constant(x) for x in np.ravel(values)]
             for name, values in outputs.items()
@@ -141,7 +145,8 @@ class Tape:
                 if name != "input":
                     read.update(arguments)
                     waiting += arguments
-        # In order of record, but what only completes an output follows what it reads.
+        # In the order of recording, but a step that only completes an output directly follows the
+        # last step that it reads.
         order = sorted(
             (
                 step
@@ -169,16 +174,16 @@ class Tape:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A straight line of operations with named outputs.
+    """Operations without branches, with named outputs.
 
     Attributes
     ----------
     operations : tuple of Operation
-        In an order in which each reads only earlier ones.
+        Each reads only earlier ones.
     inputs : tuple of Input
-        What "input" operations read.
+        Components that "input" operations read, by index.
     outputs : dict of str to tuple of int
-        Steps that make up each output, in C order of its array.
+        Steps of each output, in C order of its array.
     shared : frozenset of str
         Input arrays with one row for all postures.
     """
@@ -196,14 +201,14 @@ class Program:
 
 @final
 class Number:
-    """A scalar on a tape; acts like a float under + - * / and the functions of this module."""
+    """A recorded scalar; acts like a float under + - * / and the functions of this module."""
 
     __slots__ = ("negated", "step", "tape")
 
     def __init__(self, tape: Tape, step: int) -> None:
         self.tape = tape
         self.step = step
-        #: The number that this one is the negative of.
+        #: The number whose negative this one is.
         self.negated: Number | None = None
 
     def __neg__(self) -> Number:
@@ -262,7 +267,7 @@ class Number:
         return self.tape.combine("div", self, other)
 
     def sin(self) -> Number | float:
-        """Sine, by the name that functions of arrays call."""
+        """Sine; NumPy calls this method for arrays of objects."""
         return self.tape.record("sin", self)
 
     def cos(self) -> Number | float:
@@ -304,7 +309,7 @@ def copysign(x: Scalar, sign: Scalar) -> Scalar:
 
 
 def larger(x: Scalar, y: Scalar) -> Scalar:
-    """The larger of two."""
+    """Maximum of two numbers."""
     return _record("max", x, y)
 
 

@@ -1,14 +1,13 @@
-r"""A kinematic tree on recording numbers: poses and twists of its joints in F, ties between frames.
+r"""Kinematics of chains and trees on recorded numbers: geometry, poses and twists of the joints.
 
-Twists are taken about the origin of F, along its axes: those of joints on the ground are constant.
-A tie of frames a and b has the twists of the joints on the way from a to b, those on the way up
-with the sign -1, as rows about the origin of F (a weld) or about the tied point.
+A serial chain has its twists in the frame of a middle joint. Two walks, outward and inward, start
+there. The axes beside that joint are constant and the next ones depend on one angle each; entries
+that are zero at every posture are not recorded.
 
-A serial chain on recording numbers: its geometry, and its joints' twists in a joint's frame.
-
-Two walks, outward and inward, start at the frame of a joint with nothing but constants. The axes
-beside it are constant, the next ones depend on one angle each: what is zero whatever the posture
-is never computed.
+A tree has its twists about the origin of F, along its axes, so that those of joints on the ground
+are constant. The loop closure of frames a and b has the twists of the joints on the path from a to
+b, those towards the ground with the sign -1, about the origin of F (a weld) or about the joined
+point.
 """
 
 from __future__ import annotations
@@ -29,18 +28,18 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
 
-#: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
-_ROUNDED = numerics.TWO_UNITS
+#: Largest difference of an entry of a rotation from 0, 1 or -1 that counts as round-off.
+_ENTRY_ROUNDOFF = numerics.TWO_UNITS
 
 
 @dataclass(frozen=True)
 class ForceField:
-    """Where a constant vector in F acts: gravity on masses, or a dead force on a point.
+    """Points at which a constant vector in F acts: gravity on masses, or a dead force on a point.
 
     Attributes
     ----------
-    weights : factor of the vector for each joint's body; a mass, or 1.
-    points : where it acts, in the joints' frames (joints, 3).
+    weights : factor of the vector for the body of each joint; a mass, or 1.
+    points : point of application on each body, in its joint's frame (joints, 3).
     """
 
     weights: tuple[float, ...]
@@ -49,15 +48,15 @@ class ForceField:
 
 @dataclass(frozen=True)
 class ChainConstants:
-    """Geometry of a chain as plain numbers; tuples, so that it can be a key.
+    """Geometry of a chain as plain numbers, hashable.
 
     Attributes
     ----------
     placements : ``T_parent_joint`` (joints, 4, 4), flat.
     screws : twists of the joints in their own frames (joints, 6), flat.
     body : ``T_last_M`` (4, 4), flat.
-    mimic, offset : joint positions are ``mimic q + offset``; None where they are q.
-    is_length : which coordinates are distances.
+    mimic, offset : joint positions are ``mimic q + offset``; None where these are q.
+    is_length : whether each coordinate is a distance.
     """
 
     placements: tuple[float, ...]
@@ -71,7 +70,7 @@ class ChainConstants:
         return self._hash
 
     @cached_property
-    def _hash(self) -> int:  # every call looks a kernel up by it
+    def _hash(self) -> int:  # computed once: every call looks up a kernel by it
         return hash((self.placements, self.screws, self.body))
 
 
@@ -81,16 +80,16 @@ def numbers(array: Array) -> tuple[float, ...]:
 
 
 def read_chain(chain: Chain) -> ChainConstants | str:
-    """Geometry of a chain, or why it is not a plain one."""
+    """Geometry of a serial chain, or the reason why it has no recorded arithmetic."""
     tree = chain.tree
     if chain.closures:
         return "a closed chain has arithmetic of its own"
     if chain.actuated is not None:
         return "a chain with chosen actuated joints has no arithmetic of its own"
-    way = tree.path(0, chain.body.joint)
-    if not tree.model.nv or not _only_masses_beside(tree, way.order):
+    path = tree.path(0, chain.body.joint).order
+    if not tree.model.nv or not _only_masses_beside(tree, path):
         return "some joints are not on the way to the frame"
-    screws = tree.screws()[way.order]
+    screws = tree.screws()[path]
     for screw in screws:
         turning = np.linalg.norm(screw[:3])
         if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDING or (
@@ -98,11 +97,10 @@ def read_chain(chain: Chain) -> ChainConstants | str:
         ):
             return "a joint's axis does not pass through its own frame"
     mimic = offset = None
-    if tree.mimic is not None and not np.array_equal(tree.mimic[way.order], np.eye(tree.n)):
-        mimic = numbers(tree.mimic[way.order])
-        offset = numbers(tree.offset[way.order])
+    if tree.mimic is not None and not np.array_equal(tree.mimic[path], np.eye(tree.n)):
+        mimic, offset = numbers(tree.mimic[path]), numbers(tree.offset[path])
     return ChainConstants(
-        numbers(np.array(tree.placements())[way.order]),
+        numbers(np.array(tree.placements())[path]),
         numbers(screws),
         numbers(chain.body.T_j_f),
         mimic,
@@ -111,17 +109,18 @@ def read_chain(chain: Chain) -> ChainConstants | str:
     )
 
 
-def _only_masses_beside(tree: KinematicTree, way: NDArray[np.intp]) -> bool:
-    """Whether all coordinates move the joints on the way; others, which follow them, come last."""
+def _only_masses_beside(tree: KinematicTree, path: NDArray[np.intp]) -> bool:
+    """Whether each coordinate moves a joint of the path, and the path's joints come first."""
     mimic = np.eye(tree.n) if tree.mimic is None else tree.mimic
-    return np.array_equal(way, np.arange(len(way))) and bool(np.abs(mimic[way]).sum(axis=0).all())
+    comes_first = np.array_equal(path, np.arange(len(path)))
+    return comes_first and bool(np.abs(mimic[path]).sum(axis=0).all())
 
 
 class Links:
-    """The links of a chain with frames turned so that every axis is z, and their joints.
+    """Links of a chain or a tree in joint frames turned so that every axis is z.
 
-    The last of the placements is that of the body. In a tree each hangs on one of the `parents`,
-    counted from 1; in a chain on the one before.
+    The last placement is that of the body. In a tree `parents` are the joints that carry each link,
+    counted from 1; in a chain the joint before carries it.
     """
 
     def __init__(
@@ -144,7 +143,7 @@ class Links:
             turned[:3, 3] = before.T @ T[:3, 3]
             self.placements.append(turned)
         self.position = position
-        # All at once: they are found side by side.
+        # Consecutively, so that the vector code computes several at a time.
         self.sines = [sine(x) if t else 0.0 for x, t in zip(position, self.turning, strict=True)]
         self.cosines = [
             cosine(x) if t else 1.0 for x, t in zip(position, self.turning, strict=True)
@@ -166,26 +165,26 @@ def _turn(axis: Array) -> Array:
 
 def _snapped(rotation: Array) -> Array:
     for value in (-1.0, 0.0, 1.0):
-        rotation = np.where(np.abs(rotation - value) <= _ROUNDED, value, rotation)
+        rotation = np.where(np.abs(rotation - value) <= _ENTRY_ROUNDOFF, value, rotation)
     return rotation
 
 
 class Walk:
-    """A walk along a chain: pose of the frame that it has reached in the one where it began."""
+    """A walk along a chain: pose of the current frame in the frame where the walk began."""
 
     def __init__(self, links: Links) -> None:
         self.links = links
         self.R, self.p = np.eye(3).astype(object), zeros(3)
 
     def twist(self, joint: int) -> Array:
-        """Unit twist of a joint whose frame is reached, before or behind its motion."""
+        """Unit twist of a joint, at its frame before or after its motion."""
         axis = self.R[:, 2]
         if not self.links.turning[joint]:
             return np.concatenate([zeros(3), axis])
         return np.concatenate([axis, cross(self.p, axis) + axis * self.links.pitches[joint]])
 
     def move(self, joint: int, sign: float) -> None:
-        """Through the motion of a joint; with sign -1 back."""
+        """Move through the motion of a joint; with sign -1 backwards."""
         links, axis = self.links, self.R[:, 2]
         x = links.position[joint] * sign
         if not links.turning[joint]:
@@ -197,27 +196,28 @@ class Walk:
         self.R = np.column_stack([x_axis * c + y_axis * s, y_axis * c - x_axis * s, axis])
 
     def outward(self, link: int) -> None:
-        """From a joint behind its motion to the frame placed on its link."""
+        """Move from a joint, after its motion, to the frame placed on its link."""
         T = self.links.placements[link]
         self.p = self.p + self.R @ T[:3, 3]
         self.R = self.R @ T[:3, :3]
 
     def inward(self, link: int) -> None:
-        """Back from the frame placed on a link."""
+        """Move back from the frame placed on a link."""
         T = self.links.placements[link]
         self.R = self.R @ T[:3, :3].T
         self.p = self.p - self.R @ T[:3, 3]
 
 
 class Kinematics:
-    """A mechanism at recorded coordinates, seen from a frame C.
+    """Kinematics of a mechanism at recorded coordinates, in a frame C.
 
     Attributes
     ----------
     J : twists of the joints in C (6, joints).
     R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
-    beyond : mass and first moment in C beyond each joint, for each field.
-    roots, outward : joints that hang on the ground; of each joint itself and those behind it.
+    beyond : mass and first moment in C that each joint carries, for each field.
+    roots : joints on the ground.
+    outward : of each joint, itself and the joints that it carries.
     """
 
     J: Array
@@ -230,7 +230,7 @@ class Kinematics:
     outward: list[Sequence[int]]
 
     def behind(self, joint: int) -> tuple[Array, Array]:
-        """R and p in C of a joint's frame behind its motion, joints counted from 0."""
+        """R and p in C of a joint's frame after its motion, joints counted from 0."""
         raise NotImplementedError
 
     def pose(self) -> Array:
@@ -242,7 +242,7 @@ class Kinematics:
         return T
 
     def frames(self) -> Array:
-        """``T_F_joint`` behind each joint's motion, without the last row (joints, 3, 4)."""
+        """``T_F_joint`` after each joint's motion, without the last row (joints, 3, 4)."""
         frames = zeros(self.J.shape[1], 3, 4)
         for joint, frame in enumerate(frames):
             R, p = self.behind(joint)
@@ -251,7 +251,7 @@ class Kinematics:
         return frames
 
     def wrench(self, W: Array) -> Array:
-        """A wrench given in M, in C."""
+        """Transform a wrench from M to C."""
         force = self.R_C_M @ W[3:]
         return np.concatenate([self.R_C_M @ W[:3] + cross(self.p_C_M, force), force])
 
@@ -265,12 +265,12 @@ class Kinematics:
 
 
 class ChainKinematics(Kinematics):
-    """A chain in C, the frame of joint `middle` before its motion, or M where no joint is left.
+    """A chain in C, the frame of joint `middle` before its motion, or M if that is past the last.
 
     Attributes
     ----------
     J_M : twists of the joints in M (6, joints).
-    size, reach : longest way along the links to M, from F and from the first axis.
+    size, reach : sum of the links' lengths up to M, from F and from the first axis.
     """
 
     def __init__(
@@ -288,7 +288,7 @@ class ChainKinematics(Kinematics):
         centres = [zeros(joints, 3) for _ in fields]
         places: list[tuple[Array, Array]] = [(np.eye(3), zeros(3))] * joints
 
-        def see(walk: Walk, j: int) -> None:
+        def keep(walk: Walk, j: int) -> None:
             places[j] = walk.R, walk.p
             for centre, field in zip(centres, fields, strict=True):
                 centre[j] = walk.R @ (links.turns[j].T @ np.array(field.points[j])) + walk.p
@@ -297,19 +297,19 @@ class ChainKinematics(Kinematics):
         for j in range(middle, joints):
             self.J[:, j] = walk.twist(j)
             walk.move(j, 1.0)
-            see(walk, j)
+            keep(walk, j)
             walk.outward(j + 1)
         self.R_C_M, self.p_C_M = walk.R, walk.p
         walk = Walk(links)
         for j in range(middle - 1, -1, -1):
             walk.inward(j + 1)
-            see(walk, j)
+            keep(walk, j)
             self.J[:, j] = walk.twist(j)
             walk.move(j, -1.0)
         walk.inward(0)
         self.R_C_F, self.p_C_F = walk.R, walk.p
         self._places, self._turns = places, links.turns
-        # What is near the body is found from there with fewer operations.
+        # Twists near the body take fewer operations from there.
         walk = Walk(links)
         for j in range(joints - 1, middle - 1, -1):
             walk.inward(j + 1)
@@ -322,21 +322,18 @@ class ChainKinematics(Kinematics):
         self.beyond = []
         for centre, field in zip(centres, fields, strict=True):
             weights = np.array(field.weights)
-            first = centre * weights[:, None]
-            self.beyond.append((_sums_to_the_end(weights), _sums_to_the_end(first)))
+            both = weights, centre * weights[:, None]
+            mass, first = (np.cumsum(each[::-1], axis=0)[::-1] for each in both)
+            self.beyond.append((mass, first))
 
     def behind(self, joint: int) -> tuple[Array, Array]:
-        """R and p in C of a joint's frame behind its motion."""
+        """R and p in C of a joint's frame after its motion."""
         R, p = self._places[joint]
         return R @ self._turns[joint].T, p
 
 
-def _sums_to_the_end(rows: Array) -> Array:
-    return np.cumsum(rows[::-1], axis=0)[::-1]
-
-
 class Tie(NamedTuple):
-    """Frame b tied to frame a: their joints (0: the ground) and flat placements on these."""
+    """Loop closure of frames a and b: their joints (0: the ground) and flat placements on these."""
 
     joint_a: int
     T_a: tuple[float, ...]
@@ -347,11 +344,11 @@ class Tie(NamedTuple):
 
 @dataclass(frozen=True)
 class TreeConstants(ChainConstants):
-    """Geometry of a tree with ties; `body` is placed on the joint `carrier`.
+    """Geometry of a tree with loop closures; `body` is placed on the joint `carrier`.
 
     Attributes
     ----------
-    parents : joint that each joint hangs on, counted from 1; 0 is the ground.
+    parents : joint that carries each joint, counted from 1; 0 is the ground.
     carrier : joint of the body.
     ties : tuple of Tie
     """
@@ -364,7 +361,7 @@ class TreeConstants(ChainConstants):
         return self._hash
 
     def support(self, joint: int) -> list[int]:
-        """Joints from the ground to one, counted from 0."""
+        """Joints on the path from the ground to one (counted from 1), counted from 0."""
         joints: list[int] = []
         while joint:
             joints.append(joint - 1)
@@ -372,7 +369,7 @@ class TreeConstants(ChainConstants):
         return joints[::-1]
 
     def way(self, tie: Tie) -> list[tuple[int, float]]:
-        """Joints from a to b, counted from 0, with their signs."""
+        """Joints on the path from a to b, counted from 0, with their signs."""
         up, down = self.support(tie.joint_a), self.support(tie.joint_b)
         while up and down and up[0] == down[0]:
             up, down = up[1:], down[1:]
@@ -413,7 +410,7 @@ class TreeKinematics(Kinematics):
         self.beyond = [self._beyond(field) for field in fields]
 
     def _beyond(self, field: ForceField) -> tuple[Array, Array]:
-        """Mass and first moment in F of each joint's body and of all that hang on it."""
+        """Mass and first moment in F of all bodies that each joint carries."""
         mass, first = zeros(len(self.outward)), zeros(len(self.outward), 3)
         for j, (weight, point) in enumerate(zip(field.weights, field.points, strict=True)):
             if weight:
@@ -426,7 +423,7 @@ class TreeKinematics(Kinematics):
         return mass, first
 
     def behind(self, joint: int) -> tuple[Array, Array]:
-        """R and p in F of a joint's frame behind its motion, joints counted from 0."""
+        """R and p in F of a joint's frame after its motion, joints counted from 0."""
         walk = self._behind[joint + 1]
         return walk.R @ self.links.turns[joint].T, walk.p
 
@@ -439,7 +436,7 @@ class TreeKinematics(Kinematics):
         return walk.R @ turned[:3, :3], walk.R @ turned[:3, 3] + walk.p
 
     def in_body(self, twists: Array) -> Array:
-        """Twists (6, k) in F as twists in M."""
+        """Transform twists (6, k) from F to M."""
         turned = zeros(*twists.shape)
         for a, twist in enumerate(twists.T):
             turned[:3, a] = self.R_C_M.T @ twist[:3]
@@ -447,7 +444,7 @@ class TreeKinematics(Kinematics):
         return turned
 
     def tied(self, tie: Tie, about: Array | None) -> Array:
-        """Relative twist of b against a (6, joints), about the origin of F or a point."""
+        """Twist of b relative to a per joint rate (6, joints), about the origin of F or a point."""
         tied = zeros(*self.J.shape)
         for j, sign in self.constants.way(tie):
             tied[:, j] = self.J[:, j] * sign

@@ -1,20 +1,21 @@
-r"""Energies that are no recorded arithmetic: over arrays where they can be, else one by one.
+r"""Potentials outside the program of a mechanism, whose derivatives are inputs of that program.
 
-Segments of beams as recorded numbers: the formulas of `cartstiff.potentials.beams`.
+Segments of beams and struts between flexures have recorded programs of their own; all other
+potentials are evaluated over arrays, or one posture after the other.
 
-The axial force is found by a fixed number of Newton steps from zero. Segments that turn further, or
-carry more, than the series of the recorded formulas reach are evaluated as the engine does.
+Segments of beams have the formulas of `cartstiff.potentials.beams`. The axial force takes a fixed
+number of Newton steps from zero. Segments whose turns or axial forces are outside the range of the
+series are evaluated by `Beam` itself.
 
-Struts between flexures as recorded numbers: the steps of `potentials.flexure_struts`.
-
-A row is one strut. With H = diag k - S_W, C = J H^-1 J^T, what is missing of the springs' balance
-r and of the wanted end x, a Newton step is
+Struts between flexures take the steps of `potentials.flexure_struts`. A row is one strut. With
+H = diag k - S_W, C = J H^-1 J^T, the residual r of the springs' balance and x of the end's pose, a
+Newton step is
 
     dW = C^-1 (x - J H^-1 r),    dq = H^-1 (r + J^T dW),
 
-and the same with r = k_s e_s, x = 0 is the answer to a longer rest length. Where rest lengths are
-open, a second program finds how much longer they become so that all struts together exert a
-gradient. Struts that are bent far, and steps that do not end, are left to the engine's own search.
+and the same with r = k_s e_s, x = 0 is the response to a longer rest length. Where rest lengths are
+open, a second program finds their changes with which all struts together exert a gradient. Struts
+with large bending, and steps that do not converge, are left to `FlexureStruts`.
 """
 
 from __future__ import annotations
@@ -73,11 +74,11 @@ from cartstiff.potentials.line_springs import lines_of_many
 from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, wrench_in_body
 
-#: Turns (rad) up to which all series of the shapes are exact to rounding.
-_TURN = 0.42
+#: Largest turn [rad] for which all series of the shapes are exact to round-off.
+_LARGEST_TURN = 0.42
 _NEWTON_STEPS = 5
-#: What the last of them may have changed, as a share: its square is left.
-_CHANGED = numerics.LAST_DIGITS**0.5
+#: Largest relative change by the last of them: the remaining error is its square.
+_MAX_LAST_CHANGE = numerics.LAST_DIGITS**0.5
 
 
 def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
@@ -86,7 +87,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
     shapes = beam.shapes(x[None])
     _, stretch, turns = shapes
     squares, softness = turns.value * turns.value, beam.length / beam.section.axial
-    verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _TURN, PLAIN, FALLBACK)
+    verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _LARGEST_TURN, PLAIN, FALLBACK)
     N = np.zeros(1, object)
     step: Scalar = 0.0
     for _ in range(_NEWTON_STEPS):
@@ -95,7 +96,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         step = (missing / (softness - (s2 * squares).sum(axis=-1)))[0]
         N = N + step
     known = absolute(N[0]) + absolute(stretch.value[0]) * (1.0 / softness)
-    verdict = larger(verdict, pick(known * _CHANGED, absolute(step), FALLBACK, PLAIN))
+    verdict = larger(verdict, pick(known * _MAX_LAST_CHANGE, absolute(step), FALLBACK, PLAIN))
     low, high = beam.bounds
     verdict = larger(verdict, pick(N[0], 0.5 * low, FALLBACK, PLAIN))
     if np.isfinite(high):
@@ -119,12 +120,12 @@ def _segment_program(length: float, section: Section, compiled: bool) -> Kernel:
 
 
 def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[Array, Array, Array]:
-    """Segments of beams at many coordinates q (N, n), in the order of the beams' own.
+    """Segments of beams at many coordinates q (N, n), in the order of the beams.
 
     Returns
     -------
     energies : ndarray (N,)
-        Of all segments together.
+        Sum over all segments.
     gradients : ndarray (N, s, 6)
     hessians : ndarray (N, s, 6, 6)
     """
@@ -142,7 +143,7 @@ def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[A
 
 
 def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Array]:
-    """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments that are alike."""
+    """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of equal segments."""
     outputs = _segment_program(beam.length, beam.section, compiled)({"x": x})
     energies, gradients = outputs["energy"][:, 0].copy(), outputs["gradient"]
     hessians = from_triangles(outputs["hessian"])
@@ -152,25 +153,26 @@ def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Arra
     return energies, gradients, hessians
 
 
-#: Steps after which the engine's own search begins again.
-_STEPS = 40
-#: Hinges (rad) that turn less belong to the one shape of a strut near the straight one, to which
-#: rest lengths alone lead as well.
-_BENT = 0.4
-#: Least pivot of H, as a share of the spring there: two digits are lost.
-_SHARE = 0.01
-#: What says all of a strut in balance.
+#: Number of steps after which `FlexureStruts` searches from the start.
+_MAX_STEPS = 40
+#: Largest turn of a hinge [rad] of the shape near the straight strut, which rest lengths determine.
+_LARGEST_HINGE_TURN = 0.4
+#: Least pivot of H, as a share of the spring's stiffness: two digits are lost.
+_LEAST_PIVOT_SHARE = 0.01
+#: Arrays that determine a strut in equilibrium.
 _BALANCE = ("numbers", "q", "W", "rest")
-_NUMBERS = 15  # of a strut: the wanted end, the length between flexures, the slide's spring, made
+#: Numbers of a strut: pose of its end (12), length between flexures, spring of the slide, length as
+#: made.
+_NUMBERS = 15
 
 
 @dataclass(frozen=True)
 class _Alike:
-    """What struts of a platform have in common.
+    """Numbers common to the struts of a platform.
 
     Attributes
     ----------
-    springs : stiffnesses of the 13 coordinates, infinite where there is none; the slide's is given.
+    springs : stiffnesses of the 13 coordinates, infinite if rigid; that of the slide is an input.
     mean : mean length of the struts as made, for sizes.
     whole : root of the first one's energy, for sizes.
     ends : poses in M of their ends, flat.
@@ -183,7 +185,7 @@ class _Alike:
 
     @staticmethod
     def of(struts: FlexureStruts) -> _Alike:
-        """What these have in common."""
+        """The common numbers of struts."""
         springs = struts.springs[0].tolist()
         springs[SLIDE] = 1.0
         whole = float(np.sqrt(struts.slides[0]) * struts.made[0])
@@ -192,7 +194,7 @@ class _Alike:
 
     @property
     def free(self) -> list[int]:
-        """Coordinates that give."""
+        """Coordinates that are not rigid."""
         return [i for i, k in enumerate(self.springs) if np.isfinite(k)]
 
 
@@ -217,7 +219,7 @@ class _Strut:
         n = len(self.free)
         before = {name: tape.vector(name, size) for name, size in _state(n).items()}
         self.x, self.W, self.rest = before["q"], before["W"], before["rest"][0]
-        if stepped:  # the step before, and its answer to what the rest length became longer
+        if stepped:  # the step before, and the response to the change of the rest length
             by = tape.input("shift", 0)
             self.x = self.x + before["dq"] + before["more_q"] * by
             self.W = self.W + before["dW"] + before["more_W"] * by
@@ -240,16 +242,18 @@ class _Strut:
         self.L, self.inverses, pivots = positive_factor(self.H)
         self.reached = below(self.L, self.J.T)
         self.C = congruence(self.reached, np.diag(self.inverses))
-        # Sizes as the engine's: roots of energies.
+        # Sizes are roots of energies, as in `FlexureStruts`.
         self.whole = square_root(slide) * made
         turn = np.repeat([1.0, 1.0 / alike.mean], 3) * self.whole
         roots = np.array([1.0 / square_root(s) for s in self.k], object)
         self.now = larger(largest(self.missing * roots), largest(self.gap * turn))
-        # On the way a strut may be anything; at the end it is to be near the straight one, and H to
-        # be positive, so that the strut stands.
-        self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _BENT, PLAIN, FALLBACK)
+        # In equilibrium a strut must be near the straight shape and H positive, so that it is
+        # stable.
+        self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN, PLAIN, FALLBACK)
         for stiffness, pivot in zip(self.k, pivots, strict=True):
-            self.near = larger(self.near, pick(stiffness * _SHARE, pivot, PLAIN, FALLBACK))
+            self.near = larger(
+                self.near, pick(stiffness * _LEAST_PIVOT_SHARE, pivot, PLAIN, FALLBACK)
+            )
 
     def answer(self, forces: Array, gap: Array) -> tuple[Array, Array]:
         """Dq and dW."""
@@ -287,7 +291,7 @@ def _step(alike: _Alike) -> Program:
 
 
 def _condensed(alike: _Alike) -> Program:
-    """Energy, wrench and K^B of one strut in M, from where it is in balance."""
+    """Energy, wrench and K^B of one strut in M, in equilibrium."""
     tape = Tape()
     strut = _Strut(tape, alike, False)
     ends = tape.vector("ends", 12)
@@ -309,7 +313,7 @@ def _condensed(alike: _Alike) -> Program:
 
 
 def _coupling(alike: _Alike) -> Program:
-    """How much longer the rest lengths of six struts become, and what is short of the gradient."""
+    """Changes of the rest lengths of six struts, and the residual of the gradient."""
     tape = Tape()
     ends = np.reshape(alike.ends, (-1, 4, 4))
     m, sizes = len(ends), alike.whole * np.repeat([1.0, 1.0 / alike.mean], 3)
@@ -318,7 +322,7 @@ def _coupling(alike: _Alike) -> Program:
     now = tape.vector("gradient", 6) - sum(b @ w for b, w in zip(back, W, strict=True))
     short = now - sum(b @ w for b, w in zip(back, dW, strict=True))
     G = np.column_stack([b @ w for b, w in zip(back, more, strict=True)]) / sizes[:, None]
-    # A vector in no particular direction tells how large the inverse is.
+    # A right-hand side in a generic direction estimates the norm of the inverse.
     solved = solution(G, np.column_stack([short / sizes, np.cos(np.arange(1.0, m + 1.0))]))
     condition = norm_squared(solved[:, 1]) / m * norm_squared(G)
     verdict = limited(condition, (1e-3 * JACOBIAN_CONDITION) ** 2)
@@ -333,13 +337,13 @@ def _strut_program(written: Callable[[_Alike], Program], alike: _Alike) -> Kerne
 
 
 class _Search:
-    """Struts on their way to balance, all rows of a posture together.
+    """Newton iteration of struts, all struts of a posture together.
 
     Attributes
     ----------
-    which : postures that are not there yet, whose rows are in `rows`.
-    balance : what says all of the struts of those that are.
-    is_known : which those are, their struts near the straight ones.
+    which : postures that have not converged, whose rows are in `rows`.
+    balance : arrays of the struts of those that have.
+    is_known : postures that have converged to struts near the straight shape.
     """
 
     def __init__(self, struts: FlexureStruts, poses: Array, rest: Array) -> None:
@@ -360,7 +364,7 @@ class _Search:
         self._missed = np.full((N, m), np.inf)
 
     def step(self, gradients: Array | None) -> None:
-        """One step of all that are not there yet; with gradients (N, 6) rest lengths change."""
+        """One step of all unconverged postures; with gradients (N, 6) rest lengths change."""
         count, m = len(self.which), self.m
         outputs = self._program(_step)(self.rows)
         now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
@@ -392,7 +396,7 @@ class _Search:
         self.which = self.which[goes_on]
 
     def condensed(self) -> StrutStates:
-        """Energies, wrenches and K^B in M of those that are known, in their order."""
+        """Energies, wrenches and K^B in M of the known postures."""
         m, count = self.m, int(self.is_known.sum())
         own = _rows_of(self.is_known, m)
         inputs = {name: array[own] for name, array in self.balance.items()}
@@ -412,22 +416,22 @@ class _Search:
 
 
 def _rows_of(which: NDArray[np.bool_], m: int) -> slice | NDArray[np.bool_]:
-    """Rows of the struts of some postures; of all, without a copy."""
+    """Rows of the struts of some postures; a slice, which copies nothing, for all."""
     return slice(None) if which.all() else np.repeat(which, m)
 
 
 def strut_states(
     struts: FlexureStruts, poses: Array, gradients: Array, every: bool
 ) -> tuple[StrutStates, NDArray[np.bool_]]:
-    """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, by machine code.
+    """`FlexureStruts.many` at poses (N, 4, 4) under gradients (N, 6), by machine code.
 
-    With `every` all rest lengths are chosen. What is not known is for the struts' own search:
-    struts that are bent far, that base or platform carry, or whose rest lengths are open in part.
+    With `every` all rest lengths are chosen. Not computed are struts with large bending, on a
+    compliant base or platform, or with some open rest lengths.
 
     Returns
     -------
-    struck : StrutStates
-        Of the poses that are known.
+    states : StrutStates
+        States at the known poses.
     is_known : ndarray of bool (N,)
     """
     free = np.isnan(struts.rest_length) | every
@@ -439,22 +443,21 @@ def strut_states(
     search = _Search(struts, poses, start)
     if type(struts) is not FlexureStruts or (free.any() and not (free.all() and len(free) == 6)):
         search.which = search.which[:0]
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         if not search.which.size:
             break
         search.step(gradients if free.any() else None)
     return search.condensed(), search.is_known
 
 
-#: Postures whose struts are condensed at once, by a program and by stacks of matrices: what they
-#: take fits into the caches.
-_TOGETHER, _STACKED = 256, 64
-#: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
-_UNSYMMETRIC = numerics.ROUNDING
+#: Postures at a time, by machine code and by stacks of matrices, that fit into the cache.
+_COMPILED_ROWS, _STACKED_ROWS = 256, 64
+#: Largest asymmetry of a Hessian, as a share of its largest entry.
+_MAX_ASYMMETRY = numerics.ROUNDING
 
 
 class _Sums(NamedTuple):
-    """What energies of (N,) postures add up to: (N, 1), (N, n), (N, n, n), and verdicts (N,)."""
+    """Sums of potentials: energies (N, 1), gradients (N, n), Hessians (N, n, n); verdicts (N,)."""
 
     energies: Array
     gradients: Array
@@ -464,7 +467,7 @@ class _Sums(NamedTuple):
 
 @dataclass(frozen=True)
 class UntracedTerms:
-    """What is evaluated beside a program, which takes its derivatives as inputs.
+    """Potentials outside a program, which takes their derivatives as inputs.
 
     Attributes
     ----------
@@ -501,7 +504,7 @@ class UntracedTerms:
 
     @property
     def is_dense(self) -> bool:
-        """Whether the program takes a whole gradient and Hessian."""
+        """Whether the program has a whole gradient and Hessian as inputs."""
         return bool(self.loose or self.laws or self.struts)
 
     def __bool__(self) -> bool:
@@ -517,8 +520,8 @@ class UntracedTerms:
     ) -> tuple[dict[str, Array], Array]:
         """Inputs of a program at postures q (N, n), and verdicts on the postures (N,).
 
-        Segments of beams, and struts, by machine code with `compiled`, else over arrays. The
-        wrench (1 or N, 6) is for struts to carry.
+        With `compiled`, segments of beams and struts use machine code, else NumPy arrays. The
+        wrench (1 or N, 6) is that which struts carry.
         """
         count, n = q.shape
         sums = _Sums(
@@ -558,7 +561,7 @@ class UntracedTerms:
                 gradients[i] += terms.gradient
                 hessians[i] += terms.hessian
             H = hessians[i]
-            if np.abs(H - H.T).max() > _UNSYMMETRIC * np.abs(H).max():
+            if np.abs(H - H.T).max() > _MAX_ASYMMETRY * np.abs(H).max():
                 verdicts[i] = FALLBACK
 
     def _add_struts(
@@ -571,7 +574,7 @@ class UntracedTerms:
         borne = -gradients - self._of_forces(poses)
         if wrench is not None:
             borne += wrench_in_body(wrench, poses, self.load.at, self.axes)
-        # What their own rest lengths leave of it cannot be borne: these are then not found.
+        # If rest lengths are chosen, struts without an equilibrium cannot carry the wrench.
         left = UNBALANCED if self.is_loaded or not struts.is_complete else FALLBACK
 
         def add(own: Array, at: StrutStates) -> None:
@@ -587,13 +590,13 @@ class UntracedTerms:
         others = np.arange(len(q))
         if compiled:
             doubtful = []
-            for rows in np.split(others, range(_TOGETHER, len(q), _TOGETHER)):
+            for rows in np.split(others, range(_COMPILED_ROWS, len(q), _COMPILED_ROWS)):
                 at, known = strut_states(struts, poses[rows], borne[rows], self.is_loaded)
                 add(rows[known], at)
                 doubtful.append(rows[~known])
             others = np.concatenate(doubtful)
-        for start in range(0, len(others), _STACKED):
-            own = others[start : start + _STACKED]
+        for start in range(0, len(others), _STACKED_ROWS):
+            own = others[start : start + _STACKED_ROWS]
             add(own, struts.many(poses[own], borne[own], self.is_loaded))
 
     def _of_forces(self, poses: Array) -> Array:

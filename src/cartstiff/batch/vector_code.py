@@ -1,18 +1,14 @@
 r"""A program as vector code: LLVM intermediate representation, one posture per lane.
 
-The text is made straight from the operations, in their order; there is nothing left to optimise but
-the choice of instructions. Multiplications and additions may be fused, nothing is reordered.
-Constants and what is the same for all postures wait in memory as whole vectors. Results go through
-memory that stays in the cache: writing turns one vector per entry into one record per posture, with
-`stream` past the cache. The records of a block of postures are written between the operations of
-the next: memory takes them no faster.
+The text follows the operations in their order, so that LLVM only chooses instructions.
+Multiplications and additions may be fused, nothing is reordered. Constants and shared inputs are in
+memory as whole vectors. Results go through memory that stays in the cache, from which one vector
+per entry is transposed to one record per posture, with `stream` written past the cache. The records
+of a block of postures are written between the operations of the next block, as fast as memory
+allows.
 
-A long program is cut into functions that hand their values on in memory: the time LLVM takes grows
+A long program is cut into functions that pass their values in memory, as the time of LLVM grows
 faster than the length of a function.
-
-Lines of LLVM's intermediate representation for vectors of numbers, one posture per lane.
-
-The function around the vector code: taking blocks of postures, and writing their records.
 """
 
 from __future__ import annotations
@@ -61,7 +57,7 @@ def _hex(value: float) -> str:
 
 
 def kept_table(program: Program) -> dict[Key, int]:
-    """Place of each constant, and of each component of shared inputs, among the vectors kept."""
+    """Place of each constant, and of each component of shared inputs, in the table of vectors."""
     keys: list[Key] = [_hex(x) for x in _FIXED]
     for name, arguments, value in program.operations:
         if name == "constant":
@@ -72,7 +68,7 @@ def kept_table(program: Program) -> dict[Key, int]:
 
 
 class Writer:
-    """Lines of one function, with fresh names."""
+    """Writes the lines of one function, with new names for values."""
 
     def __init__(self, width: int, table: dict[Key, int], prefix: str = "x") -> None:
         self.lines: list[str] = []
@@ -91,43 +87,43 @@ class Writer:
         return name
 
     def constant(self, value: float) -> str:
-        """A number, the same for all postures."""
+        """Load a constant."""
         return self.kept(_hex(value))
 
     def kept(self, key: Key) -> str:
-        """What is the same for all postures."""
+        """Load a constant or a component of a shared input."""
         return self.load("%table", self.width * self.table[key])
 
     def whole(self, value: int) -> str:
-        """A whole number in every lane."""
+        """Write a whole number in every lane."""
         return "<" + ", ".join([f"i64 {value}"] * self.width) + ">"
 
     def do(self, operation: str, a: str, b: str) -> str:
-        """A sum, difference, product or quotient; what can be fused may be."""
+        """Write a sum, difference, product or quotient that may be fused with another."""
         return self.new(f"{operation} contract {self.vector} {a}, {b}")
 
     def address(self, base: str, index: int) -> str:
-        """Where a number lies behind another."""
+        """Write the address of a number, `index` after the base."""
         return self.new(f"getelementptr double, ptr {base}, i64 {index}")
 
     def load(self, base: str, index: int) -> str:
-        """A vector from memory."""
+        """Load a vector from memory."""
         how = f"align {8 * self.width}"
         return self.new(f"load {self.vector}, ptr {self.address(base, index)}, {how}")
 
     def store(self, value: str, base: str, index: int, how: str = "") -> None:
-        """A vector into memory."""
+        """Store a vector into memory."""
         how = how or f"align {8 * self.width}"
         self.lines.append(f"  store {self.vector} {value}, ptr {self.address(base, index)}, {how}")
 
     def splat(self, scalar: str) -> str:
-        """A scalar in every lane."""
+        """Write a scalar in every lane."""
         one = self.new(f"insertelement {self.vector} poison, double {scalar}, i32 0")
         both = f"{self.vector} {one}, {self.vector} poison"
         return self.new(f"shufflevector {both}, <{self.width} x i32> zeroinitializer")
 
     def sine_and_cosine(self, x: str) -> tuple[str, str]:
-        """Both, to within two units of the last digit for angles up to 1e6."""
+        """Write sine and cosine, within two units of the last digit for angles up to 1e6."""
         shifted = self.do(
             "fadd", self.do("fmul", x, self.constant(_TWO_OVER_PI)), self.constant(_WHOLE)
         )
@@ -166,7 +162,7 @@ class Writer:
         return value
 
     def side_by_side(self, angles: list[str]) -> list[tuple[str, str]]:
-        """Sines and cosines of some angles, their lines taking turns: each waits for its last."""
+        """Write sines and cosines of several angles, interleaved to hide latency."""
         pairs, parts = [], []
         start = len(self.lines)
         for x in angles:
@@ -177,7 +173,7 @@ class Writer:
         return pairs
 
     def operation(self, name: str, a: list[str]) -> str:
-        """One operation of a program, but for sine and cosine."""
+        """Write one operation of a program other than sine and cosine."""
         v = self.vector
         if name in _BINARY:
             return self.do(_BINARY[name], a[0], a[1])
@@ -192,10 +188,10 @@ class Writer:
         return self.new(f"select <{self.width} x i1> {mask}, {v} {yes}, {v} {no}")
 
 
-#: Lines per basic block where each cut makes values wait in memory.
+#: Lines per basic block of a single function: each cut moves values to memory.
 _LOOP_BLOCK = 1500
-#: Postures that a thread takes at a time, and how often it looks whether the others are done.
-_TAKEN, _LOOKS = 512, 20_000
+#: Postures that a thread takes at a time, and how often it polls whether the others are done.
+_POSTURES_TAKEN, _MAX_POLLS = 512, 20_000
 
 
 def kernel(
@@ -208,10 +204,10 @@ def kernel(
     table: dict[Key, int],
     kept: dict[int, int],
 ) -> str:
-    """The function itself and what it declares, around the `lines` that compute a block.
+    """The function around the `lines` that compute a block, with its declarations.
 
-    The inputs' `arrays` with their `widths`, the places of what is the same for all postures in
-    `table` and of what waits in memory in `kept`.
+    `arrays` are the inputs, with their `widths`; `table` has the places of constants and shared
+    inputs, `kept` the places of values in memory.
     """
     body = _mixed(lines, _records(program, width, stream, kept))
     function = _loop(program, width, arrays, widths, body, table, len(kept))
@@ -253,7 +249,7 @@ def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -
 
 
 def _exchanged(writer: Writer, places: list[int], lane: int) -> tuple[str, str]:
-    """Two or four vectors in memory as entries of two postures, of `lane` and of the next."""
+    """Transpose two or four vectors in memory to entries of two postures, `lane` and the next."""
     halves = []
     for place in places:
         address = writer.address("%written", writer.width * place + lane)
@@ -277,7 +273,7 @@ def _exchanged(writer: Writer, places: list[int], lane: int) -> tuple[str, str]:
 
 
 def _mixed(lines: list[str], pieces: list[list[str]]) -> list[str]:
-    """Lines with pieces of other work in between."""
+    """Lines with pieces of other code interleaved."""
     cuts = np.linspace(0, len(lines), len(pieces) + 1).astype(int)
     code: list[str] = []
     for piece, start, stop in zip(pieces, cuts[:-1], cuts[1:], strict=True):
@@ -286,9 +282,9 @@ def _mixed(lines: list[str], pieces: list[list[str]]) -> list[str]:
 
 
 def in_blocks(lines: list[str], length: int) -> list[str]:
-    """The lines with branches that are never taken in between.
+    """The lines in basic blocks of some length, separated by branches that are never taken.
 
-    The time LLVM takes grows faster than the length of a block.
+    The time of LLVM grows faster than the length of a basic block.
     """
     code: list[str] = []
     for i in range(0, len(lines), length):
@@ -306,9 +302,9 @@ def _loop(
     table: dict[Key, int],
     kept: int,
 ) -> str:
-    """The function that goes through the blocks; records come a round after their inputs."""
+    """The function that loops over blocks; each round writes the records of the round before."""
     names = list(program.outputs)
-    take = max(1, _TAKEN // width)
+    take = max(1, _POSTURES_TAKEN // width)
     lines = [
         "define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %table, ptr %progress) "
         "#0 {",
@@ -337,8 +333,8 @@ def _loop(
         f"  %one = getelementptr double, ptr %table, i64 {width * len(table)}",
         f"  %other = getelementptr double, ptr %table, i64 {width * (len(table) + kept)}",
         "  br label %block",
-        # In the first round there is nothing to write, in the last nothing to compute: the first
-        # block is written twice, the last one computed twice.
+        # The first round has nothing to write and the last nothing to compute: the first block is
+        # written twice, the last one computed twice.
         "block:",
         "  %b = phi i64 [%first, %begin], [%next, %go]",
         "  %stop = phi i64 [%first.stop, %begin], [%next.stop, %go]",
@@ -376,7 +372,7 @@ def _loop(
         "  %next.last = phi i1 [false, %on], [%got.none, %more]",
         "  br label %block",
         "end:",
-        "  fence seq_cst",  # what was written past the cache is there before it is said to be
+        "  fence seq_cst",  # writes past the cache end before they are counted as done
         "  %others = getelementptr i64, ptr %progress, i64 1",
         "  %told = atomicrmw add ptr %others, i64 %done seq_cst",
         "  br label %wait",
@@ -385,7 +381,7 @@ def _loop(
         "  %looked = add i64 %look, 1",
         "  %finished = load atomic i64, ptr %others acquire, align 8",
         "  %missing = icmp ult i64 %finished, %blocks",
-        f"  %patient = icmp ult i64 %looked, {_LOOKS}",
+        f"  %patient = icmp ult i64 %looked, {_MAX_POLLS}",
         "  %again = and i1 %missing, %patient",
         "  br i1 %again, label %wait, label %never",
         "never:",
@@ -396,7 +392,7 @@ def _loop(
 
 
 def _taken(name: str, take: int) -> list[str]:
-    """Take the next blocks, if there are `some`: from a number on, to `stop`."""
+    """Take the next blocks, if there are `some`, up to `stop`."""
     return [
         f"  %{name} = atomicrmw add ptr %progress, i64 {take} seq_cst",
         f"  %{name}.some = icmp ult i64 %{name}, %blocks",
@@ -413,7 +409,7 @@ def _declarations(width: int) -> str:
             f"declare {v} @llvm.sqrt.v{width}f64({v})",
             f"declare {v} @llvm.fabs.v{width}f64({v})",
             f"declare {v} @llvm.copysign.v{width}f64({v}, {v})",
-            # Vectors that wait on the stack must not lie across cache lines.
+            # Vectors on the stack must not cross cache lines.
             'attributes #0 = { nounwind alignstack=64 "stackrealign" '
             f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}',
             "!0 = !{i32 1}",
@@ -422,18 +418,18 @@ def _declarations(width: int) -> str:
     )
 
 
-#: Operations that are still compiled as one function.
+#: Largest number of operations in one function.
 LONGEST = 6000
-#: Angles whose sines and cosines are found side by side.
+#: Number of angles whose sines and cosines are interleaved.
 _ANGLES = 3
-#: Lines per basic block of a function that is one of many.
+#: Lines per basic block of one of several functions.
 _BLOCK = 400
-#: Operations for which a value in memory is held in a register too.
-_NEAR = 30
+#: Number of operations after which a value in memory is loaded again.
+_RELOAD_AFTER = 30
 
 
 def _segments(program: Program, longest: int) -> list[tuple[int, int]]:
-    """Pieces of the program that become functions."""
+    """Ranges of operations that become functions."""
     count = len(program.operations)
     size = count
     if program.size > longest:
@@ -442,7 +438,7 @@ def _segments(program: Program, longest: int) -> list[tuple[int, int]]:
 
 
 def _kept(program: Program, segments: list[tuple[int, int]]) -> dict[int, int]:
-    """Place in memory of every output, and of every value that outlives its segment."""
+    """Place in memory of each output, and of each value that a later segment reads."""
     segment_of = [0] * len(program.operations)
     for i, (start, stop) in enumerate(segments):
         segment_of[start:stop] = [i] * (stop - start)
@@ -458,23 +454,23 @@ def _kept(program: Program, segments: list[tuple[int, int]]) -> dict[int, int]:
 
 
 def scratch_size(program: Program, width: int, longest: int = LONGEST) -> int:
-    """Doubles of scratch memory that one thread needs, from an address divisible by 64."""
+    """Number of doubles of scratch memory for one thread, aligned to 64 bytes."""
     kept = _kept(program, _segments(program, longest))
     return width * (len(kept_table(program)) + 2 * len(kept))
 
 
 def input_arrays(program: Program) -> list[str]:
-    """Names of the inputs, in the order in which the kernel is given them."""
+    """Names of the inputs, in the order of the kernel's argument."""
     return sorted(
         {program.inputs[o.arguments[0]].array for o in program.operations if o.name == "input"}
     )
 
 
 class _Body:
-    """Writes operations of one function; values come from before it through memory.
+    """Writes the operations of one function, which loads values of earlier functions from memory.
 
-    What is in memory anyhow is read from there when it is needed again much later: of a value that
-    has to leave its register the compiler would put another copy into memory.
+    A value that is in memory is loaded again if it is read much later: otherwise the compiler would
+    store a second copy when it runs out of registers.
     """
 
     def __init__(
@@ -493,13 +489,13 @@ class _Body:
         self.angles: dict[int, tuple[str, str]] = {}
 
     def value(self, step: int) -> str:
-        """A value, computed here or read from memory."""
+        """Return a value of this function, or load one from memory."""
         name, arguments, number = self.program.operations[step]
         if name == "constant":
             return self.writer.constant(number)
         if name == "input" and self.program.inputs[arguments[0]].array in self.program.shared:
             return self.writer.kept(self.program.inputs[arguments[0]])
-        if step in self.kept and self._now > self._read.get(step, self._now) + _NEAR:
+        if step in self.kept and self._now > self._read.get(step, self._now) + _RELOAD_AFTER:
             self.values.pop(step, None)
         self._read[step] = self._now
         if step not in self.values:
@@ -522,7 +518,7 @@ class _Body:
         return vector
 
     def write(self, start: int, stop: int) -> None:
-        """Operations from `start` to `stop`."""
+        """Write the operations from `start` to `stop`."""
         operations = self.program.operations
         for step in range(start, stop):
             self._now = step
@@ -538,7 +534,7 @@ class _Body:
                 self.writer.store(self.value(step), "%memory", self.writer.width * self.kept[step])
 
     def _turn(self, step: int, stop: int) -> None:
-        """Sine and cosine of the next angles that are known by now."""
+        """Write sines and cosines of the next angles that are already computed."""
         angles: list[int] = []
         for name, arguments, _ in self.program.operations[step:stop]:
             if name in ("sin", "cos") and arguments[0] not in (*angles, *self.angles):
@@ -558,9 +554,9 @@ def vector_code(program: Program, width: int, stream: bool = False, longest: int
     ``program.outputs``, `blocks` is the number of postures over `width`; with `stream`, outputs lie
     on addresses divisible by 64 and are written past the cache.
 
-    Several threads may call it with the same arguments, but for scratch memory of their own: they
-    share the blocks. `progress` is two whole numbers, zero at first: how many blocks are taken, and
-    how many are done. A thread that finds none left waits a moment for the others.
+    Several threads may call it with the same arguments except for scratch memory: they share the
+    blocks. `progress` is two whole numbers, zero at first: the number of blocks that are taken, and
+    that are done. A thread that finds no block left waits briefly for the others.
     """
     arrays = input_arrays(program)
     widths: dict[str, int] = {}

@@ -1,10 +1,10 @@
-r"""Frequencies of many postures: by recorded arithmetic that knows all masses, or one by one.
+r"""Natural frequencies of many postures: from recorded mass and stiffness, or one by one.
 
 With H the Lagrangian Hessian on the motions x, J their twists and D = K^load - K^B,
 
     K_q = H + J^T D J,    1 / omega^2: eigenvalues of K_q^-1/2 M K_q^-1/2,
 
-where K_q is positive; elsewhere, where a motion costs nothing or grows, `cartstiff.modes` decides.
+where K_q is positive. `cartstiff.modes` computes all other postures.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from cartstiff.vibration.chatter import Milling, limiting_depth
 from cartstiff.vibration.modes import Modes, modes
 from cartstiff.vibration.response import Damping, poles
 
-# Postures at once: their matrices stay in the cache.
+# Postures at a time, so that their matrices stay in the cache.
 _ROWS = 2048
-#: What frequencies follow from.
+#: Outputs that determine the frequencies.
 _OUTPUTS = ("wrench", "kinetic", "lagrangian", "motion")
 
 
@@ -45,14 +45,14 @@ class ManyModes:
     elastic : ElasticMechanism
         The mechanism.
     q : ndarray (N, n)
-        Postures; closures are met.
+        Postures, closed.
     wrenches : ndarray (6,) or (N, 6), optional
         Load, as in `cartstiff.modes`.
     load : mapping
-        `load_kind`, `load_at`, `load_axes` of it.
+        Its `load_kind`, `load_at`, `load_axes`.
     one_by_one : int, optional
-        Of the postures that recorded arithmetic does not decide, at most so many are looked at;
-        the others have no number.
+        Largest number of postures that recorded arithmetic cannot decide and `cartstiff.modes`
+        computes; the others are NaN.
     """
 
     elastic: ElasticMechanism
@@ -62,10 +62,10 @@ class ManyModes:
     one_by_one: int | None = None
 
     def frequencies(self, count: int = 6) -> Array:
-        """The lowest ones [Hz], (N, count).
+        """Lowest frequencies [Hz], (N, count).
 
-        NaN where a motion grows, where a posture has no modes or cannot carry the load, and beyond
-        the last mode.
+        NaN where a motion is unstable, where a posture has no modes or cannot carry the load, and
+        beyond the last mode.
         """
         frequencies, known = self._recorded(count)
         rows = np.flatnonzero(~known)
@@ -75,13 +75,13 @@ class ManyModes:
         return frequencies
 
     def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
-        """Ratio (N, count) of each mode, the slowest first; with dampers those of the poles."""
+        """Damping ratios (N, count) of the modes, the slowest first; with dampers, of the poles."""
         if not (damping.dampers and self.elastic.damping is not None):
             return self._each(lambda modes: damping.of_modes(modes), count)
         return self._each(lambda modes: poles(modes, damping)[1], count)
 
     def limiting_depths(self, milling: Milling, damping: Damping) -> Array:
-        """Depth of cut (N,) that is stable at every speed, by the zeroth-order theory."""
+        """Depths of cut (N,) that are stable at every speed, by the zeroth-order theory."""
         return self._each(lambda modes: [limiting_depth(modes, milling, damping)], 1)[:, 0]
 
     @property
@@ -91,7 +91,7 @@ class ManyModes:
     def _each(
         self, answer: Callable[[Modes], ArrayLike], count: int, which: Array | None = None
     ) -> Array:
-        """Of some postures, one after the other."""
+        """Numbers from the modes of some postures, computed one after the other."""
         every = np.arange(len(self.q)) if which is None else which
         loads, rows = self._loads, np.full((len(every), count), np.nan)
         for row, i in zip(rows, every, strict=True):
@@ -100,7 +100,7 @@ class ManyModes:
             try:
                 found = modes(self.elastic, self.q[i], wrench=wrench, **load)
             except (ConvergenceError, InputError, UndefinedError):
-                continue  # what was given has been checked: the load cannot be carried here
+                continue  # the input has been checked: the load cannot be carried here
             try:
                 values = np.asarray(answer(found))[:count]
             except UndefinedError:
@@ -109,7 +109,7 @@ class ManyModes:
         return rows
 
     def _recorded(self, count: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Frequencies (N, count) by recorded arithmetic, and which of them are known."""
+        """Frequencies (N, count) by recorded arithmetic, and where they are valid (N,)."""
         nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
         loads, axes = self._loads, self.load.get("load_axes", "body")
         kind = LoadKind(self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at))
@@ -145,7 +145,7 @@ class ManyModes:
             root = axes / sizes / np.sqrt(np.maximum(values, numerics.TINY))[:, None]
             inverse = np.linalg.eigvalsh(root.swapaxes(1, 2) @ M @ root)[:, ::-1]
             inverse = inverse * (force / length)
-            # Motions without mass stand last, and have no frequency.
+            # Motions without mass are last, and have no frequency.
             least = numerics.EPSILON * n * inverse[:, :1]
             with np.errstate(divide="ignore", invalid="ignore"):
                 hertz = 1.0 / (2.0 * np.pi * np.sqrt(inverse))

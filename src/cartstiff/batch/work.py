@@ -1,4 +1,4 @@
-"""What computed postures, how long that took, and what this machine can do at most."""
+"""Profile of a computation: which code computed, for how long, and the limits of the machine."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from cartstiff.batch.execution import _binding, lanes
 from cartstiff.batch.tape import Program
 from cartstiff.numerics.threads import process_lock
 
-#: The engine's share, by its name.
+#: Name of the share of `cartstiff.analyse`.
 BY_REFERENCE = "engine, one posture after the other"
-#: Recording and compiling, once for a mechanism and what is asked of it.
+#: Name of the share of recording and compiling, once for a mechanism and its outputs.
 MAKING = "making of machine code"
+# Independent chains of multiply-adds, which hide the latency of each.
 _CHAINS = 12
-# The machine may be busy: the best of so many measurements counts.
+# The best of so many measurements counts, as the machine may be busy.
 _TRIES = 4
 _watching: list[Work] = []
 _lock, _thread = process_lock(), threading.local()
@@ -30,16 +31,16 @@ _lock, _thread = process_lock(), threading.local()
 
 @dataclass
 class Share:
-    """What one way of computing has done.
+    """Share of one kind of code.
 
     Attributes
     ----------
     postures : int
-        How many, 0 for what is no posture.
+        Number of postures; 0 where it computes none.
     seconds : float
-        Processor time of the threads that did it.
+        Processor time of its threads.
     operations, bytes : int
-        Of recorded arithmetic, a posture: operations, and bytes written.
+        Operations and bytes written for each posture, of recorded arithmetic.
     """
 
     postures: int = 0
@@ -50,14 +51,14 @@ class Share:
 
 @dataclass
 class Work:
-    """Shares by what did them, in the order of their first use."""
+    """Shares by name, in the order of their first use."""
 
     shares: dict[str, Share] = field(default_factory=dict)
 
 
 @contextmanager
 def watched() -> Iterator[Work]:
-    """Everything that is computed in this process meanwhile."""
+    """Collect the shares of everything that this process computes in the meantime."""
     work = Work()
     _watching.append(work)
     try:
@@ -68,7 +69,7 @@ def watched() -> Iterator[Work]:
 
 @contextmanager
 def timed(what: str, postures: int = 0, program: Program | None = None) -> Iterator[None]:
-    """Counts what is done inside, where somebody watches; what is timed there has its own share."""
+    """Add the time spent inside to a share if `watched`; shares timed inside are subtracted."""
     if not _watching:
         yield
         return
@@ -90,12 +91,12 @@ def timed(what: str, postures: int = 0, program: Program | None = None) -> Itera
 
 
 def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
-    """The shares beside the limits of this machine, measured now, as plain data.
+    """The shares and the limits of this machine, measured now, as plain data.
 
     Parameters
     ----------
     work : Work
-        What was watched.
+        The shares.
     seconds, spent : float
         Wall time, and processor time of the process.
 
@@ -145,7 +146,7 @@ def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
 
 
 def _limit(largest: dict[str, Any]) -> str:
-    """What takes longest, in words."""
+    """The share that takes longest, in words."""
     what, seconds = largest["what"], largest["seconds"]
     if largest["arithmetic"] is None or not seconds:
         return str(what)
@@ -154,7 +155,7 @@ def _limit(largest: dict[str, Any]) -> str:
 
 
 def describe(facts: dict[str, Any]) -> list[str]:
-    """The same as lines."""
+    """Lines of text for the data of `explained`."""
     lines = [
         "",
         f"How it was computed: {facts['seconds']:.3g} s, "
@@ -182,7 +183,7 @@ def describe(facts: dict[str, Any]) -> list[str]:
 
 def _code(width: int) -> str:
     v = f"<{width} x double>"
-    one = [
+    arithmetic = [
         "define void @arithmetic(i64 %n, ptr %p) {",
         "entry:",
         *(f"  %a{i} = load {v}, ptr %p" for i in range(_CHAINS)),
@@ -203,7 +204,7 @@ def _code(width: int) -> str:
         "}",
         f"declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})",
     ]
-    two = [
+    write = [
         "define void @write(i64 %n, ptr %p) {",
         "entry:",
         f"  %x = load {v}, ptr %p",
@@ -220,19 +221,19 @@ def _code(width: int) -> str:
         "}",
         "!0 = !{i32 1}",
     ]
-    return "\n".join([*one, *two])
+    return "\n".join([*arithmetic, *write])
 
 
 class Machine:
-    """What the machine can do at most: multiply-adds, and bytes written past the cache, a second.
+    """Limits of the machine: multiply-adds, and bytes written past the cache, per second.
 
-    Some processors write lines of zeros at more than twice the speed of any other data (an AMD
-    EPYC, Zen 4: 70 and 28 GB/s). The limit is therefore measured with numbers that are not zero.
+    Some processors write zeros at more than twice the speed of other data (an AMD EPYC, Zen 4: 70
+    and 28 GB/s), so that the limit is measured with numbers that are not zero.
 
     Parameters
     ----------
     size : int
-        Numbers that each thread writes.
+        Count of numbers that each thread writes.
     """
 
     def __init__(self, size: int = 1 << 24) -> None:
@@ -258,7 +259,7 @@ class Machine:
             block.reshape(-1, self.width)[:] = 0.0 if zeros else values
 
     def _rate(self, function: Any, count: int, threads: int) -> float:
-        """Calls of the inner loop per second."""
+        """Inner loops per second."""
         workers = [
             threading.Thread(target=function, args=(count, self._memory[i].ctypes.data))
             for i in range(threads)
@@ -275,6 +276,6 @@ class Machine:
         return self._rate(self._arithmetic, 2_000_000, threads) * _CHAINS * self.width * 2
 
     def bytes_written(self, threads: int, zeros: bool = False) -> float:
-        """Bytes per second; the same few numbers again and again, or zeros."""
+        """Bytes per second, repeating a few numbers, or zeros."""
         self._fill(zeros)
         return self._rate(self._write, self._size // self.width, threads) * self.width * 8
