@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from tests.mechanisms.machines import codes, note, write_file
-from tests.mechanisms.oracle import bundled_lines
+from tests.mechanisms.oracle import bundled_lines, small_motion
 from tests.support import relative_error
 
 import cartstiff
@@ -231,3 +231,98 @@ def test_six_lines_that_hold_are_not_chosen(tmp_path):
     assert "tensions-chosen" not in codes(analyse(_crane(tmp_path), wrench=[0, 0, 0, 0, 0, -60.0]))
     assert "tensions-chosen" in codes(analyse(load("cable-robot"), wrench=[0, 0, 0, 5.0, 0, 0]))
     assert "tensions-chosen" not in codes(analyse(load("cable-robot")))
+
+
+# Six legs of which three push as well: cables from above, struts from below.
+CABLES = [True, True, True, False, False, False]
+
+
+def _mixed(folder, rest, unilateral=CABLES, **more):
+    angles = 2 * np.pi / 3 * np.arange(3)
+    ring = lambda a, r, z: np.stack([r * np.cos(a), r * np.sin(a), np.full(3, z)], axis=1)  # noqa: E731
+    points = np.concatenate([ring(angles + 0.5, 0.3, 0.0), ring(angles - 0.6, 0.25, -0.1)])
+    anchors = np.concatenate([ring(angles, 0.9, 1.0), ring(angles - 0.9, 0.5, -0.8)])
+    legs = {"stiffness": [2e4, 2.1e4, 1.9e4, 5e4, 5.2e4, 4.9e4], **rest}
+    file = write_file(
+        folder,
+        kind="springs",
+        unilateral=unilateral,
+        base=anchors,
+        platform=points,
+        body={"mass": 20.0, "com": [0, 0, 0]},
+        legs=legs,
+        **more,
+    )
+    return load(file), anchors, points, np.array(legs["stiffness"])
+
+
+def test_some_lines_push_and_others_only_pull(tmp_path):
+    """Energy, wrench and K against a sum over the lines that carry, its second differences."""
+    rest = np.array([0.7, 2.0, 0.9, 0.9, 0.7, 1.2])  # the second cable is slack
+    elastic, anchors, points, k = _mixed(tmp_path, {"rest_length": rest.tolist()})
+    q = np.array([0.03, -0.02, 0.05, 0.1, -0.05, 0.2])
+    result = analyse(elastic, q)
+
+    def energy(x):
+        T = result.pose @ small_motion(x)
+        away = np.linalg.norm(points @ T[:3, :3].T + T[:3, 3] - anchors, axis=1) - rest
+        away[:3] = np.maximum(away[:3], 0.0)
+        return 0.5 * float(k @ away**2)
+
+    assert note(result, "slack").values == {"slack": [2]}
+    tensions = result.elastic.springs.tensions(result.posture.lines.lengths)
+    assert tensions[1] == 0.0
+    assert tensions[3:].min() < 0.0  # one that pushes
+    h, eye = 1e-4, np.eye(6)
+    slopes = [(energy(h * e) - energy(-h * e)) / (2 * h) for e in eye]
+    assert relative_error(result.wrench, np.array(slopes)) <= 1e-6
+    bends = [
+        [
+            (energy(h * (a + b)) - energy(h * (a - b)) - energy(h * (b - a)) + energy(-h * (a + b)))
+            / (4 * h * h)
+            for b in eye
+        ]
+        for a in eye
+    ]
+    assert relative_error(result.matrices["B"], np.array(bends)) <= 1e-6
+    at = np.array([q, 0.5 * q])
+    K, engine = (
+        cartstiff.analyse_many(elastic, at, outputs=("stiffness_B",), path=path)["stiffness_B"]
+        for path in ("auto", "engine")
+    )
+    assert relative_error(K[0], result.matrices["B"]) <= 1e-12
+    assert relative_error(K, engine) <= 1e-12
+
+
+def test_struts_hold_what_cables_cannot(tmp_path):
+    """Under its weight the struts push and the cables pull; cables alone refuse it."""
+    elastic, anchors, points, _ = _mixed(tmp_path, {}, gravity=[0, 0, -9.81])
+    lines = points - anchors
+    u = lines / np.linalg.norm(lines, axis=1)[:, None]
+    A = np.concatenate([np.cross(points, u), u], axis=1).T
+    result = analyse(elastic)
+    tensions = result.elastic.springs.tensions(result.posture.lines.lengths)
+    # They bear what the weight pulls with.
+    expected = np.linalg.solve(A, [0, 0, 0, 0, 0, -20 * 9.81])
+    assert tensions == pytest.approx(expected, rel=1e-9)
+    assert expected[:3].min() > 0.0 > expected[3:].min()
+    # A way out ends where the first cable would push, whatever the struts carry.
+    rays = cartstiff.workspace(elastic, radius=0.5, directions=50).positions
+    cut = rays.first < 0.49
+    assert cut.sum() > 10
+    for p in rays.directions[cut] * rays.first[cut, None]:
+        lines = points + p - anchors
+        u = lines / np.linalg.norm(lines, axis=1)[:, None]
+        A = np.concatenate([np.cross(points, u), u], axis=1).T
+        t = np.linalg.solve(A, [0, 0, 0, 0, 0, -20 * 9.81])
+        assert abs(t[:3].min()) <= 1e-3 * np.abs(t).max()
+    with pytest.raises(InputError, match="one would have to push"):
+        analyse(_mixed(tmp_path, {}, True, gravity=[0, 0, -9.81])[0])
+    with pytest.raises(InputError, match=r"key unilateral.*6, one per leg, got 2"):
+        _mixed(tmp_path, {}, [True, False])
+    with pytest.raises(InputError, match="cables cannot push"):
+        _mixed(tmp_path, {"force": [-100.0, -50.0]})
+    limited, *_ = _mixed(tmp_path, {"force": [-1e4, 1e4]}, gravity=[0, 0, -9.81])
+    assert limited.mechanism.leg_limits.forces[:, 0].tolist() == [0, 0, 0, -1e4, -1e4, -1e4]
+    limits = cartstiff.workspace(limited, radius=0.5, directions=50).positions
+    assert limits.first[cut] == pytest.approx(rays.first[cut], rel=1e-6)

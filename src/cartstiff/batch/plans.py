@@ -285,8 +285,8 @@ def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Lin
         map(numbers, points @ at.T_j_f[:3, :3].T + at.T_j_f[:3, 3])
         for at, points in zip((a, b), given, strict=True)
     )
-    between, slack = (a.joint, b.joint), potential.unilateral
-    lines = [Line(between, pair, slack) for pair in zip(starts, ends, strict=True)]
+    each = zip(starts, ends, potential.cables.tolist(), strict=True)
+    lines = [Line((a.joint, b.joint), (start, end), slack) for start, end, slack in each]
     return lines, np.column_stack([potential.stiffness, potential.rest_length])
 
 

@@ -67,7 +67,7 @@ class PlatformCase:
     rest : {"given", "open"}
         Whether the lines have rest lengths, or these are chosen at each posture.
     wrench : {"none", "shared", "each"}
-    unilateral : bool
+    unilateral : bool or tuple of bool (m,)
     points_of_forces : points of the body in M at which constant forces act.
     derivatives : bool
         Whether energy, gradient and Hessian of further potentials are input arrays.
@@ -88,7 +88,7 @@ class PlatformCase:
     length: float
     rest: str = "given"
     wrench: str = "none"
-    unilateral: bool = False
+    unilateral: bool | tuple[bool, ...] = False
     points_of_forces: tuple[tuple[float, ...], ...] = ()
     derivatives: bool = False
     legs: Struts | None = None
@@ -111,6 +111,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         natural = tape.input("length", 0)
     m = len(points)
     k = tape.vector("stiffness", m)
+    cables = np.broadcast_to(case.unilateral, m)
     T, T_P_M = zeros(4, 4), np.reshape(case.T_P_M, (4, 4))
     R_P = se3.rotation_by_angles(q[3:])
     T[:3, :3], T[:3, 3], T[3, 3] = R_P @ T_P_M[:3, :3], R_P @ T_P_M[:3, 3] + q[:3], 1.0
@@ -172,8 +173,8 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         t = present + decomposition.apply(added)
         if case.unilateral:
             # With more than six cables `cartstiff.analyse` keeps each taut, if possible.
-            least = largest(t) * numerics.NEGLIGIBLE_FORCE if m > 6 else -numerics.TINY
-            for tension in t:
+            least = largest(t[cables]) * numerics.NEGLIGIBLE_FORCE if m > 6 else -numerics.TINY
+            for tension in t[cables]:
                 verdict = larger(verdict, pick(least, tension, PLAIN, FALLBACK))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
@@ -183,7 +184,11 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     else:
         if case.unilateral:
             taut = np.array(
-                [taut_stiffness(*each) for each in zip(k, stretch, strict=True)], object
+                [
+                    taut_stiffness(stiff, x) if is_cable else stiff
+                    for stiff, x, is_cable in zip(k, stretch, cables, strict=True)
+                ],
+                object,
             )
             t = taut * stretch
         energy = energy + (t @ stretch) * 0.5

@@ -322,9 +322,10 @@ def _cables(result: Identification) -> Iterator[Note]:
     elastic = result.elastic
     names: list[str] = []
     if isinstance(elastic.springs, LineSprings) and elastic.springs.unilateral:
-        names += elastic.spring_names
+        own = zip(elastic.spring_names, elastic.springs.cables, strict=True)
+        names += [name for name, only in own if only]
     lines = [p for p in elastic.potentials if isinstance(p, LineSprings)]
-    taut_only = [p.unilateral for p in lines for _ in p.stiffness]
+    taut_only = [only for p in lines for only in p.cables]
     names += [f"line{i + 1}" for i, only in enumerate(taut_only) if only]
     if not names:
         return

@@ -1110,8 +1110,13 @@ def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array) -> LegLimits |
     diameters = _per_leg(legs.diameter, m, "key legs.diameter")
     place = "key legs.force"
     forces = pair_per_leg(legs.force, m, place, "[least, largest]")
-    if forces is not None and np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
-        raise InputError("cables cannot push", where=place, expected="0 or more", got=legs.force)
+    cables = one_each(getattr(file, "unilateral", False), m, "key unilateral")
+    if forces is not None:
+        if np.any(forces[cables, 1] < 0.0):
+            raise InputError(
+                "cables cannot push", where=place, expected="0 or more", got=legs.force
+            )
+        forces[cables, 0] = np.maximum(forces[cables, 0], 0.0)
     if all(part is None for part in (base_axes, axes, diameters, forces)):
         return None
     in_body = None if axes is None else axes @ T_P_M[:3, :3]
@@ -1413,7 +1418,7 @@ def _legs(
             points=platform.points,
             stiffness=stiffness,
             rest_length=rests,
-            unilateral=getattr(file, "unilateral", False),
+            unilateral=tuple(one_each(getattr(file, "unilateral", False), m, "key unilateral")),
         )
     else:
         a, f = convert_length(SI, platform.units)  # moments are in N m, whatever the units

@@ -304,10 +304,12 @@ class SpringsFile(_BodyOnLines):
     kind: Literal["springs"]
     base: Vectors = keyed("anchor points in F")
     platform: Vectors = keyed("points of the body in P")
-    unilateral: Flag = keyed("cables: they cannot push", False)
+    unilateral: Flag | Annotated[list[Flag], Field(min_length=1)] = keyed(
+        "cables: they cannot push; or one per line", False
+    )
 
     @model_validator(mode="after")
     def _pull(self) -> SpringsFile:
-        if self.unilateral and self.legs.strut is not None:
+        if np.any(self.unilateral) and self.legs.strut is not None:
             raise ValueError("struts can push: unilateral is for cables")
         return self

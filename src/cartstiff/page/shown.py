@@ -602,7 +602,7 @@ def _margins(result: PostureStiffness) -> list[float]:
         return []
     if not springs.unilateral or not springs.is_complete:
         return []
-    margins: list[float] = (posture.lines.lengths - springs.rest_length).tolist()
+    margins: list[float] = (posture.lines.lengths - springs.rest_length)[springs.cables].tolist()
     return margins
 
 

@@ -109,8 +109,9 @@ class LineSprings(PosePotential):
     rest_length : ndarray, shape (m,)
         Lengths at which the springs carry no force; NaN where they are to be chosen so that the
         lines balance the load at the posture (see `with_rest_balancing`).
-    unilateral : bool
-        Cables: a line shorter than its rest length is slack and carries nothing.
+    unilateral : bool or tuple of bool (m,)
+        Cables: a line shorter than its rest length is slack and carries nothing. A tuple where some
+        lines are cables and others push as well.
     balanced_at : tuple of ndarray (m,), (m,), or None
         Lengths, and the tensions that were chosen there: through the rest length of a stiff line
         they would come back rounded. None where the rest lengths were given.
@@ -120,7 +121,7 @@ class LineSprings(PosePotential):
     points: Array
     stiffness: Array
     rest_length: Array
-    unilateral: bool = False
+    unilateral: bool | tuple[bool, ...] = False
     balanced_at: tuple[Array, Array] | None = None
 
     length_powers: ClassVar = {
@@ -151,11 +152,22 @@ class LineSprings(PosePotential):
             object.__setattr__(self, name, value)
         if np.any(self.stiffness <= 0):
             raise InputError("line spring stiffness must be above zero", got=self.stiffness.min())
+        flags = np.array(self.unilateral, bool)
+        if flags.ndim and flags.shape != self.stiffness.shape:
+            expected = f"one, or {len(self.stiffness)}, one per line"
+            raise InputError("line springs: unilateral: wrong count", expected=expected)
+        own = tuple(flags.tolist()) if flags.any() and not flags.all() else bool(flags.any())
+        object.__setattr__(self, "unilateral", own)
+
+    @property
+    def cables(self) -> Array:
+        """Which lines (m,) cannot push."""
+        return np.broadcast_to(self.unilateral, self.stiffness.shape)
 
     def tensions(self, lengths: Array) -> Array:
         """Tension k (l - l0) of each line; zero for a slack cable."""
         t = self._pull(lengths)
-        return np.maximum(t, 0.0) if self.unilateral else t
+        return np.where(self.cables, np.maximum(t, 0.0), t)
 
     def _pull(self, lengths: Array) -> Array:
         """Tension of each line, below zero where a cable is slack."""
@@ -169,14 +181,14 @@ class LineSprings(PosePotential):
 
     def is_taut(self, lengths: Array) -> Array:
         """Which lines carry force: all of them, or the cables longer than their rest length."""
-        return (lengths >= self.rest_length) | (not self.unilateral)
+        return (lengths >= self.rest_length) | ~self.cables
 
     def slack(self, posture: Posture) -> list[int]:
         """Numbers (from 1) of the cables that carry nothing at a posture."""
         if not self.unilateral:
             return []
         lengths = self.geometry(posture).lengths
-        return [int(i) + 1 for i in np.flatnonzero(lengths < self.rest_length)]
+        return [int(i) + 1 for i in np.flatnonzero(self.cables & (lengths < self.rest_length))]
 
     def diagnostics(self, posture: Posture) -> list[Note]:
         """Which cables carry nothing (numbers from 1), and tensions that were chosen among many."""
@@ -189,7 +201,7 @@ class LineSprings(PosePotential):
         if self.unilateral:
             pull = self._pull(lengths)
             edge = np.abs(pull) <= numerics.CLOSE * np.abs(pull).max(initial=0.0)
-            at_edge = [int(i) + 1 for i in np.flatnonzero(edge)]
+            at_edge = [int(i) + 1 for i in np.flatnonzero(edge & self.cables)]
             if at_edge:
                 numbers = ", ".join(map(str, at_edge))
                 message = (
@@ -269,9 +281,11 @@ class LineSprings(PosePotential):
                 expected="a load that the lines can carry (not a type-2 singularity)",
                 got=f"unbalanced part {missed.max():.3g}",
             )
-        if self.unilateral and not are_taut(tensions):
-            tensions = _pulling(matrix, tensions, float(np.maximum(present[free], 0.0).mean()))
-        if self.unilateral and tensions.min(initial=0.0) < 0:
+        cables = self.cables[free]
+        if not are_taut(tensions[cables]):
+            given = float(np.maximum(present[free & self.cables], 0.0).mean())
+            tensions = _pulling(matrix, tensions, given, cables)
+        if tensions[cables].min(initial=0.0) < 0:
             raise InputError(
                 "the cables cannot balance this load at this pose: one would have to push",
                 expected="a load that tensions alone can carry",
@@ -339,11 +353,12 @@ def are_taut(tensions: Array) -> bool:
     return bool(tensions.min(initial=np.inf) > least or least == 0.0)
 
 
-def _pulling(matrix: Array, tensions: Array, given: float) -> Array:
+def _pulling(matrix: Array, tensions: Array, given: float, cables: Array) -> Array:
     """Tensions nearest to balanced ones (m,) that balance as well, and in which no cable pushes.
 
-    Every cable pulls at least a tenth of the mean tension that was given, or of those (m,), where
-    that is possible, else the largest of a few shares of it that is; all are -1 if one has to push.
+    Every one of `cables` (m,) pulls at least a tenth of the mean tension that was given, or of
+    those (m,), where that is possible, else the largest of a few shares of it that is; all are -1
+    if one has to push.
     The change ``N y`` is the shortest for which ``N y >= least - t``, N the motions of no wrench
     (`matrix` has rows of wrenches), by non-negative least squares ([LawsonHanson]_, chapter 23).
     """
@@ -351,19 +366,19 @@ def _pulling(matrix: Array, tensions: Array, given: float) -> Array:
 
     _, values, Vt = np.linalg.svd(matrix)
     N = Vt[numerics.rank(values) :].T
-    mean = given or float(np.abs(tensions).mean())
+    mean = given or float(np.abs(tensions[cables]).mean())
     size = max(mean, float(np.abs(tensions).max()))
     for share in numerics.TAUT_SHARES:
-        short = (share * mean - tensions) / size
+        short = ((share * mean - tensions) / size)[cables]
         if N.shape[1] == 0:
             if (short <= numerics.BALANCE).all():
-                return np.maximum(tensions, 0.0)
+                return np.where(cables, np.maximum(tensions, 0.0), tensions)
             continue
-        u, _ = nnls(np.vstack([N.T, short]), np.append(np.zeros(N.shape[1]), 1.0))
-        r = np.append(N.T @ u, short @ u - 1.0)
+        u, _ = nnls(np.vstack([N[cables].T, short]), np.append(np.zeros(N.shape[1]), 1.0))
+        r = np.append(N[cables].T @ u, short @ u - 1.0)
         if not -r[-1] > numerics.BALANCE:
             continue
         found = tensions + size * (N @ (-r[:-1] / r[-1]))
-        if found.min() >= -numerics.BALANCE * size:
-            return np.asarray(np.maximum(found, 0.0))
+        if found[cables].min() >= -numerics.BALANCE * size:
+            return np.where(cables, np.maximum(found, 0.0), found)
     return -np.ones(matrix.shape[1])

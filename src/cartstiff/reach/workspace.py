@@ -285,7 +285,7 @@ def limits_forces(elastic: ElasticMechanism) -> bool:
     if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
         return False
     limits = platform.leg_limits
-    return springs.unilateral or (limits is not None and limits.forces is not None)
+    return bool(springs.unilateral) or (limits is not None and limits.forces is not None)
 
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
@@ -369,8 +369,8 @@ class Margins(PoseMargins):
         m = len(platform.points)
         self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
         if self.forces is None and springs.unilateral:
-            self.forces = np.tile([0.0, np.inf], (m, 1))
-        self.is_spread = self.forces is not None and (springs.unilateral or m > 6)
+            self.forces = np.column_stack([np.where(springs.cables, 0.0, -np.inf), [np.inf] * m])
+        self.is_spread = self.forces is not None and (bool(springs.unilateral) or m > 6)
         if self.forces is not None:
             ideal_joints_only(springs, "limits of forces")
             if m < 6:

@@ -676,7 +676,7 @@ def _mujoco(result: PostureStiffness) -> bytes:
     ends = [f'<site name="b{i + 1}" pos="{numbers(b)}"/>' for i, b in enumerate(points)]
     tendons = [
         f'<spatial name="leg{i + 1}" stiffness="{float(k[i])!r}" springlength='
-        f'"{"0 " if springs.unilateral else ""}{float(rest[i])!r}">'
+        f'"{"0 " if springs.cables[i] else ""}{float(rest[i])!r}">'
         f'<site site="a{i + 1}"/><site site="b{i + 1}"/></spatial>'
         for i in range(len(k))
     ]

@@ -465,7 +465,7 @@ class MechanismPicture:
         self._chain: ChainPicture | None = None
         lines = tuple(term for term in elastic.potentials if isinstance(term, LineSprings))
         if isinstance(mechanism, Platform):
-            cables = isinstance(own, LineSprings) and own.unilateral
+            cables = isinstance(own, LineSprings) and bool(own.unilateral)
             self._platform = PlatformPicture(
                 node, mechanism, cables, size, look, elastic.q, ghost=ghost
             )
@@ -479,7 +479,7 @@ class MechanismPicture:
                 node[f"springs {i + 1}"],
                 len(term.points),
                 0.004 * size,
-                cables=term.unilateral,
+                cables=bool(term.unilateral),
                 ghost=ghost,
             )
             for i, term in enumerate(lines)
