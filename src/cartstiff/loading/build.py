@@ -435,11 +435,13 @@ def springs_of(
         if entry is not None:
             if entry.rest is not None:
                 rest[j] = entry.rest
+            slides, where = tree.coordinates[j].is_length, f"key springs.{name}"
             if entry.stiffness is not None:
-                slides, where = tree.coordinates[j].is_length, f"key springs.{name}.stiffness"
-                stiffness[j] = own_stiffness(entry.stiffness, SI, slides, where)
+                stiffness[j] = own_stiffness(entry.stiffness, SI, slides, f"{where}.stiffness")
             elif entry.polynomial is not None:
-                laws[j] = PolynomialLaw(tuple(entry.polynomial))
+                first, *more = entry.polynomial
+                first = own_stiffness(first, SI, slides, f"{where}.polynomial")
+                laws[j] = PolynomialLaw((first, *more))
             elif entry.table is not None:
                 x, y = np.array(entry.table).T
                 laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()))

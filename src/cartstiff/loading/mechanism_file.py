@@ -12,6 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from operator import or_
 from pathlib import Path
+from string import digits
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
@@ -102,12 +103,18 @@ def with_parameters(
                     got=one_line(str(name)),
                 )
             raise UnknownNameError("parameter", str(name), entries, where=place(()))
-    values, used = _evaluated(entries, asked, place)
     rest = {key: value for key, value in data.items() if key != "parameters"}
+    units = _own_units(rest)
+    values, used = _evaluated(entries, asked, place, units)
+    # A stiffness with its unit is read where it is used: it may be of the other kind.
+    known = {k: x if isinstance(x, str) and x[:1] != "=" else values[k] for k, x in entries.items()}
+    known |= asked
     filled = {
         key: value
         if key in _WORDS
-        else _in_units(_filled(value, (key,), values, used, place), (key,), rest, place)
+        else _in_units(
+            _filled(value, (key,), known, values, used, place), (key,), rest, units, place
+        )
         for key, value in rest.items()
     }
     for name in entries:
@@ -121,7 +128,10 @@ def with_parameters(
 
 
 def _evaluated(
-    entries: Mapping[str, Any], asked: Mapping[str, float], place: Callable[[Place], str]
+    entries: Mapping[str, Any],
+    asked: Mapping[str, float],
+    place: Callable[[Place], str],
+    units: Units,
 ) -> tuple[dict[str, float], set[str]]:
     """Value of every parameter, and the names that others need, by what the file says."""
     formulas: dict[str, Expression | float] = {}
@@ -142,12 +152,15 @@ def _evaluated(
                 check_name("parameter", other, entries, where)
         elif isinstance(entry, (int, float)) and not isinstance(entry, bool):
             formulas[name] = checked_number(entry, where)
+        elif isinstance(entry, str) and entry[:1] in (*"+-.", *digits):
+            given = GivenStiffness.read(entry, where)
+            formulas[name] = given.in_units(units if given.is_length else SI, given.is_length)
         else:
             raise InputError(
                 "cannot be used",
                 where=where,
                 got=one_line(entry),
-                expected="a number, or arithmetic such as '=2*r'",
+                expected="a number, or arithmetic such as '=2*r', or a stiffness with its unit",
             )
     try:
         order = [*TopologicalSorter(needed).static_order()]
@@ -166,47 +179,74 @@ def _evaluated(
 
 
 def _filled(
-    data: Any, at: Place, values: Mapping[str, float], used: set[str], place: Callable[[Place], str]
+    data: Any,
+    at: Place,
+    known: Mapping[str, float | str],
+    values: Mapping[str, float],
+    used: set[str],
+    place: Callable[[Place], str],
 ) -> Any:
-    """The data with numbers in place of arithmetic; adds the names that it needs to `used`."""
+    """The data with numbers in place of arithmetic; adds the names that it needs to `used`.
+
+    Names alone have what is `known` of them.
+    """
     if isinstance(data, dict):
-        return {k: _filled(v, (*at, k), values, used, place) for k, v in data.items()}
+        return {k: _filled(v, (*at, k), known, values, used, place) for k, v in data.items()}
     if isinstance(data, list):
-        return [_filled(v, (*at, i), values, used, place) for i, v in enumerate(data)]
+        return [_filled(v, (*at, i), known, values, used, place) for i, v in enumerate(data)]
     if not isinstance(data, str) or not data.startswith("="):
         return data
     formula = Expression(data[1:], place(at))
     used |= formula.names
+    if isinstance(text := known.get(formula.text.strip()), str):
+        return text
     value = formula.value(values)
     # Counts, such as the segments of a beam, are whole numbers.
     return int(value) if value.is_integer() else value
 
 
 # Keys of stiffnesses: of joints and legs, of what slides, of what turns and is in N m/rad always.
-_STIFFNESSES = ("stiffness", "axial", "shear", "bending", "torsion")
+_STIFFNESSES = ("stiffness", "polynomial", "axial", "shear", "bending", "torsion")
 
 
-def _in_units(data: Any, at: Place, file: Mapping[str, Any], place: Callable[[Place], str]) -> Any:
-    """The data with numbers in place of stiffnesses such as "392 N m/arcmin"."""
-    if isinstance(data, dict):
-        return {k: _in_units(v, (*at, k), file, place) for k, v in data.items()}
-    if isinstance(data, list):
-        return [_in_units(v, (*at, i), file, place) for i, v in enumerate(data)]
-    key = next((part for part in reversed(at) if isinstance(part, str)), "")
-    is_text = isinstance(data, str) and data != "rigid"
-    if key not in _STIFFNESSES or not is_text or "flexible" in at:
-        return data
-    given = GivenStiffness.read(data, place(at))
-    if key in _STIFFNESSES[3:]:
-        return given.in_units(SI, False, place(at))
-    if file.get("kind") not in ("stewart-gough", "springs"):  # in SI; the joint says of what kind
-        return given.in_units(SI, True, place(at)) if "lines" in at else given
+def _own_units(file: Mapping[str, Any]) -> Units:
+    """Units of a file's numbers; SI where it is refused for them."""
     try:
         units = Units(**file.get("units", {}))
         convert_length(SI, units)
     except (InputError, TypeError):
-        units = SI  # the file is refused for its units
-    return given.in_units(units, True, place(at))
+        return SI
+    return units
+
+
+def _in_units(
+    data: Any,
+    at: Place,
+    file: Mapping[str, Any],
+    units: Units,
+    place: Callable[[Place], str],
+) -> Any:
+    """The data with numbers in place of stiffnesses such as "392 N m/arcmin"."""
+    if isinstance(data, dict):
+        return {k: _in_units(v, (*at, k), file, units, place) for k, v in data.items()}
+    if isinstance(data, list):
+        return [_in_units(v, (*at, i), file, units, place) for i, v in enumerate(data)]
+    key = next((part for part in reversed(at) if isinstance(part, str)), "")
+    is_text = isinstance(data, str) and data != "rigid"
+    if key not in _STIFFNESSES or not is_text or at[0] == "identified":
+        return data
+    given = GivenStiffness.read(data, where := place(at))
+    if key in _STIFFNESSES[4:]:
+        return given.in_units(SI, False, where)
+    if "flexible" in at or (key == "polynomial" and at[-1] != 0):
+        row, column = at[-2:]
+        if key == "polynomial" or isinstance(row, str) or (row < 3) != (column < 3):
+            expected = "a number: of its own unit none is read here"
+            raise InputError("no stiffness", where=where, expected=expected, got=repr(data))
+        return given.in_units(units, row >= 3, where)
+    if file.get("kind") not in ("stewart-gough", "springs"):  # the joint says of what kind
+        return given.in_units(SI, True, where) if "lines" in at else given
+    return given.in_units(units, True, where)
 
 
 def checked_file(

@@ -50,14 +50,15 @@ Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-def _stiff(value: Any, check: Any) -> Any:
-    number = math.inf if value in ("rigid", math.inf) else check(value)
+def _given(value: Any, check: Any) -> Any:
     # Its unit says later whether it is of a joint that slides or turns.
+    number = check(value)
     return value if isinstance(value, GivenStiffness) else number
 
 
-#: A number, which may have come with a unit, or the word for an infinite one.
-RIGID = WrapValidator(_stiff)
+#: A number, which may have come with a unit; the same, or the word for an infinite one.
+GIVEN = WrapValidator(_given)
+RIGID = WrapValidator(lambda x, check: math.inf if x in ("rigid", math.inf) else _given(x, check))
 
 
 def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
@@ -299,8 +300,11 @@ class JointSpringModel(FileModel):
         "or rigid",
         None,
     )
-    polynomial: list[Number] | None = keyed(
-        "torque c1 x + c2 x^2 + ...", None, min_length=1, max_length=20
+    polynomial: list[Annotated[Number, GIVEN]] | None = keyed(
+        "torque c1 x + c2 x^2 + ...; c1 may be a text with its unit",
+        None,
+        min_length=1,
+        max_length=20,
     )
     table: list[Pair] | None = keyed(
         "pairs [deflection, torque], deflections increasing", None, min_length=2
@@ -395,7 +399,10 @@ class FlexibleModel(FileModel):
     """A link that gives: a 6x6 spring (order angular-linear), a beam, or a superelement."""
 
     stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = keyed(
-        "6x6, in the file's units", None, min_length=6, max_length=6
+        "6x6, in the file's units; of what turns or slides a text with its unit as well",
+        None,
+        min_length=6,
+        max_length=6,
     )
     beam: BeamModel | None = None
     superelement: SuperelementModel | None = None
@@ -455,8 +462,8 @@ class FileWords(FileModel):
     )
     payload: PayloadModel | None = None
     parameters: dict[Text, Number | Text] = keyed(
-        "names for numbers; wherever a number stands in the file, a text such as "
-        "'=2*r*cos(pi/6)' may stand for it",
+        "names for numbers, or for stiffnesses with their units; wherever a number stands in the "
+        "file, a text such as '=2*r*cos(pi/6)' may stand for it",
         {},
     )
     identified: IdentifiedModel | None = None
