@@ -21,9 +21,6 @@ from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
 
-#: A picture's numbers keep seventeen bits.
-PICTURE = 2e-5
-
 
 def held(page: str) -> tuple[dict[str, Any], list[bytes]]:
     """The data in a page: its object and the binary parts."""
@@ -113,9 +110,8 @@ def test_meshes_are_kept_on_a_fine_grid():
     key = ("set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", "")
     packed = picture.by_path()[key]
     sent = umsgpack.unpackb(packed)["object"]["geometries"][0]["data"]
-    table, parts, lists = compacted([[(key, packed)], []])
+    (facts,), (planes,), lists = compacted([[(key, packed)], []])
     assert lists == [[0], []]
-    (facts,), planes = table["meshes"], parts[1]
     points, corners = facts["counts"]
     assert len(planes) < 0.9 * len(packed) + 6 * points + 2 * corners
 
@@ -146,9 +142,9 @@ def test_the_file_of_an_arm_or_a_closed_chain_computes(name):
 
 def test_each_command_is_kept_once_in_an_order_that_a_viewer_takes():
     first, second = {("set_property", "/a", "visible"): b"first"}, {("set_object", "/c", ""): b"c"}
-    table, parts, lists = compacted([in_order(first | second), in_order(first)])
-    assert table == {"paths": [], "transforms": [], "labels": [], "meshes": []}
-    assert parts == [b"", b"c", b"first"]
+    meshes, parts, lists = compacted([in_order(first | second), in_order(first)])
+    assert meshes == []
+    assert parts == [b"c", b"first"]
     assert lists == [[0, 1], [1]]
 
 

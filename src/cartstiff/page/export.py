@@ -5,16 +5,13 @@ JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other 
 file holds one posture, its numbers and its picture, and says so. Nothing in either depends on when
 or where it was made. A live page gets the same data, so that it goes on without its server.
 
-Commands of a picture are kept in little room: transforms as single-precision numbers, labels as
-text, meshes as steps between corners on a fine grid, byte planes one after the other.
-Only pictures lose digits (five are left of a transform, a grid of 1/4096 of a link's size of its
-mesh); the page's numbers are never touched.
+Meshes are kept in little room: as steps between corners on a fine grid, byte planes one after the
+other. Only they lose digits (the grid is 1/4096 of a link's size); the page's numbers are never
+touched.
 """
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -45,19 +42,14 @@ def in_order(state: Mapping[Key, bytes]) -> list[Command]:
     return sorted(state.items(), key=lambda command: _ORDER.get(command[0][0], 9))
 
 
-_MATRIX = struct.Struct(">" + "Bd" * 16)
-# Columns of T without their last entries, which are 0, 0, 0, 1.
-_KEPT = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14]
-# Bits of a float32 that a picture of a thousand dots does not need.
-_MASK = np.uint32(0xFFFFFF80)
 # Halvings of a mesh's size that make its grid.
 _GRID = 12
 
 
 def compacted(
     lists: Sequence[Sequence[Command]],
-) -> tuple[dict[str, Any], list[bytes], list[list[int]]]:
-    """A table of all commands, each once, its binary parts, and the lists as numbers in it.
+) -> tuple[list[dict[str, Any]], list[bytes], list[list[int]]]:
+    """Facts of all meshes, binary parts of all commands, each once, and the lists as numbers.
 
     Parameters
     ----------
@@ -66,42 +58,24 @@ def compacted(
 
     Returns
     -------
-    dict
-        "transforms": path of each; "labels": text, colours, size and path of each; "meshes": path,
-        object without its arrays, counts and grid of each.
+    list of dict
+        Path of each mesh, object without its arrays, counts and grid.
     list of bytes
-        The transforms' numbers, byte planes one after the other (they zip better so), those of each
-        mesh, and the commands that are none of these.
+        The arrays of each mesh, and the commands that are none.
     list of list of int
         As many as there are lists.
     """
-    transforms, labels, meshes, others = [], [], [], []
+    meshes, others = [], []
     for command in dict.fromkeys(command for one in lists for command in one):
         (kind, path, _), packed = command
-        if kind == "set_transform" and len(packed) > _MATRIX.size:
-            transforms.append((path, _MATRIX.unpack(packed[-_MATRIX.size :])[1::2], command))
-        elif packed[:1] == b"{":  # a label
-            label = json.loads(packed)
-            del label["type"]
-            labels.append((label, command))
-        elif kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
+        if kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
             meshes.append((mesh, command))
         else:
             others.append((packed, command))
-    transforms.sort(key=lambda entry: entry[0])
-    numbers = {row[-1]: i for i, row in enumerate([*transforms, *labels, *meshes, *others])}
-    matrices = np.array([m for _, m, _ in transforms]).reshape(-1, 16)[:, _KEPT]
-    single = (np.ascontiguousarray(matrices, "<f4").view("<u4") & _MASK).view(np.uint8)
-    paths = sorted({path for path, _, _ in transforms})
-    table = {
-        "paths": paths,
-        "transforms": [paths.index(path) for path, _, _ in transforms],
-        "labels": [label for label, _ in labels],
-        "meshes": [facts for (facts, _), _ in meshes],
-    }
-    planes = np.ascontiguousarray(single.T).tobytes()
-    parts = [planes, *(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
-    return table, parts, [[numbers[command] for command in one] for one in lists]
+    numbers = {row[-1]: i for i, row in enumerate([*meshes, *others])}
+    parts = [*(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
+    facts = [facts for (facts, _), _ in meshes]
+    return facts, parts, [[numbers[command] for command in one] for one in lists]
 
 
 def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
@@ -262,11 +236,11 @@ def _picture_of(
         if packed != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
     }
     changes = [{k: x for k, x in state.items() if k in differing} for state in states.values()]
-    table, commands, (start, *lists) = compacted([in_order(one) for one in (here, *changes)])
+    meshes, commands, (start, *lists) = compacted([in_order(one) for one in (here, *changes)])
     legend = session.with_colour_bar(picture.draw(base, shown))
     units, trajectory = session.elastic.units, session.source.trajectory
     return {
-        "commands": table,
+        "meshes": meshes,
         "start": start,
         "themes": dict(zip(states, lists, strict=True)),
         "assets": assets,

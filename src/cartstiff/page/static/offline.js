@@ -19,7 +19,7 @@ class FileSource {
   /** From what a file holds, or the same beside another source. */
   constructor(data, commands, words, other = null) {
     this.data = data;
-    this.commands = other ? other.commands : expand(data.commands, commands);
+    this.commands = other ? other.commands : expand(data.meshes, commands);
     this.live = false;
     this.words = words;
     this.cannot = "an exported page cannot do that; `cartstiff view` can";
@@ -279,23 +279,8 @@ export function follow(program, q, wanted) {
   return { q: found, distance, angle, reached, stopped: reached ? [] : stopped };
 }
 
-/** Commands from their compact form, see commands.py. */
-export function expand({ paths, transforms, labels, meshes }, [planes, ...binary]) {
-  const count = transforms.length;
-  const bytes = new Uint8Array(48 * count);
-  for (let k = 0; k < 48; k++) for (let i = 0; i < count; i++) bytes[48 * i + k] = planes[k * count + i];
-  const numbers = new DataView(bytes.buffer);
-  const commands = transforms.map((path, i) => {
-    const matrix = [];
-    for (let k = 0; k < 12; k++) {
-      matrix.push(numbers.getFloat32(48 * i + 4 * k, true));
-      if (k % 3 === 2) matrix.push(k === 11 ? 1 : 0);
-    }
-    return { type: "set_transform", path: paths[path], matrix };
-  });
-  return [...commands, ...labels.map((label) => ({ type: "label", ...label })),
-    ...meshes.map((mesh, i) => built(mesh, binary[i])), ...binary.slice(meshes.length)];
-}
+/** Commands whose meshes are in their compact form, see export.py. */
+export const expand = (meshes, binary) => binary.map((bytes, i) => (i < meshes.length ? built(meshes[i], bytes) : bytes));
 
 /** Whole numbers from the byte planes of their differences, `width` to a row. */
 function summed(bytes, at, count, width) {
