@@ -354,6 +354,22 @@ def test_a_closed_chain_is_assembled_led_and_swept_as_by_the_library(name):
     assert sum("reason" not in row for row in rows) >= (1 if name == "4-rrr" else 5)
 
 
+@pytest.mark.parametrize("name", ["cubic", "stewart-simscape"])
+def test_legs_of_given_lengths_and_twists_lead_to_the_library_s_pose(name):
+    elastic, _ = program_of(name)
+    platform, q = elastic.mechanism, np.array(elastic.q)
+    draw = np.random.default_rng(5)
+    lengths = platform.leg_lengths(q) * (1.0 + 0.03 * draw.uniform(-1, 1, 6))
+    start = [ViewState(q=q.tolist())]
+    (found,) = asked(name, start, f"stretched(program, state.q, {json.dumps(lengths.tolist())})")
+    assert np.allclose(platform.leg_lengths(np.array(found)), lengths, rtol=1e-12)
+    assert np.allclose(found, platform.forward_kinematics(lengths, q), atol=1e-9)
+    twist = np.array([0.3, -0.2, 0.4, 0.0, 0.0, 0.0])
+    code = f"program.place(program.along(program.place(state.q), {twist.tolist()})).pose"
+    (turned,) = asked(name, start, code)
+    assert np.allclose(turned, cartstiff.analyse(elastic).pose @ se3.exp(twist), atol=1e-12)
+
+
 def test_every_operation_is_that_of_numpy():
     tape = Tape()
     x, y = tape.vector("x", 2)

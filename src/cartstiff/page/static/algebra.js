@@ -128,20 +128,6 @@ export function singular(M) {
   return { values: found.map(({ value }) => value), vectors: found.map(({ vector }) => vector) };
 }
 
-/** Diagonal of the Cholesky factor of a positive definite matrix, or null. */
-export function cholesky(A) {
-  const L = zeros(A.length, A.length);
-  for (let i = 0; i < A.length; i++) {
-    for (let j = 0; j <= i; j++) {
-      let sum = A[i][j];
-      for (let k = 0; k < j; k++) sum -= L[i][k] * L[j][k];
-      if (i === j && !(sum > 0)) return null;
-      L[i][j] = i === j ? Math.sqrt(sum) : sum / L[j][j];
-    }
-  }
-  return L.map((row, i) => row[i]);
-}
-
 // -- rigid motions, as 4 x 4 --------------------------------------------------------------------
 
 export const rotation = (T) => [0, 1, 2].map((i) => T[i].slice(0, 3));
@@ -157,6 +143,16 @@ export function back(T) {
 export function adjoint(T) {
   const R = rotation(T);
   return blocks(R, zeros(3, 3), product(skew(place(T)), R), R);
+}
+
+/** The motion of a twist: its turn, and its shift as it is. */
+export function moving(twist) {
+  const angle = Math.hypot(...twist.slice(0, 3));
+  const axis = twist.slice(0, 3).map((x) => (angle ? x / angle : 0));
+  const [s, c] = [Math.sin(angle), 1 - Math.cos(angle)];
+  const across = skew(axis);
+  const R = identity(3).map((row, i) => row.map((x, k) => x + s * across[i][k] + c * (axis[i] * axis[k] - x)));
+  return motion(R, twist.slice(3));
 }
 
 /** Roll, pitch, yaw about the room's axes. */

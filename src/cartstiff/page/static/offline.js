@@ -1,6 +1,6 @@
 // Answers without a server: from the recorded arithmetic any posture, load, springs and point, or one posture as it was exported.
 
-import { angles, back, inverse, moved, place, product, rotation, times, transposed } from "./algebra.js";
+import { back, inverse, place, product, rotation, times, transposed } from "./algebra.js";
 import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
@@ -11,8 +11,6 @@ const STEPS = 121;
 // Steps of the way to a pose, and halvings of a way that legs do not go to its end.
 const MOST_STEPS = 30;
 const HALVINGS = 14;
-// Step of a difference, over the size of what changes.
-const STEP = 2 ** -20;
 
 /** What the sources in a file share: commands by number, one answer to each question. */
 class FileSource {
@@ -197,24 +195,15 @@ function left(from, to) {
 
 /** The pose of a platform at which its legs have given lengths, next to q. */
 export function stretched(program, q, lengths) {
-  const { anchors, points } = program.data;
-  const rest = (x) => {
-    const { pose } = program.place(x);
-    return points.map((point, i) => lengths[i] - Math.hypot(...moved(pose, point).map((c, k) => c - anchors[i][k])));
-  };
-  let found = q.slice();
+  let here = program.place(q);
   for (let k = 0; k < MOST_STEPS; k++) {
-    const error = rest(found);
-    if (Math.hypot(...error) <= ROUNDING * Math.hypot(...lengths)) return found;
-    const columns = found.map((x, j) => {
-      const h = STEP * (j < 3 ? program.data.reach : 1);
-      const [back_, forth] = [-h, h].map((by) => rest(found.with(j, x + by)));
-      return back_.map((y, i) => (y - forth[i]) / (2 * h));
-    });
-    const J = transposed(columns);
-    const way = times(inverse(product(columns, J)) ?? [], times(columns, error));
+    const now = program.lengths(here.pose);
+    const error = lengths.map((length, i) => length - now[i]);
+    if (Math.hypot(...error) <= ROUNDING * Math.hypot(...lengths)) return here.q;
+    const J = program.lines(here.pose);
+    const way = times(inverse(product(transposed(J), J)) ?? [], times(transposed(J), error));
     if (way.length < 6 || !way.every(Number.isFinite)) break;
-    found = found.map((x, j) => x + way[j]);
+    here = program.place(program.along(here, way));
   }
   throw new Error("no pose with these leg lengths found from here");
 }
@@ -227,8 +216,7 @@ export function follow(program, q, wanted) {
   let found = q.slice();
   let stopped = [];
   if (data.platform) {
-    const P = product(wanted, back(data.T_P_M));
-    const end = [...place(P), ...angles(P)].map((x, i) => (i < 3 ? x : x - 2 * Math.PI * Math.round((x - q[i]) / (2 * Math.PI))));
+    const end = program.coordinates(wanted, q);
     const on = (share) => q.map((x, i) => x + share * (end[i] - x));
     const stops = (share) => beyond(on(share), program.place(on(share)).pose, 0);
     let [low, high] = [0, 1];

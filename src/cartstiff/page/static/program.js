@@ -2,8 +2,8 @@
 // pose, Jacobian, load and stiffness of a posture; what is read from them is read here. Where the
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
-import { adjoint, angles, back, block, blocks, changed, cholesky, clean, congruence, cross, dot, eigen, general, identity,
-  inverse, largest, motion, moved, place, plus, product, rotation, scaledInverse, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
+import { adjoint, angles, back, block, blocks, changed, clean, congruence, cross, dot, eigen, general, identity,
+  inverse, largest, motion, moved, moving, place, plus, product, rotation, scaledInverse, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
 import { ATTAINABLE_PRECISION, CLOSE, EPSILON, FUTILE, LIMIT_SLACK, NEAR, ROUNDING, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
@@ -92,8 +92,15 @@ export class Program {
     return { q, pose: rows(found("pose"), 4), frames: frames(found("frames")), N, J: N ? product(J, N) : J };
   }
 
-  /** Coordinates after a step of those that move independently. */
+  /** Coordinates of a platform at a pose of M, on the turn of others. */
+  coordinates(pose, q) {
+    const P = product(pose, back(this.data.T_P_M));
+    return [...place(P), ...angles(P)].map((x, i) => (i < 3 ? x : x - 2 * Math.PI * Math.round((x - q[i]) / (2 * Math.PI))));
+  }
+
+  /** Coordinates after a step of those that move independently; of a platform after a twist. */
   along(m, step) {
+    if (this.data.platform) return this.coordinates(product(m.pose, moving(step)), m.q);
     const all = m.N ? times(m.N, step) : step;
     return this.closed(m.q.map((x, j) => x + all[j]));
   }
@@ -274,15 +281,16 @@ export class Program {
   }
 
   indices(K) {
-    const turned = K.toReversed().map((row) => row.toReversed());
-    const roots = cholesky(turned);
-    let [length, origin] = [1, "unit"];
-    if (roots) [length, origin] = [Math.cbrt((roots[3] * roots[4] * roots[5]) / (roots[0] * roots[1] * roots[2])), "natural"];
+    const C = scaledInverse(K);
+    const [move, turn] = [eigen(block(K, 3)).values, C ? eigen(block(C, 0)).values : [0]];
+    // A positive definite K has determinants of these two blocks that differ by a length only.
+    const isPositive = move[0] > 0 && turn[0] > 0;
+    const [length, origin] = isPositive ? [[...move, ...turn].reduce((all, x) => all * x ** (-1 / 6), 1), "natural"] : [1, "unit"];
     const { values } = eigen(K.map((row, i) => row.map((x, j) => x / (i < 3 ? length : 1) / (j < 3 ? length : 1))));
     const condition = (list) => Math.max(...list.map(Math.abs)) / Math.min(...list.map(Math.abs));
     return {
       length, length_origin: origin, length_reason: this.data.words.lengths[origin], definiteness: definiteness(values), eigenvalues: values,
-      condition_number: condition(values), translational_condition: condition(eigen(block(K, 3)).values),
+      condition_number: condition(values), translational_condition: condition(move),
       rotational_condition: condition(eigen(block(K, 0)).values),
     };
   }
@@ -291,11 +299,16 @@ export class Program {
     return Object.entries(m.singular).map(([kind, { values }]) => ({ kind, ratio: values.at(-1) / values[0], smallest: values.at(-1), largest: values[0], length: m.length }));
   }
 
+  /** Lengths of a platform's legs. */
+  lengths(pose) {
+    return this.data.points.map((point, i) => distance(this.data.anchors[i], moved(pose, point)));
+  }
+
   legs(m) {
     if (!this.data.platform) return null;
-    return this.data.points.map((point, i) => {
+    return this.lengths(m.pose).map((length, i) => {
       const [lower, upper] = this.data.leg_limits?.[i] ?? [null, null];
-      return { length: distance(this.data.anchors[i], moved(m.pose, point)), tension: m.tensions[i], lower, upper };
+      return { length, tension: m.tensions[i], lower, upper };
     });
   }
 
@@ -333,8 +346,9 @@ export class Program {
     };
   }
 
-  /** How far the load moves the coordinates. */
+  /** How far the load moves the coordinates, or a platform's body. */
   way(m) {
+    if (this.data.platform) return times(m.C.load, m.W);
     return times(scaledInverse(plus(m.L, congruence(m.J, m.changes.load))), times(transposed(m.J), m.W));
   }
 
@@ -389,9 +403,8 @@ export class Program {
 
   /** Values of what is limited: joints, or lengths of legs. */
   limited(q, pose) {
-    const { columns } = this.data.limits;
-    if (!this.data.platform) return columns.map((j) => q[j]);
-    return columns.map((i) => distance(this.data.anchors[i], moved(pose, this.data.points[i])));
+    const values = this.data.platform ? this.lengths(pose) : q;
+    return this.data.limits.columns.map((j) => values[j]);
   }
 
   beyond(m) {

@@ -1,28 +1,11 @@
 // The mechanism sways between its rest without the load and the posture under it, enlarged by a stated factor.
 
-import { cross, identity, motion, product, times } from "./algebra.js";
 import { el, short, toast } from "./dom.js";
 import { Drawing, growing } from "./drawing.js";
 
 // How far the point goes, about, over the mechanism's size, and the time (ms) of one way there and back.
 const WIDEST = 0.06;
 const SWAY_TIME = 2600;
-
-/** A place on the way: `share` 0 is where the load acts, 1 the enlarged way to where it does not. */
-function along(program, m, share) {
-  const twist = times(m.C.load, m.W).map((x) => -share * x);
-  if (program.data.platform) {
-    const angle = Math.hypot(...twist.slice(0, 3));
-    const axis = twist.slice(0, 3).map((x) => (angle ? x / angle : 0));
-    const [s, c] = [Math.sin(angle), 1 - Math.cos(angle)];
-    const R = identity(3).map((row, i) => {
-      const across = cross(axis, row); // minus the row of the axis' cross product matrix
-      return row.map((x, k) => x - s * across[k] + c * (axis[i] * axis[k] - x));
-    });
-    return { pose: product(m.pose, motion(R, twist.slice(3))), frames: m.frames };
-  }
-  return program.place(program.along(m, program.way(m).map((x) => -share * x)));
-}
 
 /** A button that plays it, and words that say how much is enlarged. */
 export function sway(store) {
@@ -47,7 +30,7 @@ export function sway(store) {
     const share = Math.max(size / data.program.reach, angle / 4);
     const enlarged = growing(share, WIDEST / 4, data.assets.smallest_motion) / share;
     const drawing = new Drawing(program, data.assets, data.scene);
-    const put = (share) => store.pane.move(drawing.places(along(program, m, share * enlarged)));
+    const put = (share) => store.pane.move(drawing.places(program.place(program.along(m, program.way(m).map((x) => -share * enlarged * x)))));
     button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
     button.title = "From where it rests without the load to where it is under it, and back";
     button.setAttribute("aria-pressed", "true");
