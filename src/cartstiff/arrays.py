@@ -1,7 +1,7 @@
-"""Numbers that come from outside: one way to check them, whoever takes them.
+"""Checks of numbers given by users, plain copies of results, and tables as CSV.
 
-What NumPy would turn into doubles without a word is refused: truth values, text, dates (a missing
-one would be -9e18), complex numbers, masked numbers.
+Values that NumPy would silently convert to doubles are refused: truth values, text, dates (a
+missing one would be -9e18), complex numbers, masked numbers.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Array = NDArray[Any]
 Shape = tuple[int | str, ...]
 
 _DOUBLE = np.dtype(float)
-# Pinocchio has the linear part first.
+# Pinocchio's order is linear, angular.
 _SWAP = (3, 4, 5, 0, 1, 2)
-# On fewer numbers than this the test of Python is several times as fast as NumPy's.
+# Largest size of an array for which Python's test is several times as fast as NumPy's.
 _FEW = 64
-# Numbers that are tested at once: the mask of everything would be an eighth of a large array.
+# Numbers tested at a time: a mask of the whole array would take an eighth of its memory.
 _PIECE = 1 << 19
 _NO_NUMBERS = (bool, np.bool_, np.datetime64, np.timedelta64)
 
@@ -56,14 +56,14 @@ _NAMES = {
 
 
 def read_only(values: ArrayLike) -> Array:
-    """Copy of an array that cannot be written to, for results."""
+    """Read-only copy of an array, for results."""
     array = np.array(values, float)
     array.flags.writeable = False
     return array
 
 
 def fixed(array: Array) -> Array:
-    """The same numbers, seen through an array that cannot be written to."""
+    """Read-only view of an array."""
     if not array.flags.writeable:
         return array
     view = array.view()
@@ -72,10 +72,10 @@ def fixed(array: Array) -> Array:
 
 
 class Result:
-    """A frozen dataclass whose arrays are its own and cannot be written to."""
+    """Base of frozen dataclasses with read-only arrays of their own."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: each field; what does not exist is None."""
+        """Plain data for JSON: each field; None if it does not exist."""
         data: dict[str, Any] = plain(self)
         return data
 
@@ -84,15 +84,15 @@ class Result:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 if value.flags.owndata and not value.flags.writeable:
-                    continue  # nobody's to write to
+                    continue  # read-only already
                 own = fixed(value.copy()) if value.dtype.kind == "c" else read_only(value)
                 object.__setattr__(self, name, own)
 
 
 class NamedArrays(Mapping[str, Array | None]):
-    """Arrays by name that cannot be changed: what is shown, saved and computed stays one thing.
+    """Read-only arrays by name, so that shown, saved and computed numbers agree.
 
-    What is `also` known under a name is not listed; it may be found when it is asked for.
+    Arrays in `also`, which may be functions that compute one, can be read but are not listed.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class NamedArrays(Mapping[str, Array | None]):
 
     @classmethod
     def of_fixed(cls, arrays: dict[str, Array | None], also: dict[str, Any]) -> NamedArrays:
-        """Of arrays that are fixed already, and mappings that nobody changes: neither is copied."""
+        """From read-only arrays and mappings that do not change: neither is copied."""
         own = cls.__new__(cls)
         own._arrays, own._also = arrays, also
         return own
@@ -137,7 +137,7 @@ class NamedArrays(Mapping[str, Array | None]):
 
 
 def of_pinocchio(value: Any) -> Any:
-    """Numbers of Pinocchio's objects in our order; anything else as it is.
+    """Numbers of Pinocchio's objects in our order; any other value unchanged.
 
     `Force` and `Motion` become (angular, linear), `SE3` the matrix (4, 4), `Inertia` the matrix
     (6, 6) in the order (angular, linear); sequences of them become stacks.
@@ -175,14 +175,14 @@ def real_array(
     where: str | None = None,
     expected: Sequence[Shape] = (),
 ) -> Array:
-    """Doubles of any shape, the array itself where it holds doubles already.
+    """Doubles of any shape; an array of doubles itself is returned.
 
     Parameters
     ----------
     values : array_like
         Real numbers, or Pinocchio's objects (see `of_pinocchio`).
     what, where : str
-        For the message: what it is, and where it was given.
+        Name of the value and its place, for the message.
     expected : sequence of tuple
         Shapes, for the message.
 
@@ -198,7 +198,7 @@ def real_array(
     def refused(reason: str, got: object) -> InputError:
         return InputError(f"{what} {reason}", where=where, expected=_words(expected), got=got)
 
-    # Plain arrays first: NumPy loads its masked ones when they are named.
+    # Test for plain arrays first: the name np.ma imports a module.
     is_other = isinstance(values, np.ndarray) and type(values) is not np.ndarray
     if is_other and isinstance(values, np.ma.MaskedArray):
         if np.ma.is_masked(values):
@@ -214,14 +214,14 @@ def real_array(
     if isinstance(values, (list, tuple)) and _holds_truth(values):
         kind = "b"
     if kind == "f" or kind in "iu":
-        # Beyond doubles: infinity, which is no finite number; nor are NaNs that signal.
+        # Numbers beyond the range of doubles become infinity.
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(array, float)
     raise refused("is not numeric", values if kind == "O" else _NAMES.get(kind, kind))
 
 
 def _holds_truth(values: Sequence[Any]) -> bool:
-    """Whether a nested sequence holds True or False, which NumPy would make 1 and 0."""
+    """Whether a nested sequence contains True or False, which NumPy would convert to 1 and 0."""
     for value in values:
         kind = type(value)
         if kind is float or kind is int:
@@ -264,19 +264,19 @@ def checked_array(
     copy: bool = True,
     finite: bool = True,
 ) -> Array:
-    """Finite doubles of the expected shape, or one line that says what is wrong.
+    """Finite doubles of the expected shape; any other input is refused in one line.
 
     Parameters
     ----------
     values : array_like
         Real numbers.
     shape : tuple of int or str, list of tuples, or None
-        Expected shape, or several of which one must fit; a name stands for a length from one on
-        ("N" from zero on). None: any.
+        Expected shape, or several of which one must fit; a name is any length from one on ("N" from
+        zero on). None: any shape.
     what, where : str
-        For the message: what it is, and where it was given.
+        Name of the value and its place, for the message.
     copy : bool
-        Whether the result is the caller's own to write to; else it may be `values` itself.
+        Whether the result is a copy; else it may be `values` itself.
     finite : bool
         Whether NaN and infinity are refused.
 
@@ -287,11 +287,11 @@ def checked_array(
     Raises
     ------
     InputError
-        For what is no real number (see `real_array`), another shape, NaN or infinity.
+        For values that are no real numbers (see `real_array`), another shape, NaN or infinity.
     """
     if type(values) is np.ndarray and values.dtype is _DOUBLE and values.shape == shape:
         own: Array = values
-        if not finite or _is_finite(own):  # nearly always
+        if not finite or _is_finite(own):  # the usual case
             return own.copy() if copy else own
     shapes = shape if isinstance(shape, list) else [] if shape is None else [shape]
     array = real_array(values, what, where=where, expected=shapes)
@@ -322,14 +322,14 @@ def _fits(got: tuple[int, ...], shape: Shape) -> bool:
 
 
 def checked_vector(values: ArrayLike, n: int, what: str, *, where: str | None = None) -> Array:
-    """A finite vector of length n that is the caller's own; see `checked_array`."""
+    """Copy of a finite vector of length n; see `checked_array`."""
     return checked_array(values, (n,), what, where=where)
 
 
 def checked_input(
     values: ArrayLike, shape: Shape | list[Shape] | None, what: str, *, copy: bool = True
 ) -> Array:
-    """Coordinates, loads, stiffnesses as given: `checked_array`, of at most `LARGEST_INPUT`."""
+    """`checked_array` of coordinates, loads or stiffnesses, at most `LARGEST_INPUT` in size."""
     array = checked_array(values, shape, what, copy=copy)
     if array.size <= _FEW:
         is_large = any(not -LARGEST_INPUT <= x <= LARGEST_INPUT for x in array.ravel().tolist())
@@ -346,7 +346,7 @@ def checked_input(
 
 
 def checked_reach(point: Array, what: str) -> None:
-    """Refuse points of a body so far away that turns about them keep no digits of what is here."""
+    """Refuse points so far from a body that rotations about them lose the digits of its motion."""
     farthest = float(np.abs(point).max(initial=0.0))
     if not farthest <= numerics.FARTHEST_POINT:
         raise InputError(
@@ -380,7 +380,7 @@ def checked_number(value: object, what: str, *, where: str | None = None) -> flo
 
 
 def checked_seed(value: object) -> int:
-    """Seed of random numbers: NumPy follows a list that contains itself until the process ends."""
+    """Seed of random numbers; NumPy would crash on a list that contains itself."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 0:
         raise InputError("seed cannot be used", expected="0 or more", got=one_line(value))
     return int(value)
@@ -437,7 +437,7 @@ def checked_pose(
 
 
 def overlap(a: Array, b: Array) -> bool:
-    """Whether two arrays share memory; where that is hard to say, whether they may."""
+    """Whether two arrays share memory; True if that is too hard to decide."""
     try:
         return bool(np.shares_memory(a, b, max_work=10_000))  # type: ignore[arg-type]
     except np.exceptions.TooHardError:
@@ -445,7 +445,7 @@ def overlap(a: Array, b: Array) -> bool:
 
 
 def csv_text(table: Array, names: Sequence[str]) -> str:
-    """A table (N, m) of numbers under a line of names, each with all of its digits."""
+    """CSV of a table (N, m) of numbers with all digits, under a line of names."""
     text = io.StringIO()
     text.write(csv_line(names))
     np.savetxt(text, np.asarray(table) + 0.0, delimiter=",", fmt="%.17g")
@@ -453,12 +453,12 @@ def csv_text(table: Array, names: Sequence[str]) -> str:
 
 
 def csv_rows(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Rows of numbers and words under a line of names; what does not exist is an empty cell."""
+    """CSV of rows of numbers and words under a line of names; None becomes an empty cell."""
     return csv_line(names) + "".join(map(csv_line, rows))
 
 
 def csv_line(cells: Iterable[object]) -> str:
-    """A line of a table, with its end."""
+    """A line of CSV, with its line end."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([_cell(cell) for cell in cells])
     return text.getvalue()
@@ -473,7 +473,7 @@ def _cell(value: object) -> str:
     return str(value + 0.0 if isinstance(value, float) else value)
 
 
-# Where a cell may begin with what a spreadsheet takes for a formula, and is no plain number. A
+# Beginning of a cell that a spreadsheet would run as a formula, and that is no plain number. A
 # spreadsheet may separate cells by semicolons.
 _NUMBER = r"[\d.]+(?:[eE][+-]?\d+)?\)?(?:[\s,;]|$)"
 _FORMULA = re.compile(rf"(^|[,;])(\s*)(?=[=@+-].)(?=[=@]|[+-](?!{_NUMBER}))")
@@ -501,7 +501,7 @@ def plain(value: object) -> Any:
 
     Complex numbers become [real, imaginary].
     """
-    kind = type(value)  # nearly all of them are numbers, and asked for every posture of a page
+    kind = type(value)  # first the usual kinds: a page converts every posture
     if kind is float:
         return value if isfinite(value) else None  # type: ignore[arg-type]
     if value is None or kind is str or kind is int:

@@ -1,9 +1,9 @@
-"""Arguments of another kind than a public function takes are refused by name.
+"""Refusal of arguments of a wrong type in calls of public functions.
 
-A function checks the numbers that it reads, not that a list is no mapping. Where such an argument
-ends in an error of Python, the call is compared with its annotations: the argument that does not
-fit them is refused in one line, as is a keyword that the function does not take, with the nearest
-that it takes. Calls that succeed cost nothing more.
+Functions check the numbers that they read, but not the type of every argument. If a call ends in an
+error of Python, its arguments are compared with the annotations: one that does not fit is refused
+in one line, as is an unknown keyword, with the closest known one. Calls that succeed take no more
+time.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _WORDS: dict[Any, str] = {
     ArrayLike: "numbers",
 }
 _BY_PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
-#: Arguments that had other words once.
+#: New names of arguments by their former names.
 _RENAMED = {"q0": "q", "axes": "load_axes", "wrench_at": "load_at"}
 
 
 def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The function, whose errors of Python name the argument of a wrong kind.
+    """The function with refusals of arguments of a wrong type.
 
     Parameters
     ----------
@@ -50,9 +50,8 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
     Returns
     -------
     callable
-        Raises `InputError` where the function raised an error that is not cartstiff's and an
-        argument does not fit its annotation, or a keyword is unknown; otherwise the error as it
-        was.
+        Raises `InputError` if the function raised an error of Python and an argument does not fit
+        its annotation, or a keyword is unknown; otherwise the original error.
     """
 
     @functools.wraps(function)
@@ -88,7 +87,7 @@ def _wrong_kind(
                         )
                         known = [f"{own}({place})"]
                     return UnknownArgumentError(f"argument of {own}", name, known)
-        return None  # an argument too many or too few: Python's own words say which
+        return None  # too many or too few arguments: Python's message names them
     for name, value in given.items():
         hint = _resolved(signature.parameters[name].annotation, function)
         if not _fits(value, hint):
@@ -97,7 +96,7 @@ def _wrong_kind(
 
 
 class _Names(dict[str, Any]):
-    """Public names of the package, for annotations whose imports are for type checkers only."""
+    """Names for annotations, including public names that are imported for type checkers only."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.known = {**vars(builtins), **function.__globals__}
@@ -108,17 +107,17 @@ class _Names(dict[str, Any]):
 
 
 def _resolved(annotation: Any, function: Callable[..., Any]) -> Any:
-    """The annotation as an object; what is not known to this process is Any."""
+    """The annotation as an object; unknown names are Any."""
     if not isinstance(annotation, str):
         return annotation
     try:
         return eval(annotation, {}, _Names(function))  # the package's own source
-    except TypeError:  # names that stand for Any take no parameters
+    except TypeError:  # Any, for an unknown name, takes no parameters
         return Any
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of the kind that an annotation names; True where that is not plain."""
+    """Whether a value fits an annotation; True if that cannot be decided."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if hint is Any:
         return True
@@ -149,7 +148,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _words(hint: Any) -> str:
-    """The kind that an annotation names."""
+    """The type of an annotation, in words."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if hint == ArrayLike:
         return _WORDS[ArrayLike]

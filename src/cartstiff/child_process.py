@@ -1,9 +1,9 @@
-"""A stranger's file is read in a process of its own: both ends of the conversation.
+"""Reading an untrusted file in a separate process: both ends of the communication.
 
-A worker is a script that calls `serve` with a function. It gets its arguments as JSON on standard
-input and answers with one line of JSON, after which bytes may follow. It has no environment of the
-user, no open files, little time and memory, writes no file, and, where the kernel allows it, starts
-no program and reaches no network.
+A worker is a script that calls `serve` with a function. It receives its arguments as JSON on
+standard input and prints one line of JSON, after which bytes may follow. It has no environment of
+the user, no open files, limited time and memory, and cannot write files or, if the kernel supports
+that, start programs or use the network.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 
 from cartstiff.errors import InputError
 
-# Seconds until a process that does not even use the processor is given up.
+# Longest time [s], also for a process that waits.
 _LONGEST = 60.0
 _MEGABYTE = 1024 * 1024
 
@@ -39,27 +39,27 @@ def answer_of(
     Parameters
     ----------
     worker : str
-        Its file.
+        Path of the script.
     arguments : list
-        Arguments of its function, as JSON has them.
+        Arguments of its function, as for JSON.
     where, who : str
-        Where messages say that something is wrong, and who found it ("MuJoCo").
+        Place and reader ("MuJoCo"), for messages.
     more : mapping of str to str, optional
-        Variables of its environment.
+        Environment variables.
 
     Raises
     ------
     InputError
-        If it does not come to an end, or breaks down.
+        If it does not end in time, or crashes.
     """
-    # Python's own modules come before a file of the same name beside the user's script.
+    # Python's own modules before files of the same name beside the user's script.
     places = [*(sysconfig.get_path(kind) for kind in ("stdlib", "platstdlib")), *sys.path]
-    # A process with threads, as NumPy would start, gets no network of its own.
+    # One thread only: a process with several cannot enter a network namespace.
     alone = {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, places))}
     environment = {**(more or {}), **alone}
     command = [sys.executable, "-P", "-B", worker]
     try:
-        # In the root folder nobody finds a place for log files.
+        # In the root folder, where libraries cannot write log files.
         done = subprocess.run(
             command,
             env=environment,
@@ -92,15 +92,15 @@ def _end_of(done: subprocess.CompletedProcess[bytes]) -> str:
 
 
 def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -> None:
-    """Answer once, within limits; for the worker.
+    """Run a function once, within limits, and print its result; for the worker.
 
     Parameters
     ----------
     answer : callable
-        Takes the arguments. What it returns is printed, bytes under "payload" after the rest; an
-        exception becomes a line under "error", a missing package its name under "missing".
+        Function of the arguments. Its result is printed, bytes under "payload" after the rest; an
+        exception is printed under "error", the name of a missing package under "missing".
     megabytes, seconds : int
-        Memory, and time of the processor.
+        Limits of memory and processor time.
     """
     import resource
 
@@ -110,10 +110,10 @@ def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -
         (resource.RLIMIT_FSIZE, 0),
     ):
         resource.setrlimit(limit, (value, value))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # a signal, then the end
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # a signal, then termination
     arguments = json.load(sys.stdin)
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print
+    os.dup2(2, 1)  # for output of libraries
     for refuse in (_leave_the_network, _confine) if sys.platform == "linux" else ():
         with suppress(OSError, AttributeError):
             refuse()
@@ -133,7 +133,7 @@ def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -
 def read_regular(path: str, largest: int) -> bytes:
     """Contents of a regular file of limited size; for the worker.
 
-    A pipe or a device is refused before it can be waited for.
+    A pipe or a device is refused without waiting for it.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def read_regular(path: str, largest: int) -> bytes:
 
 
 def _leave_the_network() -> None:
-    """Move to a network of its own, in which nothing is reached; root needs no namespace of users.
+    """Enter a new network namespace, without any connection; root needs no user namespace.
 
     Source: the manual pages unshare(2) and user_namespaces(7).
     """
@@ -162,9 +162,9 @@ def _leave_the_network() -> None:
 
 
 def _confine() -> None:
-    """Refuse writing, new programs and TCP from now on, by Linux's Landlock where there is one.
+    """Forbid writing, new programs and TCP from now on, by Linux's Landlock if available.
 
-    Rights that are handled and granted nowhere are refused everywhere. Source: the manual pages
+    Rights that are handled and not granted anywhere are refused. Source: the manual pages
     landlock(7) and landlock_create_ruleset(2), whose numbers are the same on every processor.
     """
     import ctypes

@@ -1,8 +1,8 @@
-"""Results for programs, described once: the keys of what each command prints with ``--json``.
+"""Keys of the JSON output of each command.
 
-The table `output_keys.yaml` holds each key with its kind and its words. The object that is printed
-has the keys of its table, so that it cannot differ from the JSON schema
-(`cartstiff.report.json_schema`) and the reference page, which are made from the same lines.
+The table `output_keys.yaml` has each key with its kind and its description. The printed object has
+the keys of this table, as have the JSON schema (`cartstiff.report.json_schema`) and the reference
+page.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _CONSTANT = "always "
 
 
 def read_keys(path: Path) -> dict[str, Keys]:
-    """A table of keys."""
+    """Read a table of keys."""
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # seven times as fast
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the former is seven times as fast
     table: dict[str, Keys] = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
     return table
 
 
 @cache
 def output_keys() -> dict[str, Keys]:
-    """Keys of what each command prints, with their kinds and words."""
+    """Keys of each command's output, with their kinds and descriptions."""
     table = read_keys(Path(__file__).with_name("output_keys.yaml"))
     for keys in table.values():
         keys |= {key: table["analyse"][key] for key, kind in keys.items() if kind == "as analyse"}
@@ -37,20 +37,20 @@ def output_keys() -> dict[str, Keys]:
 
 
 def described(command: str, *sources: object) -> dict[str, Any]:
-    """The object that a command prints, as plain data in the order of its table.
+    """The printed object of a command, as plain data in the order of its table.
 
     Parameters
     ----------
     command : str
         Whose table.
     sources : mapping or object
-        Each key is taken from the first of them that has it, as a key or an attribute; keys that
-        may be missing are taken from mappings alone.
+        Each key is read from the first source that has it, as a key or an attribute; optional keys
+        are read from mappings only.
 
     Raises
     ------
     LookupError
-        For a key that none has.
+        For a required key that no source has.
     """
     data: dict[str, Any] = {}
     for entry, kind in output_keys()[command].items():

@@ -1,4 +1,4 @@
-"""The error family: every refusal says what, where, what was expected and what was got."""
+"""The errors of cartstiff: a refusal names the input, its place, and what was expected and got."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def one_line(value: object, longest: int = _LONGEST_SHOWN) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Show what would command a terminal, or turn the direction of text, as its escape.
+    r"""Escape characters that control a terminal or the direction of text.
 
-    Names come from files of strangers: "\x1b]0;..." would reach the terminal as a command, and
-    "\u202e" reverse what stands after it. Ends of lines and tabs stay. Everything that leaves as
-    text, in a table, a picture or a page passes here once.
+    Names come from untrusted files: "\x1b]0;..." would be a command to the terminal, and "\u202e"
+    would reverse the text after it. Line ends and tabs stay. All output, as text, in a table, a
+    picture or a page, passes here once.
     """
     if text.isprintable():
         return text
@@ -32,7 +32,7 @@ def printable(text: str) -> str:
 
 
 def joined(lines: Iterable[str]) -> str:
-    r"""Lines as one text; what would end a line within one, as names may, is shown escaped."""
+    r"""Lines as one text; line ends and tabs within a line are escaped."""
     return "\n".join(printable(line).replace("\n", r"\n").replace("\t", r"\t") for line in lines)
 
 
@@ -45,13 +45,10 @@ def _escaped(character: str) -> str:
 
 
 class CartstiffError(Exception):
-    """Base class of every error that cartstiff raises on purpose.
-
-    It can be sent between processes with all its numbers.
-    """
+    """Base class of every error that cartstiff raises on purpose; can be pickled."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Python would call the class with the message alone, which is not what it takes.
+        # Python would call the class with the message alone.
         return _restored, (type(self), self.args, self.__dict__.copy())
 
 
@@ -64,16 +61,16 @@ def _restored(
 
 
 class InputError(CartstiffError, ValueError):
-    """Something given by the user cannot be used.
+    """Input of the user that cannot be used.
 
     Attributes
     ----------
     what : str
-        The thing that is wrong, in the user's words ("joint stiffness").
+        The faulty input, in the user's words ("joint stiffness").
     where : str or None
         The place: an option, a file with its line, a key.
     expected, got : str or None
-        What would have been accepted, and what was found.
+        Accepted input, and the input that was found.
     """
 
     def __init__(
@@ -108,12 +105,12 @@ class InputError(CartstiffError, ValueError):
 
 
 class UnknownNameError(InputError):
-    """A name that does not exist; carries the valid ones.
+    """A name that does not exist.
 
     Attributes
     ----------
     name : str
-        The name that was asked for.
+        The unknown name.
     valid : tuple of str
         The names that exist.
     """
@@ -123,7 +120,7 @@ class UnknownNameError(InputError):
     ) -> None:
         self.name = name
         self.valid = tuple(dict.fromkeys(valid))
-        # Letters in another case are the nearest of all.
+        # A name that differs in upper and lower case only is the closest.
         same = [v for v in self.valid if str(v).lower() == str(name).lower()]
         close = same or get_close_matches(str(name), self.valid, n=3)
         shown = ", ".join(close or self.valid[:12])
@@ -147,7 +144,7 @@ def check_name(kind: str, name: object, valid: Collection[str], where: str | Non
     Raises
     ------
     UnknownNameError
-        With the nearest of them.
+        With the closest valid names.
     """
     if name not in valid:
         raise UnknownNameError(kind, str(name), valid, where=where)
@@ -180,7 +177,7 @@ class ConvergenceError(CartstiffError):
     iterations : int
         How many steps were taken.
     residual : float
-        What was left, in the units named in the message.
+        Remaining residual, in the units named in the message.
     """
 
     def __init__(self, message: str, *, iterations: int, residual: float) -> None:
@@ -190,7 +187,7 @@ class ConvergenceError(CartstiffError):
 
 
 class MissingDependencyError(CartstiffError, ImportError):
-    """A package is needed and not installed; one that an `extra` of cartstiff adds, or its own."""
+    """A required package is not installed; `extra` is the extra of cartstiff that installs it."""
 
     def __init__(self, package: str, purpose: str, extra: str = "") -> None:
         self.package = package
@@ -201,12 +198,12 @@ class MissingDependencyError(CartstiffError, ImportError):
 
 
 def imported(module: str, package: str, purpose: str, extra: str = "") -> Any:
-    """A module that not every installation has.
+    """Import an optional module.
 
     Raises
     ------
     MissingDependencyError
-        Where it cannot be imported: what needs which package, and how it is installed.
+        If it cannot be imported; with the package and how to install it.
     """
     try:
         return import_module(module)
@@ -215,16 +212,16 @@ def imported(module: str, package: str, purpose: str, extra: str = "") -> Any:
 
 
 def checked_kind(value: object, kinds: type | tuple[type, ...], what: str, expected: str) -> Any:
-    """The value itself; InputError where it is an object of another kind.
+    """Return the value if it is an object of one of the kinds, else raise InputError.
 
     Parameters
     ----------
     value : object
-        What was given.
+        The value.
     kinds : type or tuple of type
-        What it may be.
+        Accepted types.
     what, expected : str
-        For the message: what it is for, and how it is made.
+        Name of the value, and how to make an accepted one, for the message.
     """
     if isinstance(value, kinds):
         return value

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
-#: Longer texts are no arithmetic that a person would check.
+#: Largest number of characters.
 LONGEST = 400
 _CONSTANTS = {"pi": math.pi}
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
@@ -27,19 +27,19 @@ _TWO: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Sub: lambda a, b: a - b,
     ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b,
-    ast.Pow: math.pow,  # not **, which has complex numbers for roots of negative ones
+    ast.Pow: math.pow,  # ** would return complex roots of negative numbers
 }
 _WHAT = f"numbers, parameters, pi, + - * / ** ( ), {', '.join(_FUNCTIONS)}"
 
 
 def is_name(text: str) -> bool:
-    """Whether a parameter may have this name: a letter first, and no constant or function."""
+    """Whether a text can be the name of a parameter and is no constant or function."""
     plain = re.fullmatch(r"[A-Za-z_][A-Za-z_0-9]*", text) is not None
     return plain and len(text) <= 100 and text not in _FUNCTIONS and text not in _CONSTANTS
 
 
 class Expression:
-    """Arithmetic over names, checked when it is made.
+    """Arithmetic over names, checked on construction.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ class Expression:
     Attributes
     ----------
     names : frozenset of str
-        Names that it needs.
+        Names in it.
 
     Raises
     ------
     InputError
-        For anything else: no other function, attribute, index or comparison is read.
+        For any other text: no other function, attribute, index or comparison is accepted.
     """
 
     def __init__(self, text: str, where: str) -> None:
@@ -71,7 +71,7 @@ class Expression:
             )
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # Python's own words on "2if": refused below
+                warnings.simplefilter("ignore")  # of Python about "2if", which is refused below
                 self._tree = ast.parse(text.strip(), mode="eval").body
             self.names = frozenset(self._checked(self._tree))
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -88,7 +88,7 @@ class Expression:
         )
 
     def _checked(self, node: ast.expr) -> set[str]:
-        """Names below a node, all of which is arithmetic."""
+        """Names below a node; raises for anything but arithmetic."""
         if isinstance(node, ast.Constant) and type(node.value) in (int, float):
             return set()
         if isinstance(node, ast.Name) and node.id.isascii():
@@ -107,14 +107,14 @@ class Expression:
         raise self._refused(ast.unparse(node))
 
     def value(self, values: Mapping[str, float]) -> float:
-        """Its number, for values of the names.
+        """Evaluate for values of the names.
 
         Raises
         ------
         UnknownNameError
             For a name without a value.
         InputError
-            Where there is no finite real number: a division by zero, the root of a negative number.
+            If there is no finite real number: a division by zero, the root of a negative number.
         """
         for name in sorted(self.names):
             if name not in values:
@@ -130,7 +130,7 @@ class Expression:
         return result
 
     def of_rows(self, columns: Mapping[str, Iterable[float]]) -> list[float]:
-        """Its numbers for rows of values, one column a name; NaN where there is none."""
+        """Evaluate for rows of values, one column for each name; NaN if there is no real number."""
         names, found = sorted(self.names), []
         for row in zip(*(columns[name] for name in names), strict=True):
             try:

@@ -1,4 +1,4 @@
-"""Figures that need no window: how they are made, and their content as a file."""
+"""Figures without a window, and their content as a file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cartstiff.errors import InputError, imported, printable
 
 
 def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
-    """A matplotlib figure of a size in inches.
+    """Return a matplotlib figure; its size is in inches.
 
     Raises
     ------
@@ -21,7 +21,7 @@ def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
 
 
 def figure_content(figure: Any, ending: str) -> bytes:
-    """A figure as the content of a .png, .svg or .pdf file.
+    """Return the content of a .png, .svg or .pdf file of a figure.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def figure_content(figure: Any, ending: str) -> bytes:
 
     buffer = io.BytesIO()
     _without_formulas(figure)
-    for text in figure.findobj(Text):  # names are no formulas, and no commands
+    for text in figure.findobj(Text):  # names are not formulas, nor control characters
         text.set_text(printable(text.get_text()))
         text.set_parse_math(False)
     figure.savefig(buffer, format=ending[1:])
@@ -43,7 +43,7 @@ def figure_content(figure: Any, ending: str) -> bytes:
 
 
 def _without_formulas(figure: Any) -> None:
-    """Powers of ten beside logarithmic axes as 1e-03: texts are not read as formulas."""
+    """Label logarithmic axes with 1e-03 instead of formulas, which are not rendered."""
     from matplotlib.ticker import LogFormatter
 
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):

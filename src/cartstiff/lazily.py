@@ -10,13 +10,13 @@ if TYPE_CHECKING:
 else:
 
     class cached_property(functools.cached_property):  # noqa: N801 - that one, but for its lock
-        """That of functools as it is from Python 3.12 on, without a lock.
+        """`functools.cached_property` without its lock, as from Python 3.12 on.
 
-        The lock costs as much as many of the numbers that are computed here.
+        The lock takes as long as many of the computations.
         """
 
         def __get__(self, instance, owner=None):
-            """The value, kept with the instance."""
+            """The value, cached in the instance."""
             if instance is None:
                 return self
             value = instance.__dict__[self.attrname] = self.func(instance)

@@ -1,4 +1,4 @@
-"""The stiffness matrices of a posture: their letters, their names, and what each of them means."""
+"""The stiffness matrices of a posture: letters, names, and meanings."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Final, Literal, get_args
 #: "load" is the tangent under the load; the others are connections, by their letters.
 Letter = Literal["load", "A", "B", "K", "F", "+"]
 LETTERS: Final[tuple[str, ...]] = get_args(Letter)
-#: Those that are computed for many postures; "+" is the transpose of "A".
+#: The computed ones; "+" is the transpose of "A".
 OF_MANY: Final[tuple[str, ...]] = ("A", "B", "K", "F", "load")
 
 
 @dataclass(frozen=True)
 class MatrixName:
-    """The name of a stiffness matrix and its meaning, in words for people."""
+    """Name and meaning of a stiffness matrix, in words."""
 
     name: str
     meaning: str
@@ -30,7 +30,7 @@ class MatrixName:
         return f"{self.name}: {self.meaning}"
 
 
-#: Names and meanings by letter; the formulas stand in `cartstiff.geometry.connections`.
+#: Names and meanings by letter; the formulas are in `cartstiff.geometry.connections`.
 MATRICES: Final[dict[str, MatrixName]] = {
     "load": MatrixName(
         "under the load", "what a small added wrench meets while the load goes on as stated"

@@ -1,4 +1,4 @@
-"""How results show themselves: a few lines in Python, the lines and a table in a notebook."""
+"""Display of results: a few lines in Python, the lines and a table in a notebook."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cartstiff.errors import joined, printable
 
 
 class ShownInLines:
-    """What shows itself as the lines of `_lines`; a dataclass that inherits takes `repr=False`."""
+    """Base of classes displayed as the lines of `_lines`; dataclasses need `repr=False`."""
 
     def _lines(self) -> Iterable[str]:
         raise NotImplementedError
@@ -25,7 +25,7 @@ class ShownInLines:
 def html_table(
     heads: Iterable[tuple[str, int]], rows: Iterable[Sequence[str]], caption: str = ""
 ) -> str:
-    """A table of texts: heads with the columns that each spans, and rows after a name each."""
+    """HTML table of texts: heads with their numbers of columns, rows that begin with a name."""
     from html import escape
 
     def shown(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Notes on results, and those on stiffnesses that nobody gave."""
+"""Notes on results; among them those on assumed stiffnesses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cartstiff.errors import UndefinedError
 
 @dataclass(frozen=True)
 class Note:
-    """Something worth knowing about a result: a code, words, and the numbers that show it."""
+    """A note on a result: a code, a message, and the numbers that show it."""
 
     code: str
     message: str
@@ -20,7 +20,7 @@ class Note:
 
     @classmethod
     def of(cls, error: UndefinedError, what: str = "") -> Note:
-        """Why a quantity does not exist, as a note."""
+        """Note with the reason why a quantity does not exist."""
         return cls(error.code, f"{what}: {error}" if what else str(error), dict(error.values))
 
     def __str__(self) -> str:
@@ -32,7 +32,7 @@ class Note:
 
 
 def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:
-    """Note on joints, of all of them, whose stiffness nobody gave."""
+    """Note on joints, among all in `of`, with an assumed stiffness."""
     every = len(joints) == len(of)
     who = "every joint" if every else ", ".join(joints)
     return Note(
@@ -46,7 +46,7 @@ def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) ->
 
 
 def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...]:
-    """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
+    """Notes that remain after stiffnesses were given to all joints, or to those in a mapping."""
     kept = []
     for note in notes:
         if note.code == "springs-missing":

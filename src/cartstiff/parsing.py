@@ -23,22 +23,22 @@ def parse_numbers(
     text : str
         The numbers.
     where : str
-        What they were given as: an option, a line of a file.
+        Their place: an option, a line of a file.
     count : int, optional
-        How many there must be.
+        Required count.
     word : callable
-        The number that a text stands for which is none, such as "rigid"; from the text and `where`.
+        Number of a word such as "rigid", or None, from the word and `where`.
 
     Raises
     ------
     InputError
-        With `where`, what was expected, and what was given.
+        With `where`, the expected and the given text.
     """
     parts = [part.strip() for part in text.split(",")]
     numbers = []
     for part in parts:
-        if (stands_for := word(part, where)) is not None:
-            numbers.append(stands_for)
+        if (number_of_word := word(part, where)) is not None:
+            numbers.append(number_of_word)
             continue
         try:
             number = float(part)

@@ -1,4 +1,4 @@
-"""Folders of ROS packages: which a name means, and which a robot's file may read."""
+"""Folders of ROS packages: the folder of a name, and the folders that a robot's file may read."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
 
-# Folders below a search path in which packages are looked for, as rospack does, but bounded.
-_DEEPEST, _MOST_FOLDERS = 4, 20_000
+# Largest depth and number of folders below a search path in which packages are searched.
+_MAX_DEPTH, _MAX_FOLDERS = 4, 20_000
 _NAME = re.compile(r"<name[^>]*>\s*([^<\s]+)\s*</name>")
 _OF_ROBOTS = ("urdf", "xacro", "meshes", "robots")
 
@@ -25,7 +25,7 @@ def search_path(folders: Iterable[Path | str] = ()) -> list[str]:
 
 
 def where_packages_are(package: str) -> str:
-    """How to get a package that is not found."""
+    """Advice for a package that is not found, in words."""
     return (
         f"the folder {package} (from the maker's repository) beside the file's package, or "
         "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder it is in"
@@ -33,16 +33,16 @@ def where_packages_are(package: str) -> str:
 
 
 def own_folder(file: Path) -> Path:
-    """Folder of the package that a file lies in: the nearest with a package.xml, or its own."""
+    """Folder of the package of a file: the nearest one with a package.xml, or the file's own."""
     parents = file.resolve().parents
     return next((p for p in parents if (p / "package.xml").is_file()), parents[0])
 
 
 def package_folders(name: str, file: Path, searched: Iterable[str] = ()) -> Iterator[Path]:
-    """Folders of a ROS package, the one that counts first, each looked for when it is asked for.
+    """Find folders of a ROS package, the preferred one first.
 
-    The package that the file lies in counts first, then one in or below `searched`, in their order;
-    without any, one beside a folder above the file. A folder is a package by the name in its
+    First comes the package that contains the file, then one in or below `searched`, in their order;
+    if there is none, one beside a folder above the file. A folder is a package by the name in its
     package.xml, or by its own name if it has a package.xml or a folder such as urdf or meshes.
     """
     if not re.fullmatch(r"[A-Za-z]\w*(?:[.-]\w+)*", name):
@@ -67,16 +67,16 @@ def _beside(above: Iterable[Path], name: str) -> Iterator[Path]:
 
 def _below(top: Path, name: str) -> Path | None:
     """The package in a folder: the folder itself, or one of those below it."""
-    if _is_package(top / name, name):  # nearly always
+    if _is_package(top / name, name):  # the usual case
         return top / name
     level, count = [top], 0
-    for _ in range(_DEEPEST):
+    for _ in range(_MAX_DEPTH):
         for folder in level:
             if _is_package(folder, name):
                 return folder
         level = [inner for folder in level for inner in _folders(folder)]
         count += len(level)
-        if count > _MOST_FOLDERS:
+        if count > _MAX_FOLDERS:
             return None
     return None
 

@@ -167,7 +167,7 @@ class QuickPosture(PostureStiffness):
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """What was assumed, and why something does not exist."""
+        """Assumptions, and reasons why something does not exist."""
         if not self._record[self._code.digits] < 1.0:
             return self._engine.notes
         return (*self.notes_on_posture, *self._code.notes_on_chart)

@@ -2,7 +2,7 @@ r"""Coordinate charts of SE(3) and the change between coordinate fields and left
 
 A chart maps coordinates xi (6,) to a pose. Its *basis matrix* gamma writes the coordinate fields
 E_i = d/dxi_i on the left-invariant basis, E_i = sum_j gamma[j, i] L_j ([ZK]_ eq. 44): it is the
-body Jacobian of the map. Where it is singular the chart is none, and that is said.
+body Jacobian of the map. Where it is singular, `UndefinedError` is raised.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from cartstiff.geometry.connections import Connection, flat
 from cartstiff.geometry.differences import jacobian
 from cartstiff.geometry.se3 import Array
 
-# A chart is called singular where the basis matrix has lost ten digits: what would be computed
-# through it then has six digits at best.
+# A chart is singular where the basis matrix has lost ten digits: results have six digits at best.
 _SINGULAR = numerics.RANK
 
 
@@ -35,13 +34,13 @@ class Chart:
     name : str
         For messages.
     pose : callable
-        ``pose(xi)`` gives the 4x4 pose.
+        ``pose(xi)`` returns the 4x4 pose.
     basis : callable
         ``basis(xi)[j, i]``: E_i = sum_j basis[j, i] L_j.
     basis_derivative : callable
         ``basis_derivative(xi)[j, i, l]``: derivative of ``basis[j, i]`` along xi_l.
     singular_where : str
-        The chart's singular set in words, for messages.
+        The singular set, for messages.
     """
 
     name: str

@@ -46,11 +46,11 @@ class Connection:
     meaning : str
         One line for people.
     left_invariant : bool
-        Whether the symbols hold at every pose. A chart's flat connection is known by its symbols
-        at one posture only.
+        Whether the symbols are the same at every pose. Those of a chart's flat connection are
+        known at one posture only.
     tied_to_origin : bool
-        True if the same name means another connection once the body frame moves: the kinematic
-        connection is that of the kinetic energy of a ball whose centre is the frame's origin.
+        Whether the same name means another connection for another body frame: the kinematic
+        connection is that of the kinetic energy of a ball centred at the frame's origin.
     """
 
     name: str
@@ -285,7 +285,7 @@ def _cartan(share: float) -> Array:
 
 
 def _kinematic() -> Array:
-    """nabla_X Y = (1/2 w1 x w2, w1 x v2): of the bracket half, the whole, and nothing."""
+    """nabla_X Y = (1/2 w1 x w2, w1 x v2)."""
     share = np.zeros((6, 6, 1))
     share[:3, :3], share[3:, :3] = 0.5, 1.0
     return share * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
@@ -302,7 +302,7 @@ KINEMATIC = Connection(
     MATRICES["K"].meaning,
     tied_to_origin=True,
 )
-#: Cartan's (+) connection, nabla_X Y = [X, Y]: gives the transpose of K^A.
+#: Cartan's (+) connection, nabla_X Y = [X, Y]; its stiffness is the transpose of K^A.
 CARTAN_PLUS = Connection("+", _cartan(1.0), MATRICES["+"].meaning)
 
 #: The named left-invariant connections.
@@ -316,7 +316,7 @@ class Field:
     Parameters
     ----------
     components : callable
-        ``components(T)`` gives the 6 components at pose ``T`` (4, 4).
+        ``components(T)`` returns the 6 components at pose ``T`` (4, 4).
     derivative : callable, optional
         ``derivative(T)[k, i]`` is the derivative of component k along L_i. Without it, an
         eighth-order central difference is taken, good to about 1e-12 of the components' scale.

@@ -1,4 +1,4 @@
-"""Numerical differentiation, for functions whose derivatives nobody has written down."""
+"""Numerical differentiation, for functions without given derivatives."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cartstiff.geometry.se3 import Array
 # truncation (step^8 times a ninth derivative over 630) and the rounding are both near 1e-14.
 STEP = 2e-2
 _FIRST = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
-# The same from the three nearest pairs alone, of sixth order: what the fourth changes is the error.
+# Sixth order, from the three nearest pairs; the difference from eighth order estimates the error.
 _FIRST_OF_THREE = (3 / 4, -3 / 20, 1 / 60, 0.0)
 _SECOND = ((1, 8 / 5), (2, -1 / 5), (3, 8 / 315), (4, -1 / 560))
 _SECOND_AT_ZERO = -205 / 72
@@ -28,7 +28,7 @@ def derivative(f: Callable[[float], ArrayLike], step: float = STEP) -> Array:
 
 
 def derivative_with_error(f: Callable[[float], ArrayLike], step: float) -> tuple[Array, Array]:
-    """`derivative`, and its change from sixth to eighth order: more than what it is off by."""
+    """`derivative`, and its change from sixth to eighth order, which exceeds its error."""
     pairs = np.array([np.asarray(f(m * step)) - np.asarray(f(-m * step)) for m, _ in _FIRST])
     slope = np.tensordot([weight for _, weight in _FIRST], pairs, 1) / step
     return slope, np.abs(slope - np.tensordot(_FIRST_OF_THREE, pairs, 1) / step)

@@ -1,4 +1,4 @@
-"""Numbers that carry their first and second derivatives, for energies in a few variables."""
+"""Numbers with first and second derivatives, for energies in a few variables."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 
-# Of the arc tangent of numbers that are recorded: exact to rounding up to 0.2.
+# Series of the arc tangent of recorded numbers, exact to round-off up to 0.2.
 _ARC_TANGENT = [(-1.0) ** k / (2 * k + 1) for k in range(12)]
 
 
 def _each(name: str, x: Array) -> Array:
-    """A function of every number; those that are recorded have it themselves."""
+    """Apply a function to every number; recorded numbers have it as a method."""
     if x.dtype != object:
         return np.asarray(getattr(np, name)(x))
     own = [getattr(v, name)() if hasattr(v, name) else getattr(math, name)(v) for v in x.flat]
@@ -25,12 +25,12 @@ def _each(name: str, x: Array) -> Array:
 
 
 def sines_of(x: Array) -> Array:
-    """Sines, of numbers that are recorded as well."""
+    """Sines of numbers, which may be recorded."""
     return _each("sin", x)
 
 
 def cosines_of(x: Array) -> Array:
-    """Cosines, of numbers that are recorded as well."""
+    """Cosines of numbers, which may be recorded."""
     return _each("cos", x)
 
 
@@ -98,7 +98,7 @@ class Jet:
     __rmul__ = __mul__
 
     def __getitem__(self, index: Any) -> Jet:
-        """Some of the values, by an index of their own axes that stand in front."""
+        """Some of the values, by an index of their axes."""
         return Jet(self.value[index], self.gradient[index], self.hessian[index])
 
     def combined(self, matrix: Array) -> Jet:
@@ -110,7 +110,7 @@ class Jet:
         )
 
     def among(self, selection: Array) -> Jet:
-        """The same in more variables, by what (..., n, m) these are of the n it has."""
+        """The same in m variables, `selection` (..., n, m) being rates of the n present ones."""
         turned = selection.swapaxes(-1, -2)
         gradient = (self.gradient[..., None, :] @ selection)[..., 0, :]
         return Jet(self.value, gradient, turned @ self.hessian @ selection)
@@ -145,7 +145,7 @@ def variables(values: Array) -> list[Jet]:
 
 
 def stacked(jets: Sequence[Jet]) -> Jet:
-    """Jets (...) as one (..., k), so that one operation serves them all."""
+    """Stack k jets (...) to one (..., k)."""
     return Jet(
         np.stack([jet.value for jet in jets], axis=-1),
         np.stack([jet.gradient for jet in jets], axis=-2),

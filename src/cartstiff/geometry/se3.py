@@ -37,7 +37,7 @@ def skew(v: ArrayLike) -> Array:
 
 
 def skew_of(v: Array) -> Array:
-    """`skew` of an array, of numbers that are recorded as well."""
+    """`skew` of an array, which may hold recorded numbers."""
     m = np.zeros((*v.shape[:-1], 3, 3), v.dtype)
     m[..., 2, 1] = v[..., 0]
     m[..., 1, 2] = -v[..., 0]
@@ -139,7 +139,7 @@ def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
     rt = T[..., :3, :3].swapaxes(-1, -2)
     m = np.zeros((*T.shape[:-2], 6, 6))
     m[..., :3, :3] = m[..., 3:, 3:] = rt
-    m[..., 3:, :3] = rt @ skew(-T[..., :3, 3])  # nothing is rounded twice
+    m[..., 3:, :3] = rt @ skew(-T[..., :3, 3])  # rounds only once
     return m
 
 
@@ -273,7 +273,7 @@ def from_roll_pitch_yaw(
 
 
 def rotation_by_angles(angles: Array) -> Array:
-    """Rotations (..., 3, 3) of `from_roll_pitch_yaw`, by angles that are recorded as well."""
+    """Rotations (..., 3, 3) of `from_roll_pitch_yaw`; the angles may be recorded numbers."""
     c, s = np.cos(angles), np.sin(angles)
     (cr, cp, cy), (sr, sp, sy) = np.moveaxis(c, -1, 0), np.moveaxis(s, -1, 0)
     rows = (
@@ -287,8 +287,8 @@ def rotation_by_angles(angles: Array) -> Array:
 def roll_pitch_yaw(T: ArrayLike) -> Array:
     """Roll, pitch, yaw of a pose, R = Rz(yaw) Ry(pitch) Rx(roll); pitch in [-pi/2, pi/2].
 
-    Roll is read after yaw has been taken off: near pitch = +-pi/2, where only one combination of
-    the two is determined, the three together still give the rotation to rounding.
+    Roll follows after yaw has been removed: near pitch = +-pi/2, where only one combination of the
+    two is determined, the three together still reproduce the rotation to round-off.
     """
     R = real_array(T)[..., :3, :3]
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
@@ -301,7 +301,7 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
 def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b, symmetric: the curvature of a chain.
 
-    Columns of the body Jacobian (..., 6, n) stand in the order of the joints from base to end, each
+    Columns of the body Jacobian (..., 6, n) are in the order of the joints from base to end, each
     with one coordinate and a constant axis; then d J_a / d q_b = [J_a, J_b] for b after a, and
     S is the second derivative of w . log(pose) at the posture.
     """

@@ -1,4 +1,4 @@
-"""Bases of motions in which springs of any stiffness do not disturb each other."""
+"""Bases of motions in which the stiffness of soft springs is not lost beside stiff ones."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cartstiff.numerics.policy import RANK, Array
 def stiffness_scaled_basis(
     motions: Array, stiffness: Array, across: Array | None = None
 ) -> tuple[Array, NDArray[np.intp]]:
-    r"""Basis of given motions in which springs of any stiffness do not disturb each other.
+    r"""Basis of given motions in which soft springs are not lost beside stiff ones.
 
-    Each motion moves one of the stiffest coordinates that determine them by 1 and the others of
-    these not at all; softer coordinates follow. A stiffness on such motions is graded like its
-    diagonal: a stiff spring stands in its own row and column only. What is stiffer than the
-    coordinate that leads and moves less than `RANK` with it does not move.
+    The stiffest coordinates that determine the motions are *leading*: each motion moves one of them
+    by 1 and the others not at all; softer coordinates follow. A stiff spring is then in its own row
+    and column of the stiffness matrix only. A coordinate that is stiffer than the leading one and
+    moves by less than `RANK` is set to zero.
 
     Parameters
     ----------
@@ -27,19 +27,19 @@ def stiffness_scaled_basis(
     stiffness : ndarray, shape (n,)
         Stiffness of each coordinate, not negative.
     across : ndarray, shape (n, n - f), optional
-        Independent columns at right angles to the motions: with them the work goes with the lesser
-        of f and n - f.
+        Independent columns orthogonal to the motions; with them the cost depends on the lesser of f
+        and n - f.
 
     Returns
     -------
     basis : ndarray, shape (n, f)
     leading : ndarray of int, shape (f,)
-        The coordinates that lead; ``basis[leading]`` is the identity.
+        The leading coordinates; ``basis[leading]`` is the identity.
     """
     n, f = motions.shape
     if f == 0:
         return motions, np.empty(0, np.intp)
-    # What has no spring leads last; among itself it needs an order too.
+    # Coordinates without a spring are the last choice.
     known = stiffness.tolist()
     softest = min((k for k in known if k > 0.0), default=1e300)
     weights = np.sqrt([k if k > 0.0 else 1e-4 * softest for k in known])

@@ -1,148 +1,145 @@
-"""Criteria of single questions: each a number with its reason, for one kind of decision.
+"""Thresholds for one kind of decision each, with their reasons.
 
-What is asked of ranks, definiteness and balance stands in `cartstiff.numerics.policy`.
+Those for rank, definiteness and balance are in `cartstiff.numerics.policy`.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-# -- what is the same ---------------------------------------------------------------------------
+# -- equality -----------------------------------------------------------------------------------
 
-#: Numbers that are given, or found along two ways, are the same within this share: nine digits are
-#: more than people write, and fewer than a few operations lose.
+#: Relative difference within which given numbers, or results of two methods, are equal: nine digits
+#: are more than people write, and fewer than a few operations preserve.
 CLOSE: Final = 1e-9
-#: Places and postures nearer than this (shares of a size, rad) are one, and directions of this
-#: length none: files have six digits.
+#: Positions and postures that differ by less than this (shares of a size, rad) are equal, and
+#: directions shorter than this do not exist: files have six digits.
 NEARBY: Final = 1e-6
-#: A law explains a measured asymmetry, or a fit a matrix, if no more than this share is left.
+#: Largest unexplained share of an asymmetry by a law, or of a matrix by a fit.
 EXPLAINED: Final = 1e-8
-#: Numbers of two processors agree to this.
-PORTABLE: Final = 1e-8
-#: Sums and products of some dozens of numbers are known to this share of their terms.
+#: Round-off of sums and products of some dozens of numbers, as a share of their terms.
 LAST_DIGITS: Final = 1e-14
-#: Two units in the last place: nothing computed is better.
+#: Two units in the last place.
 TWO_UNITS: Final = 4e-16
-#: A limit is kept to within this share of the quantity, or of its natural size.
+#: Tolerance of limits, as a share of the quantity, or of its natural size.
 LIMIT_SLACK: Final = 1e-13
 #: The pitch of a screw is infinite where its direction is shorter than this, beside its moment.
 INFINITE_PITCH: Final = 1e-11
-#: What couples turning and moving is none below this share of the geometric mean of both blocks.
+#: Coupling of rotation and translation vanishes below this share of the geometric mean of both
+#: blocks.
 UNCOUPLED: Final = 1e-10
-#: Lines shorter than this share of a platform's size are not trusted: their directions have six
-#: digits.
+#: Least length of a line, as a share of a platform's size: its direction then has six digits.
 SHORTEST: Final = 1e-10
-#: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
-#: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
-#: met at 1e-12 of the load.
+#: Imaginary part of omega^2 over its size above which a pair is complex. Where two frequencies
+#: meet, their difference is proportional to the root of the change of the load: round-off is 1e-8
+#: there, and this share corresponds to a change by 1e-12.
 COMPLEX: Final = 1e-6
 #: Below this ratio of omega^2 the small ones are taken from the compliance as well.
 FAR_APART: Final = 1e-5
-#: Share of the largest eigenvalue above which a stiffness alone has digits enough.
+#: Share of the largest eigenvalue above which a stiffness alone determines an eigenvalue.
 PLAIN: Final = 1e-8
 #: Forms on the motions of closures below this share of the largest vanish: they are products of
-#: motions that are known to the root of `LAST_DIGITS`.
+#: motions with an error of the root of `LAST_DIGITS`.
 VANISHING: Final = 1e-7
 #: The rank that most postures have counts values above this share of the largest: some of the
 #: postures are nearly singular.
 USUAL_RANK: Final = 1e-8
 
-# -- what counts --------------------------------------------------------------------------------
+# -- significance -------------------------------------------------------------------------------
 
-#: A force, or what is unsure of one, below this share of those beside it is not felt.
+#: A force, or its uncertainty, below this share of the others is negligible.
 NEGLIGIBLE_FORCE: Final = 1e-6
-#: Shares of the mean tension that every cable keeps, if it can: the first that is possible.
+#: Least tension of every cable, as shares of the mean tension: the first that is possible.
 TAUT_SHARES: Final = (0.1, 0.01, 1e-3, 1e-5, 0.0)
-#: A printed number below this share of the largest beside it is printed as 0.
+#: Numbers below this share of the largest one are printed as 0.
 BLANK: Final = 1e-12
-#: Condition numbers of a Jacobian and of an equilibrated stiffness up to which fast arithmetic
-#: answers; beyond them the engine does, which names what is lost.
+#: Largest condition numbers of a Jacobian and of an equilibrated stiffness for recorded arithmetic;
+#: beyond them `cartstiff.analyse` reports the loss of digits.
 PLAIN_JACOBIAN: Final = 1e8
 PLAIN_STIFFNESS: Final = 1e6
-#: That of ``1 + D C`` up to which the inverse of a compliance C under a change D is taken for known
-#: by it: two digits short of where a motion may cost nothing (`IDLE`).
+#: The same of ``1 + D C`` for the inverse of a compliance C under a change D: two digits less than
+#: where a motion may cost no energy (`IDLE`).
 PLAIN_CHANGE: Final = 1e9
-#: Condition number of a stiffness, or of a block of one, up to which it alone has digits enough for
-#: all its eigenvalues.
+#: Largest condition number of a stiffness, or of a block of one, that alone determines all its
+#: eigenvalues.
 PLAIN_BLOCK: Final = 1e4
 
-#: Coordinates of a point fixed to a body up to which it is used: farther away, in the mechanism's
-#: unit of length, it leaves the robot fewer than seven digits.
+#: Largest coordinate of a point fixed to a body, in the mechanism's unit of length: farther away,
+#: the robot's own numbers have fewer than seven digits beside it.
 FARTHEST_POINT: Final = 1e9
 
 # -- searches -----------------------------------------------------------------------------------
 
-#: Residual of an equilibrium that ends the search at once, and
+#: Residual of an equilibrium that ends the search, and
 EQUILIBRIUM_TOLERANCE: Final = 1e-13
-#: the one that is accepted once it falls no more.
+#: the largest accepted one when it stops decreasing.
 ACCEPTED_RESIDUAL: Final = 1e-9
-#: Share of the fall that a slope promises which a step must bring [NocedalWright]_.
+#: Least decrease by a step, as a share of that predicted by the slope [NocedalWright]_.
 SUFFICIENT: Final = 1e-4
-#: The fall of an energy is trusted down to this share of the energies added up.
+#: Least significant decrease of an energy, as a share of the terms in its sum.
 TRUSTED: Final = 1e-11
-#: Shares of a motion's hardness: the least stiffness of a step, and
+#: Shares of a motion's stiffness scale: the least stiffness of a step, and
 SOFTEST: Final = 1e-10
 #: the least negative stiffness of a saddle.
 SADDLE: Final = 1e-8
-#: Stiffnesses of the springs of one equilibrium, in natural units, differ by no more than this
-#: factor: the softest is then known to seven digits beside the stiffest.
+#: Largest ratio of the springs' stiffnesses in one equilibrium, in natural units: the softest one
+#: then has seven digits beside the stiffest.
 LARGEST_STIFFNESS_RATIO: Final = 1e9
-#: Inertias of the motions of one mechanism, in natural units, differ by no more than this factor.
+#: Largest ratio of inertias of the motions of one mechanism, in natural units.
 LARGEST_INERTIA_RATIO: Final = 1e6
-#: Ratio of stiffnesses from which on stiff springs hold back soft ones, and a body on legs moves by
-#: their lengths.
+#: Ratio of stiffnesses from which on stiff springs slow the search down, and a body on legs is
+#: moved in the coordinates of their lengths.
 STIFF: Final = 1e5
-#: That from which on a stiff spring drowns soft ones: half of the digits.
+#: Ratio of stiffnesses at which soft springs lose half of their digits.
 FAR: Final = 1e8
-#: Below this share of the stiffest a motion is as good as free.
+#: Stiffness of a free motion, as a share of the stiffest one.
 AS_GOOD_AS_FREE: Final = 1e-30
-#: A step, of searches whose result is looked at or refined, below this share is none.
+#: Least step of a search whose result is refined or checked later.
 NEGLIGIBLE_STEP: Final = 1e-6
-#: An iteration that comes no nearer has converged within this share.
+#: Largest residual of an iteration that has stopped decreasing.
 CONVERGED: Final = 1e-11
-#: Inverse kinematics and constraints: a pose is reached, a closure met, within this share.
+#: Tolerance of poses in inverse kinematics, and of constraints.
 REACHED: Final = 1e-10
-#: A few units in the last place: no iteration, bisection or fit can do better.
+#: A few units in the last place: the attainable precision of an iteration.
 ATTAINABLE_PRECISION: Final = 1e-15
-#: A step, or a coordinate, below this does not change numbers of size 1.
+#: Least step that changes a number of size 1.
 SMALLEST_STEP: Final = 1e-16
-#: Whole steps in a row that bring a search no nearer to zero.
+#: Largest number of consecutive whole steps without progress.
 FUTILE: Final = 8
-#: Directions in which closures move by less than this share are left where they are.
+#: Least rate of closures along a direction of motion that is used, as a share of the largest.
 LEAST_EFFORT: Final = 1e-9
-#: Steps of central differences in rad and characteristic lengths: the error goes with the square,
-#: rounding with the inverse;
+#: Steps of central differences in rad and characteristic lengths: the error is proportional to the
+#: square, round-off to the inverse;
 DIFFERENCE: Final = 1e-5
-#: of one-sided ones, and of those of first derivatives that are known to ten digits.
+#: of one-sided ones, and of those of first derivatives with ten digits.
 WIDE_DIFFERENCE: Final = 1e-4
-#: Steps of those of eighth order in natural sizes, tried until two orders agree.
+#: Steps of eighth-order differences in natural sizes, tried until two orders agree.
 EIGHTH_ORDER: Final = (5e-3, 5e-4, 5e-5)
-#: and the widest one, where a natural size changes nothing by more than a slight share.
+#: and the widest one, if a natural size causes relative changes below `SLIGHT` only.
 WIDEST: Final = 3e-2
 SLIGHT: Final = 1e-4
-#: Two differentiations, with the full and with half the step, agree to this share.
+#: Largest difference of derivatives with the full and with half the step.
 AGREEING: Final = 1e-6
-#: A sum of squares that falls by less than this share has reached its minimum.
+#: Relative decrease below which a sum of squares has reached its minimum.
 FLAT: Final = 1e-7
-#: A predictor along a path of solutions may miss it by this (of unit vectors): Newton's method then
-#: comes back to the same path in two steps.
+#: Largest error of a predictor along a path of solutions (of unit vectors): Newton's method then
+#: returns to the same path in two steps.
 FOLLOWED: Final = 1e-5
-#: Where the parameter of a path that began at 1 is below this, it has ended at a singular solution:
-#: those of which three meet are then known to the root of `NEARBY`.
+#: Parameter of a path, from 1 to 0, below which it has ended at a singular solution: a triple one
+#: then has an error of the root of `NEARBY`.
 PATH_END: Final = 1e-11
-#: Points whose rotation has a smaller share than this are no pose; the ends of paths to infinity
-#: have 1e-6 and less.
+#: Least share of the rotation in the coordinates of a pose; ends of paths to infinity have 1e-6 and
+#: less.
 NO_ROTATION: Final = 1e-4
-#: A point beside a multiple solution is one itself if it misses the equations by less than this.
+#: Largest residual of a solution near a multiple one.
 BESIDE: Final = 1e-8
-#: A slope so small beside the cost is none.
+#: Slope that vanishes, as a share of the cost.
 NO_SLOPE: Final = 1e-7
-#: Least damping of a step that went well, as a share of what it is added to.
+#: Least damping after a successful step, as a share of the matrix.
 LEAST_DAMPING: Final = 1e-4
-#: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
-#: percent of what one row tells.
+#: Prior information while too few rows are chosen, as a share of that of one row.
 FAINT: Final = 1e-5
 
-#: Share of its natural size below which a compliance under load is followed along its derivative:
-#: its square is far below what is measured, and stiffer springs hold a search back.
+#: Share of its natural size below which a compliance under load is extrapolated by its derivative:
+#: the error is far below that of measurements, and stiffer springs slow a search down.
 STIFFEST: Final = 1e-4

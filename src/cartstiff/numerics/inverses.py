@@ -1,4 +1,4 @@
-"""Inverses of matrices of stiffnesses, each with the error that is to be expected in it."""
+"""Inverses of stiffness matrices, each with its expected relative error."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.numerics.policy import EPSILON, INVERTIBLE, REPORTED_ERROR, Array, is_symmetric
 
-# Entries that are one or two digits larger than the diagonal cost no more digits than that.
-_EVEN = 10.0
-# Square of the condition up to which a sum is inverted as it is.
-_NO_LOSS = (1e-3 * REPORTED_ERROR / EPSILON) ** 2
+# Largest entry beside a unit diagonal: it costs no more than one or two digits.
+_LARGEST_OFF_DIAGONAL = 10.0
+# Squared condition number up to which a sum is inverted without equilibration.
+_PLAIN_SQUARED_CONDITION = (1e-3 * REPORTED_ERROR / EPSILON) ** 2
 
 
 def inverted(matrices: Array) -> Array:
@@ -28,19 +28,18 @@ def inverted(matrices: Array) -> Array:
 def equilibration(matrix: ArrayLike) -> Array:
     r"""Sizes s (..., n) so that the largest entries of ``M[i, j] / (s_i s_j)`` are about 1.
 
-    The sizes come from the diagonal; where entries beside it are larger, from these. A row of zeros
-    has size 1.
+    The sizes come from the diagonal, or from larger entries beside it. A row of zeros has size 1.
     """
     size = np.abs(np.asarray(matrix, float))
     s: Array = np.sqrt(size.diagonal(0, -2, -1))
-    if s.all() and (size <= _EVEN * s[..., None] * s[..., None, :]).all():
+    if s.all() and (size <= _LARGEST_OFF_DIAGONAL * s[..., None] * s[..., None, :]).all():
         return s
     if not s.all():
         s = np.where(s > 0.0, s, np.sqrt(_largest(size)))
         s = np.where(s > 0.0, s, 1.0)
     for _ in range(20):
         largest = _largest(size / (s[..., None] * s[..., None, :]))
-        uneven = (largest > _EVEN).any(axis=-1, keepdims=True)
+        uneven = (largest > _LARGEST_OFF_DIAGONAL).any(axis=-1, keepdims=True)
         if not uneven.any():
             break
         s = s * np.where(uneven & (largest > 0.0), np.sqrt(largest), 1.0)
@@ -48,19 +47,19 @@ def equilibration(matrix: ArrayLike) -> Array:
 
 
 def _largest(sizes: Array) -> Array:
-    """Largest entry (..., n) in each row and the column of its number."""
+    """Largest entry (..., n) in each row and the column of the same index."""
     return np.maximum(sizes.max(axis=-1, initial=0.0), sizes.max(axis=-2, initial=0.0))
 
 
 class Inverse(NamedTuple):
-    """An inverse matrix (n, n) and the relative error that is to be expected in it."""
+    """An inverse matrix (n, n) and its expected relative error."""
 
     matrix: Array
     error: float
 
 
 def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inverse | None:
-    """Inverse of a square matrix by way of the equilibrated one; None if that is singular.
+    """Inverse of a square matrix, from the equilibrated one; None if that is singular.
 
     The inverse of a symmetric matrix is exactly symmetric.
 
@@ -79,14 +78,14 @@ def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inve
 
 
 def invert_each(matrices: Array, sizes: ArrayLike | None = None) -> tuple[Array, Array]:
-    """`invert` for each of a stack of square matrices; of a symmetric one to rounding only.
+    """`invert` for each of a stack of square matrices; symmetric inverses to round-off only.
 
     Returns
     -------
     inverses : ndarray, shape (k, n, n)
         NaN where a matrix is singular.
     errors : ndarray, shape (k,)
-        Relative errors to be expected; infinite where a matrix is singular.
+        Expected relative errors; infinite where a matrix is singular.
     """
     s = equilibration(matrices) if sizes is None else np.asarray(sizes, float)
     both = s[..., None] * s[..., None, :]
@@ -111,13 +110,13 @@ def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
 
 
 def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """`inverse_of_sum` of stacks (N, n, n), NaN where there is none; and which lose no digits."""
+    """`inverse_of_sum` of stacks (N, n, n), NaN where there is none; where no digits are lost."""
     better: Array = np.full_like(inverses, np.nan)
     plain = np.zeros(len(better), bool)
     exists = np.flatnonzero(np.isfinite(inverses + changes).all(axis=(1, 2)))
     factors = np.eye(inverses.shape[2]) + changes[exists] @ inverses[exists]
     turned = inverted(factors)  # NaN where one is singular
-    plain[exists] = _squares(factors) * _squares(turned) < _NO_LOSS
+    plain[exists] = _squares(factors) * _squares(turned) < _PLAIN_SQUARED_CONDITION
     lost = ~plain[exists]
     if lost.any():
         turned[lost] = invert_each(factors[lost])[0]

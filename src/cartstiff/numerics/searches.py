@@ -1,4 +1,4 @@
-"""Newton's method with steps of least change: how far a step goes, and when the search ends."""
+"""Newton's method with steps of least norm, limits of a step, and criteria for the end."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def least_change(
     rank: float = RANK,
     weights: Array | float = 1.0,
 ) -> tuple[T, float, int]:
-    """The point near x that meets equations best, its residual, and the number of evaluations.
+    """The point near x with the least residual, that residual, and the number of evaluations.
 
     The search ends at `ATTAINABLE_PRECISION`; below `tolerance` once a step no longer halves the
-    residual; after `FUTILE` whole steps in a row that bring nothing, at a least residual that is
-    not zero; and where steps change nothing.
+    residual; after `FUTILE` consecutive whole steps without progress, at a minimum that is not
+    zero; and when steps are too small to change the point.
 
     Parameters
     ----------
     x
-        Start of the search, of any type that the two functions take.
+        Start of the search, of any type that both functions accept.
     equations : callable
         Residual (m,) of a point and its rates (m, n), in natural units.
     retract : callable
@@ -41,13 +41,13 @@ def least_change(
     evaluations : int
         Bound on the number of evaluations.
     longest_step : float
-        Largest part of one step; longer ones are shortened.
+        Largest component of a step; longer steps are shortened.
     tolerance : float
-        Largest residual that is accepted where steps no longer halve it.
+        Largest residual that is accepted when steps no longer halve it.
     rank : float
-        Share of the largest singular value of the rates below which directions are left alone.
+        Share of the largest singular value of the rates below which directions are not used.
     weights : ndarray (n,) or float
-        How far each coordinate moves where all are pushed alike.
+        Relative mobility of the coordinates.
     """
     best, kept, futile, seen = np.inf, x, 0, 0
     while seen < evaluations:

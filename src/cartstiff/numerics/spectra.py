@@ -1,4 +1,4 @@
-"""Eigenvalues from a matrix and its inverse, each where it has its digits."""
+"""Eigenvalues from a matrix and its inverse, each from the more accurate one."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ def eigenvalues(
 ) -> Array:
     r"""Eigenvalues of symmetric matrices with their signs, smallest first.
 
-    A matrix M of doubles knows its eigenvalues to about ``EPSILON |M|``, its inverse C their
-    inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the others from C, with k
-    so that the worst of them has most digits. A matrix that is well conditioned needs no inverse.
-    Without an inverse what is below `ZERO` times the largest is exactly zero.
+    A matrix M of doubles determines its eigenvalues to about ``EPSILON |M|``, its inverse C their
+    inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the others from C, with
+    the k that makes the largest error least. A well-conditioned matrix needs no inverse. Without an
+    inverse, eigenvalues below `ZERO` times the largest become exactly zero.
 
     Parameters
     ----------
     matrix : array_like, shape (..., n, n)
         Only the symmetric part counts.
     inverse : array_like, shape (..., n, n), optional
-        Inverse of each matrix; NaN where there is none. Where the matrix is NaN the inverse alone
-        is taken.
+        Inverse of each matrix; NaN if there is none. If the matrix is NaN, the inverse alone is
+        used.
     losses : tuple of float
-        Relative errors of matrix and inverse, each over `EPSILON`: what is a difference knows less.
+        Relative errors of matrix and inverse, divided by `EPSILON`; more than 1 for differences.
     doubtful : bool
-        Return what is known to less than `LOST_ERROR`, too.
+        Whether to return eigenvalues with an error above `LOST_ERROR`, too.
 
     Returns
     -------
     ndarray, shape (..., n)
-        NaN where neither is known, and where one of the values is known to less than `LOST_ERROR`.
+        NaN if neither matrix is known, or if one of the values has an error above `LOST_ERROR`.
     """
     a = _of_symmetric(matrix)
     n = a.shape[-1]
@@ -65,7 +65,7 @@ def eigenpairs(
 ) -> tuple[Array, Array]:
     """`eigenvalues` (n,) of one symmetric matrix, and its eigenvectors in columns (n, n).
 
-    NaN where these lose what `eigenvalues` needs.
+    NaN if one of the values has an error above `LOST_ERROR`.
     """
     a, u = np.linalg.eigh(0.5 * (matrix + matrix.T))
     if inverse is None:
@@ -81,8 +81,7 @@ def eigenpairs(
     if _errors(*sizes, cut, losses)[0] > LOST_ERROR:
         return np.full(len(a), np.nan), u
     i, j = i[: cut[0]], j[cut[0] :]
-    # From two sources, so that they are at right angles only about: each is next to its own, the
-    # first keep their direction.
+    # The vectors of two matrices are not exactly orthogonal: the first keep their directions.
     q, r = np.linalg.qr(np.concatenate((u[:, i], v[:, j]), axis=1))
     vectors = np.where(r.diagonal() < 0.0, -q, q)
     values = np.concatenate((a[i], c[j]))
@@ -91,18 +90,18 @@ def eigenpairs(
 
 
 def hold_all_digits(values: Array) -> bool:
-    """Whether a matrix with these eigenvalues (n,) alone has digits enough for all of them."""
+    """Whether a matrix with these eigenvalues (n,) alone determines all of them."""
     sizes = [abs(x) for x in values.tolist()]
     return max(sizes, default=0.0) < PLAIN_BLOCK * min(sizes, default=0.0)
 
 
 def number_of_large(a: Array, c: Array) -> tuple[int, float]:
-    """How many eigenvalues to take from a matrix, and the relative error of the worst.
+    """Number of eigenvalues to take from a matrix, and the largest relative error.
 
     Parameters
     ----------
     a, c : ndarray, shape (n,)
-        Sizes of the eigenvalues, the largest first, by the matrix itself and by its inverse.
+        Sizes of the eigenvalues, the largest first, from the matrix and from its inverse.
     """
     cut = _cut(a[None], c[None], (1.0, 1.0))
     return int(cut[0]), float(_errors(a[None], c[None], cut, (1.0, 1.0))[0])
@@ -122,7 +121,7 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
 
 
 def _cleaned(values: Array) -> Array:
-    """Eigenvalues with what is rounding of the largest set to zero."""
+    """Eigenvalues with round-off of the largest set to zero."""
     size = np.abs(values)
     return np.where(size <= ZERO * size.max(axis=-1, keepdims=True, initial=0.0), 0.0, values)
 
@@ -135,13 +134,13 @@ def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> 
     merged = np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
     if doubtful or not a.shape[-1]:
         return merged
-    # What neither knows may have any sign, and stand anywhere among the others.
+    # Inaccurate values may have any sign and any place in the order.
     merged[_errors(np.abs(a), np.abs(c), k, losses) > LOST_ERROR] = np.nan
     return merged
 
 
 def _errors(a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]) -> Array:
-    """Relative error (m,) of the worst where k are taken from a, the others from c: sizes."""
+    """Largest relative error (m,) if k are taken from a, the others from c, both sizes (m, n)."""
     rows = np.arange(len(a))
     with np.errstate(divide="ignore", invalid="ignore"):
         of_a = losses[0] * a[:, 0] / a[rows, np.maximum(k, 1) - 1]
@@ -151,9 +150,9 @@ def _errors(a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]
 
 
 def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray[np.intp]:
-    """How many of the largest are taken from a (m,); both (m, n), largest first."""
+    """Number (m,) of the largest values to take from a; both (m, n), largest first."""
     n = sizes_a.shape[-1]
-    # Losses of digits if a gives the first k: in the least of those and in the largest of the rest.
+    # Loss with the first k from a: in the least of those and in the largest of the rest.
     cost = np.ones((len(sizes_a), n + 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         cost[:, 1:] = losses[0] * sizes_a[:, :1] / sizes_a
@@ -184,6 +183,6 @@ def ratios(matrices: Array) -> Array:
 
 
 def determinants(matrices: Array) -> Array:
-    """Of matrices (..., n, n); NumPy warns of those that are singular to the last digit."""
+    """Determinants of matrices (..., n, n), without NumPy's warning for singular ones."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.linalg.det(matrices))

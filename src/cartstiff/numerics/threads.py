@@ -1,4 +1,4 @@
-"""One thread for linear algebra on matrices so small that several only wait for each other."""
+"""One thread for linear algebra on small matrices, for which several are slower."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-#: Below so many rows BLAS takes one thread by itself; from so many on, several are worth it.
-_FROM, _TO = 16, 300
+#: Range of rows in which BLAS would use several threads although one is faster.
+_LEAST_ROWS, _LARGEST_ROWS = 16, 300
 
 
 def process_lock() -> Lock:
@@ -29,19 +29,19 @@ _before: list[tuple[Any, int]] = []
 
 @contextmanager
 def one_thread(rows: int | None = None) -> Iterator[None]:
-    """Work on matrices of so many rows with one thread of BLAS; without rows, on many matrices.
+    """Use one thread of BLAS for matrices with `rows` rows, or, without rows, for many matrices.
 
-    A thread of BLAS that has been woken looks for more work for a while, on a processor that the
-    threads of a map need. The number of threads belongs to the process: it comes back once nobody
-    is inside any more. Begin many matrices in the main thread: once that has set the number,
-    OpenBLAS 0.3.30 and 0.3.31 do not listen to other threads.
+    An active thread of BLAS polls for more work for a while, on a processor that the threads of a
+    map need. The number of threads belongs to the process: it is restored when the last context
+    ends. Enter the context for many matrices in the main thread: once that has set the number,
+    OpenBLAS 0.3.30 and 0.3.31 ignore other threads.
     """
     global _inside
-    if rows is not None and not _FROM <= rows < _TO:
+    if rows is not None and not _LEAST_ROWS <= rows < _LARGEST_ROWS:
         yield
         return
     if rows is None:
-        import scipy.linalg  # noqa: F401 - its BLAS, before it is needed in another thread
+        import scipy.linalg  # noqa: F401 - loads its BLAS before another thread needs it
     with _lock:
         held = [library.filepath for library, _ in _before]
         for library in _blas():
@@ -61,7 +61,7 @@ def one_thread(rows: int | None = None) -> Iterator[None]:
 
 
 def _blas() -> list[Any]:
-    """The BLAS libraries of this process; SciPy brings its own when it is first imported."""
+    """The BLAS libraries of this process; SciPy loads its own when it is first imported."""
     with_scipy = "scipy.linalg" in sys.modules
     if with_scipy not in _libraries:
         from threadpoolctl import ThreadpoolController

@@ -40,17 +40,17 @@ from cartstiff.potentials.segment_shapes import (
 )
 
 # Below this |x| the series of z(x) is exact to rounding with the terms kept (it converges up to
-# 4 pi^2); above it the closed forms, and their derivatives by recursion, lose hardly a digit.
+# 4 pi^2); above it the closed forms, and their derivatives by recursion, lose less than a digit.
 SERIES = 4.0
 _TERMS = 20
-# Share of its clamped buckling load (under tension: of the shear stiffness) up to which a segment
-# follows its axial force; beyond it the force stays, as that of a buckled bar does. Forces nearer
-# to a bound than _NEAR stand on it: bisection has brought them there.
-_FLOOR, _NEAR = 0.999, numerics.ROUNDING
-_STEPS = 100
-# From which share of the clamped buckling load, and which turn against the chord (rad), on notes
-# ask for more segments.
-_COMPRESSED, _BENT = 0.75, 0.4
+# Bounds of the axial force, as a share of the clamped buckling load (under tension: of the shear
+# stiffness); beyond them the force is constant, as in a buckled bar. Forces within the relative
+# distance _AT_BOUND of a bound are at it, as bisection has ended there.
+_LARGEST_SHARE, _AT_BOUND = 0.999, numerics.ROUNDING
+_MAX_STEPS = 100
+# Least share of the clamped buckling load, and least turn against the chord [rad], for the notes
+# that ask for more segments.
+_NOTED_COMPRESSION, _NOTED_TURN = 0.75, 0.4
 
 
 def _series() -> Array:
@@ -68,7 +68,7 @@ def stability_functions(x: Array) -> tuple[Array, Array, Array]:
     """z(x) = (m coth m - 1) / x with 4 m^2 = x, and its first two derivatives.
 
     x = N h^2 / EI is positive under tension, and above -4 pi^2, where a clamped segment buckles.
-    Of numbers that are recorded (an array of objects) only the series is: up to `SERIES`.
+    Recorded numbers (an array of objects) have the series only: up to `SERIES`.
     """
     if x.dtype == object:
         z, z1, z2 = power_series(_Z, x)
@@ -79,7 +79,7 @@ def stability_functions(x: Array) -> tuple[Array, Array, Array]:
         return z, z1, z2
     far = np.where(small, SERIES, x)
     m = 0.5 * np.sqrt(np.abs(far))
-    # (m / sinh m)^2, which is nothing long before its parts overflow.
+    # (m / sinh m)^2, which underflows before its parts overflow.
     r = np.where(far > 0, m / np.sinh(np.minimum(m, 300.0)), m / np.sin(m)) ** 2
     y = np.where(far > 0, m / np.tanh(m), m / np.tan(m))
     f = (y - 1) / far
@@ -99,7 +99,7 @@ class Section(NamedTuple):
         EI about y and about z (force length^2).
     shear : tuple of float
         GA_s for the force along z, which bends about y, and along y, which bends about z; infinite
-        where the section does not yield to shear (Euler-Bernoulli).
+        without shear deformation (Euler-Bernoulli).
     """
 
     axial: float
@@ -124,9 +124,9 @@ class Section(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6), forces (m,).
+    """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6), axial forces (m,).
 
-    And of each the larger of its sections' turns against the chord and its twist [rad].
+    `turns` (m,) is the larger of the sections' turns against the chord and the twist [rad].
     """
 
     energies: Array
@@ -155,7 +155,7 @@ class Beam(Potential):
     link : str
         Name of the link, for diagnostics.
     mass : float
-        The beam's own [kg], which the joints' inertias hold at its nodes; 0 where none was given.
+        The beam's own [kg], which is part of the joints' inertias at its nodes; 0 if not given.
     """
 
     indices: Array
@@ -173,7 +173,7 @@ class Beam(Potential):
 
     @cached_property
     def _straight(self) -> Array:
-        """Hessian (m, 6, 6) where nothing is bent or stretched."""
+        """Hessian (m, 6, 6) of the undeformed beam."""
         return read_only(self._evaluated(np.zeros(self.indices.shape)).hessians)
 
     def evaluate(self, posture: Posture) -> Evaluation:
@@ -194,7 +194,7 @@ class Beam(Potential):
         return self._segments(q[self.indices]).axial_forces.copy()
 
     def diagnostics(self, posture: Posture) -> list[Note]:
-        """Segments that are compressed or bent beyond what six coordinates can follow."""
+        """Notes on segments with too much compression or bending for six coordinates."""
         x = posture.q[self.indices]
         diagnostics: list[Note] = []
         if not x.any():
@@ -204,14 +204,14 @@ class Beam(Potential):
         share = -float(N.min()) / self.clamped_load
         count = len(self.indices)
         many = f"beam {self.link!r} with {count} segment{'s' if count > 1 else ''}"
-        if share > _COMPRESSED:
+        if share > _NOTED_COMPRESSION:
             message = (
                 f"{many}: one carries {100 * share:.0f} % of the load at which it buckles between "
                 "clamped ends, which its six coordinates do not show: give more segments"
             )
             values = {"link": self.link, "share": share, "segments": count}
             diagnostics.append(Note("beam-compressed", message, values))
-        if bent > _BENT:
+        if bent > _NOTED_TURN:
             message = (
                 f"{many}: one turns by {bent:.2g} rad against its chord, beyond the theory of "
                 "small turns: give more segments"
@@ -234,12 +234,12 @@ class Beam(Potential):
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Axial forces between which a segment is followed."""
-        return _FLOOR * self._lowest, _FLOOR * min(self.section.shear)
+        """Bounds of the axial force."""
+        return _LARGEST_SHARE * self._lowest, _LARGEST_SHARE * min(self.section.shear)
 
     @cached_property
     def _last(self) -> dict[bytes, _Segments]:
-        """The segments where they were seen last: diagnostics follow on the energy."""
+        """The last result by coordinates, for diagnostics after the energy."""
         return {}
 
     def _segments(self, x: Array) -> _Segments:
@@ -255,9 +255,9 @@ class Beam(Potential):
     def _evaluated(self, x: Array) -> _Segments:
         phi, stretch, turns = shapes = self.shapes(x)
         N, *rotational = self._axial_force(stretch.value, turns.value)
-        # Along the equation of N, which is at its maximum unless it stands at a bound.
+        # N is stationary, unless it is at a bound.
         low, high = self.bounds
-        at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
+        at_bound = ((1 - _AT_BOUND) * low >= N) | ((1 - _AT_BOUND) * high <= N)
         terms = self.terms(shapes, N, rotational, np.where(at_bound, 0.0, 1.0))
         bent = np.maximum(np.abs(phi.value), np.abs(turns.value).max(axis=-1))
         return _Segments(*terms, N, bent)
@@ -282,7 +282,8 @@ class Beam(Potential):
     ) -> tuple[Array, Array, Array]:
         """Energies (m,), gradients (m, 6) and Hessians (m, 6, 6) under axial forces N (m,).
 
-        From `shapes`, `rotational` at N, and where (1, else 0) N follows the elongation.
+        From `shapes`, `rotational` at N, and `follows`: 1 where N depends on the elongation, 0 at a
+        bound.
         """
         (phi, stretch, turns), (s, s1, s2), h = shapes, rotational, self.length
         u, theta = stretch.value, turns.value
@@ -308,19 +309,19 @@ class Beam(Potential):
         return energy, gradient, hessian
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
-        """Tension at which elongation and bowing make up u, by Newton's method in a bracket.
+        """Tension at which elongation and bowing add up to u, by Newton's method in a bracket.
 
-        And there s (m, 4) with its first two derivatives by N.
+        Also s (m, 4) at that tension, with its first two derivatives by N.
         """
         squares, softness = theta * theta, self.length / self.section.axial
         low, high = (np.full(u.shape, bound) for bound in self.bounds)
         N = np.zeros(u.shape)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             s, s1, s2 = self.rotational(N)
             missing = u - N * softness + (s1 * squares).sum(axis=-1)
             low, high = np.where(missing > 0, N, low), np.where(missing < 0, N, high)
             step = missing / (softness - (s2 * squares).sum(axis=-1))
-            # Rounding of the sum, and of N itself.
+            # Round-off of the sum, and of N itself.
             if (np.abs(step) <= numerics.TWO_UNITS * (np.abs(N) + np.abs(u) / softness)).all():
                 break
             following = N + step
@@ -352,7 +353,7 @@ class Beam(Potential):
 
 
 def alike(beams: Iterable[Beam]) -> Iterable[list[Beam]]:
-    """Beams in groups whose segments are the same."""
+    """Groups of beams with equal segments."""
     groups: dict[tuple[float, Section], list[Beam]] = {}
     for beam in beams:
         groups.setdefault((beam.length, beam.section), []).append(beam)
@@ -360,7 +361,7 @@ def alike(beams: Iterable[Beam]) -> Iterable[list[Beam]]:
 
 
 def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
-    """Each potential at a posture; segments of beams that are alike in one go, as one costs."""
+    """Each potential at a posture; equal segments of several beams are evaluated together."""
     bent = (t for t in terms if isinstance(t, Beam) and posture.q[t.indices].any())
     for beams in alike(bent):
         xs = [posture.q[beam.indices] for beam in beams]

@@ -1,8 +1,8 @@
-r"""What a potential is, and what it may ask of a posture.
+r"""Interfaces: a potential, and the posture at which it is evaluated.
 
-A mechanism's posture offers *maps* of its coordinates (to the end-effector's pose, between any two
-frames, to the closure residual): first derivative as a Jacobian, second derivative contracted with
-a covector. A potential answers with energy, gradient and Hessian in the same coordinates.
+A posture has *maps* of its coordinates (to the end-effector's pose, between any two frames, to the
+closure residual): the first derivative is a Jacobian, the second derivative is contracted with a
+covector. A potential returns energy, gradient and Hessian in the same coordinates.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class SecondOrderMap:
         First derivative. For a map to poses: the body Jacobian.
     curvature : callable
         ``curvature(w)`` is the (n, n) symmetric matrix sum_k w_k Hess(component k). For a map to
-        poses the components are exponential coordinates at the posture, which gives
+        poses the components are exponential coordinates at the posture, so that
         ``S[a, b] = 1/2 w . [J_a, J_b]`` for joint a before joint b.
     sizes : ndarray, shape (m,), or None
-        Of the residual of closures: 1 for an angle, the characteristic length for a distance. With
-        it no answer hangs on the unit of length; None: 1 each.
+        Natural sizes of the residual of closures: 1 for an angle, the characteristic length for a
+        distance, so that results do not depend on the unit of length. None: 1 each.
     """
 
     jacobian: Array
@@ -53,8 +53,8 @@ IDENTITY = SecondOrderMap(np.eye(6), _flat)
 class Evaluation(NamedTuple):
     """Energy, gradient (n,) and Hessian (n, n) in the mechanism's coordinates.
 
-    ``hessian[a, b]`` is the derivative of gradient a along coordinate b. It is unsymmetric where
-    the forces have no potential (wrenches that follow the body); their energy is NaN.
+    ``hessian[a, b]`` is the derivative of gradient a along coordinate b. It is asymmetric if the
+    forces have no potential (wrenches that follow the body); the energy is then NaN.
     """
 
     energy: float
@@ -71,7 +71,7 @@ class LineGeometry(NamedTuple):
 
 
 class Posture(Protocol):
-    """What a potential may ask of a mechanism at given coordinates."""
+    """A mechanism at given coordinates, as potentials need it."""
 
     @property
     def q(self) -> Array:
@@ -81,7 +81,7 @@ class Posture(Protocol):
         """Pose ``T_a_b`` and its map, twists being those of b against a in components of b."""
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
-        """Lines from the ground to the body that the posture knows, by the arrays themselves."""
+        """Lines from the ground to the body that the posture has cached for these very arrays."""
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of all masses in a uniform field, with derivatives."""
@@ -92,11 +92,10 @@ POSE = np.outer([1, 1, 1, 0], [0, 0, 0, 1])
 
 
 def rescaled(thing: Any, a: float) -> Any:
-    """The same with all lengths times `a`, forces as they are.
+    """The same with all lengths multiplied by `a`, and unchanged forces.
 
-    Whatever holds such numbers names them in `length_powers`, with the power of the unit of length
-    that is in each of them: one number, or one for each entry. Parts with powers of their own have
-    any.
+    `length_powers` of the object has the power of the unit of length of each number: one, or one
+    for each entry. The power is not used for parts that have `length_powers` themselves.
     """
     powers = thing.length_powers
     changed = {name: _times(getattr(thing, name), a, powers[name]) for name in powers}
@@ -123,7 +122,7 @@ def _times(value: Any, a: float, power: Any) -> Any:
 class Potential(ABC):
     """A potential energy of a mechanism."""
 
-    #: See `rescaled`; None: its numbers are not known, so that it stays in its units.
+    #: See `rescaled`; None: the potential cannot be converted to other units.
     length_powers: ClassVar[Mapping[str, Any] | None] = None
 
     def __init_subclass__(cls, **kwargs: object) -> None:
@@ -137,12 +136,12 @@ class Potential(ABC):
         """Energy, gradient and Hessian at a posture."""
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
-        """The same with lengths times `a`, and coordinates and their forces (n,) times others.
+        """The same with lengths times `a`, coordinates times `sizes`, their forces times `efforts`.
 
         Raises
         ------
         InputError
-            If its numbers are not known.
+            If it cannot be converted.
         """
         if self.length_powers is not None:
             scaled: Self = rescaled(self, a)
@@ -154,14 +153,14 @@ class Potential(ABC):
         )
 
     def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
-        """Sum (n,) of the absolute generalised forces of its members, whose sum is the gradient.
+        """Sum (n,) of the absolute generalised forces of all members, by default of one.
 
-        Forces that cancel by symmetry count; by default there is one member.
+        It includes forces that cancel in the gradient.
         """
         return np.abs(gradient)
 
     def diagnostics(self, posture: Posture) -> list[Note]:  # noqa: ARG002
-        """What limits the answer at a posture; nothing by default."""
+        """Notes on limits of the result at a posture; none by default."""
         return []
 
 
@@ -172,8 +171,8 @@ class PosePotential(Potential):
     Attributes
     ----------
     frame_a, frame_b : str
-        The potential is a function of ``T_a_b``. The names "world" and "body" stand for the
-        inertial frame F and the frame of interest M.
+        The potential is a function of ``T_a_b``. "world" is the inertial frame F, "body" the frame
+        of interest M.
     """
 
     frame_a: str = "world"

@@ -2,18 +2,19 @@ r"""Struts between flexure joints, each condensed to a function of the body's po
 
 From the ground to the body: a flexure, a rigid bar that a spring (the actuator's) lets slide along
 its own line, a flexure. A flexure is three slides and three hinges about x, y, z in a row, z along
-the strut as it was made; each has a spring, or is rigid. With the coordinates q of one strut, their
-stiffnesses k, the pose T of its end and its body Jacobian J, energy is least at a held pose where
+the strut as made; each has a spring, or is rigid. With the coordinates q of one strut, their
+stiffnesses k, the pose T of its end and its body Jacobian J, the energy at a given pose is least
+where
 
     k (q - q_0) = J^T W,    T(q) = T_wanted,                                                   (1)
 
-W being what the strut takes from the body. Its stiffness there is a Schur complement,
+W being the wrench of the body on the strut. Its stiffness there is a Schur complement,
 
     K^B = (J H^-1 J^T)^-1,    H = diag k - S_W,    S_W[a, b] = 1/2 W . [J_a, J_b],             (2)
 
 a before b: the equation of `cartstiff.stiffness.reduction` for a redundant chain. H need not have
-an inverse: (2) is a block of that of ``[[H, -J^T], [J, 0]]``, the matrix of Newton's steps for (1).
-The strut has buckled where H is not positive on the motions that leave its end in place.
+an inverse: (2) is a block of the inverse of ``[[H, -J^T], [J, 0]]``, the matrix of Newton's steps
+for (1). The strut has buckled if H is not positive on the motions that leave its end in place.
 """
 
 from __future__ import annotations
@@ -31,14 +32,15 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import POSE, Evaluation, PosePotential, Posture
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 
+#: Index of the sliding coordinate.
 SLIDE = 6
-_STEPS = 40
-#: Residuals are sums of a few dozen products.
+_MAX_STEPS = 40
+#: Round-off of residuals, which are sums of a few dozen products, in units of their terms.
 ROUNDINGS = 64.0
 
 
 class Flexure(NamedTuple):
-    """Stiffnesses of a flexure joint, infinite where it is rigid, and where it is on the strut.
+    """Stiffnesses of a flexure joint, infinite if rigid, and its place on the strut.
 
     Attributes
     ----------
@@ -58,7 +60,7 @@ class Flexure(NamedTuple):
 
     @property
     def springs(self) -> list[float]:
-        """Of the slides along x, y, z and the hinges about x, y, z."""
+        """Stiffnesses of the slides along x, y, z and the hinges about x, y, z."""
         return [self.shear, self.shear, self.axial, self.bending, self.bending, self.torsion]
 
     @property
@@ -70,8 +72,7 @@ class Flexure(NamedTuple):
 class StrutStates(NamedTuple):
     """Struts at poses: energies (N, m), wrenches (N, m, 6), K^B (N, m, 6, 6), in M; rest lengths.
 
-    `is_found` and `is_stable` (N, m): whether (1) was solved, and whether the strut has not
-    buckled.
+    `is_found` and `is_stable` (N, m): whether (1) was solved, and whether the strut is not buckled.
     """
 
     energy: Array
@@ -86,17 +87,17 @@ class StrutStates(NamedTuple):
 class FlexureStruts(LineSprings):
     """Struts with a flexure joint at either end.
 
-    Lines' `stiffness` is that of the straight strut from end to end, its flexures included, and
-    `rest_length` its length without load: a strut that is not bent pulls as a line does.
+    `stiffness` is that of the straight strut from end to end, including its flexures, and
+    `rest_length` its length without load, so that a straight strut has the force of a line spring.
 
     Attributes
     ----------
     lower, upper : Flexure
-        At the ground and at the body.
+        Joints at the ground and at the body.
     home : ndarray (m, 4, 4)
         Poses in the body frame M of the struts' upper ends as made, z along the strut.
     feet : ndarray (m, 4, 4)
-        Poses in F of their lower ends, the same way.
+        Poses in F of their lower ends, likewise.
     made : ndarray (m,)
         Lengths as made.
     """
@@ -146,7 +147,7 @@ class FlexureStruts(LineSprings):
         along = ends - anchors
         made = np.linalg.norm(along, axis=1)
         z = along / made[:, None]
-        # Level where that has a meaning, so that equal struts about z are turned into each other.
+        # x is horizontal if possible, so that equal struts about z are symmetric.
         x = np.cross([0.0, 0.0, 1.0], z)
         upright = np.linalg.norm(x, axis=1) < numerics.NEARBY
         x[upright] = [1.0, 0.0, 0.0]
@@ -185,7 +186,7 @@ class FlexureStruts(LineSprings):
 
     @property
     def springs(self) -> Array:
-        """Stiffnesses (m, 13) of all coordinates of each strut, infinite where it is rigid."""
+        """Stiffnesses (m, 13) of all coordinates of each strut, infinite if rigid."""
         k = np.empty((len(self.made), 13))
         k[:, :SLIDE], k[:, SLIDE], k[:, SLIDE + 1 :] = (
             self.lower.springs,
@@ -200,18 +201,18 @@ class FlexureStruts(LineSprings):
         return self.home @ se3.inverse(se3.pose(translation=[0, 0, self.upper.offset]))
 
     def wanted(self, T_a_b: Array) -> Array:
-        """Poses (N, m, 4, 4) of the upper flexures' middles seen from the lower ones'."""
+        """Poses (N, m, 4, 4) of the upper flexures' middles relative to the lower ones'."""
         low = self.feet @ se3.pose(translation=[0, 0, self.lower.offset])
         return se3.inverse(low) @ T_a_b[:, None] @ self.ends
 
-    @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
+    @np.errstate(over="ignore", invalid="ignore")  # a diverging search has `is_found` False
     def solve(
         self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
     ) -> StrutStates:
-        """The struts at poses (N, 4, 4) with rest lengths (N, m), from (1) and (2).
+        """States of the struts at poses (N, 4, 4) with rest lengths (N, m), from (1) and (2).
 
-        With `gradient` (N, 6) the rest lengths of the struts `free` (m,) are changed, by as little
-        as possible where they are more than six, until all struts together take it.
+        With `gradient` (N, 6) the rest lengths of the struts `free` (m,) are changed, as little as
+        possible if these are more than six, until all struts together exert the gradient.
         """
         N, m = len(T_a_b), len(self.made)
         k = self.springs
@@ -223,7 +224,7 @@ class FlexureStruts(LineSprings):
         q = rest.copy()
         ends = self.ends
         wanted = self.wanted(T_a_b)
-        # All by roots of energies: soft and stiff springs keep their digits side by side.
+        # Scaled by roots of energies, so that soft springs keep their digits beside stiff ones.
         whole = np.sqrt(self.slides) * self.made
         x_size = 1.0 / np.sqrt(np.where(k > 0.0, k, whole[:, None] ** 2))[:, free_q]
         W_size = whole[:, None] * np.repeat([1.0, 1.0 / float(self.made.mean())], 3)
@@ -236,7 +237,7 @@ class FlexureStruts(LineSprings):
         to_end = se3.adjoint_of_inverse(ends)
         back = to_end.swapaxes(-1, -2)
         diagonal = np.arange(n)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             R, p, J = strut_end(q, self.bars)
             J = J[..., free_q]
             turning = -se3.chain_curvature(J, W) * x_size[:, :, None] * x_size[:, None, :]
@@ -254,7 +255,7 @@ class FlexureStruts(LineSprings):
                 now = np.maximum(now, np.abs(short / W_size[0]).max(axis=1)[:, None])
             ended = (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
             ended |= now <= ROUNDINGS * numerics.EPSILON * whole
-            # Struts that take a gradient together are at rest together.
+            # Struts that exert a gradient together must all have converged.
             settled |= ended if gradient is None else ended.all(axis=1, keepdims=True)
             if np.all(settled | ~np.isfinite(now)):
                 break
@@ -275,7 +276,7 @@ class FlexureStruts(LineSprings):
             W += step[..., n:] * W_size
         inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
         K = inverse[..., n:, n:] * W_size[:, :, None] * W_size[:, None, :]
-        # Beside springs alone only what the load does by turning can be negative.
+        # Without the curvature by the load, H is positive.
         stable = (np.linalg.norm(turning, axis=(-1, -2)) < 0.5) & np.all(k[:, free_q] > 0.0)
         if not stable.all():
             M[..., :n, n:] *= -1.0
@@ -311,7 +312,7 @@ class FlexureStruts(LineSprings):
         return replace(self, rest_length=at.rest_length[0])
 
     def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> StrutStates:
-        """`solve` (N, 4, 4), with open rest lengths, or all, at which they exert gradients."""
+        """`solve` at poses (N, 4, 4), the open or all rest lengths chosen to exert gradients."""
         free = np.isnan(self.rest_length) | every
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not free.any():
@@ -320,18 +321,18 @@ class FlexureStruts(LineSprings):
         return self._balancing(T_a_b, np.where(np.isnan(rest), lengths, rest), gradients, free)
 
     def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> StrutStates:
-        """`solve` with a gradient; found where the rest lengths alone lead to it, too.
+        """`solve` with a gradient; found only if `solve` with these rest lengths agrees.
 
-        Struts that are bent far have several shapes with one rest length.
+        Struts with large bending have several shapes for one rest length.
         """
         at = self.solve(T_a_b, rest, gradient, free)
         again = self.solve(T_a_b, np.where(at.is_found, at.rest_length, rest))
-        apart = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
-        same = apart <= numerics.NEARBY * self.stiffness * self.made
+        difference = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
+        same = difference <= numerics.NEARBY * self.stiffness * self.made
         return at._replace(is_found=at.is_found & again.is_found & same)
 
     def evaluate(self, posture: Posture) -> Evaluation:
-        """Energy, gradient and Hessian at a posture: by the pose, not by lengths alone."""
+        """Energy, gradient and Hessian at a posture, from the pose and not from lengths alone."""
         return PosePotential.evaluate(self, posture)
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
@@ -355,7 +356,12 @@ class FlexureStruts(LineSprings):
 
 
 def ideal_joints_only(springs: object, what: str) -> None:
-    """Refuse struts with flexures in what takes legs for lines; InputError."""
+    """Refuse struts with flexures where legs must be lines.
+
+    Raises
+    ------
+    InputError
+    """
     if isinstance(springs, FlexureStruts):
         raise InputError(
             f"{what} take legs for springs along lines between ideal joints",
@@ -365,7 +371,7 @@ def ideal_joints_only(springs: object, what: str) -> None:
 
 
 def solved(M: Array, right: Array) -> Array:
-    """Solutions of a stack of systems; NaN where one of them has none."""
+    """Solutions of a stack of linear systems; NaN for singular ones."""
     try:
         return np.linalg.solve(M, right)
     except np.linalg.LinAlgError:
@@ -375,7 +381,7 @@ def solved(M: Array, right: Array) -> Array:
 
 
 def turned(angles: Array) -> tuple[Array, Array]:
-    """Rotations by hinges about x, y, z in a row (..., 3, 3), and their axes at the far end."""
+    """Rotations (..., 3, 3) by hinges about x, y, z in a row, and their axes at the far end."""
     (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (sines_of, cosines_of))
     R = np.stack(
         [
@@ -397,9 +403,9 @@ def turned(angles: Array) -> tuple[Array, Array]:
 
 
 def strut_end(q: Array, bars: Any) -> tuple[Array, Array, Array]:
-    """Rotations and places of struts' far ends, and their body Jacobians (..., 6, 13).
+    """Rotations and positions of struts' far ends, and their body Jacobians (..., 6, 13).
 
-    Of coordinates (..., 13) that are recorded as well.
+    The coordinates (..., 13) may be recorded numbers.
     """
     J, beyond = np.zeros((*q.shape[:-1], 6, 13), q.dtype), q[..., 7:10].copy()
     (R1, R2), (axes1, axes2) = turned(np.stack([q[..., 3:6], q[..., 10:13]]))

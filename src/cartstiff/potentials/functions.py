@@ -23,11 +23,11 @@ from cartstiff.geometry.differences import STEP, gradient_and_hessian
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, PosePotential, Posture, Potential
 
-# Two differentiations, with the full and with half the step, must agree to this much of the
+# Largest difference of derivatives with the full and with half the step, as a share of the
 # Hessian's scale; smooth functions of unit curvature reach 1e-10.
 _AGREEMENT = numerics.AGREEING
-# Steps of `taylor_check` up to which the energy must be a finite number.
-_NEAR = 1e-2
+# Largest step of `taylor_check` for which the energy must be finite.
+_FINITE_STEP = 1e-2
 
 
 def _differentiate(f: Callable[[Array], float], scale: Array) -> tuple[float, Array, Array]:
@@ -187,12 +187,12 @@ def taylor_check(
         * numerics.EPSILON
         * (abs(base) + np.abs(values) + steps * abs(slope) + steps**2 * abs(curve))
     )
-    if not np.isfinite(errors[steps <= _NEAR]).all():
+    if not np.isfinite(errors[steps <= _FINITE_STEP]).all():
         return TaylorCheck(np.nan, (float(steps[-1]), float(steps[0])), False)
     usable = np.flatnonzero((errors > floor) & np.isfinite(errors))
     if usable.size < 4:
         return TaylorCheck(np.inf, (float(steps[-1]), float(steps[0])), True)
-    # A right Hessian leaves few points above the floor; the smallest of them tell the order.
+    # A right Hessian leaves few points above the floor; fit the order to the smallest of them.
     last = usable[-min(usable.size, 12) :]
     fitted = float(np.polyfit(np.log(steps[last]), np.log(errors[last]), 1)[0])
     return TaylorCheck(fitted, (float(steps[last[-1]]), float(steps[last[0]])), fitted >= 2.7)

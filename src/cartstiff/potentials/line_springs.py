@@ -43,12 +43,12 @@ def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
     return total
 
 
-#: Sums of a few dozen products are exact to so many roundings of their terms.
-_ADDED = 64.0
+#: Round-off of sums of a few dozen products, in units of their terms.
+_SUM_ROUNDOFF = 64.0
 
 
 def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
-    """Lines from `anchors` (m, 3) in frame a to `points` (m, 3) in frame b, seen in frame b.
+    """Lines from `anchors` (m, 3) in frame a to `points` (m, 3) in frame b, in components of b.
 
     ``lines[s]`` is the gradient of length s along body twists: (b x u, u).
 
@@ -70,7 +70,7 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
 
 
 def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
-    """`line_geometry` of poses (..., 4, 4), recorded as well; of zero length without direction."""
+    """`line_geometry` of poses (..., 4, 4), or recorded ones; lines of zero length have u = 0."""
     R, p = T_a_b[..., :3, :3], T_a_b[..., None, :3, 3]
     along = points - (anchors - p) @ R
     lengths = np.sqrt((along * along).sum(axis=-1))
@@ -113,8 +113,8 @@ class LineSprings(PosePotential):
         Cables: a line shorter than its rest length is slack and carries nothing. A tuple where some
         lines are cables and others push as well.
     balanced_at : tuple of ndarray (m,), (m,), or None
-        Lengths, and the tensions that were chosen there: through the rest length of a stiff line
-        they would come back rounded. None where the rest lengths were given.
+        Lengths, and the tensions chosen there, which the rest length of a stiff line would round.
+        None if the rest lengths were given.
     """
 
     anchors: Array
@@ -135,11 +135,11 @@ class LineSprings(PosePotential):
     def __post_init__(self) -> None:
         for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
             numbers = getattr(self, name)
-            # What nobody can write to is kept as it is: a platform knows its own points by it.
+            # Read-only arrays are kept: a platform recognises its own points by identity.
             flags = getattr(numbers, "flags", None)
-            mine = flags is None or not flags.owndata or flags.writeable
+            copy = flags is None or not flags.owndata or flags.writeable
             what = f"line springs: {name}"
-            value = checked_array(numbers, None, what, finite=False, copy=mine)
+            value = checked_array(numbers, None, what, finite=False, copy=copy)
             shape = (len(self.anchors), width) if width else (len(self.anchors),)
             finite = np.isfinite(value) | (np.isnan(value) & (name == "rest_length"))
             if value.shape != shape or not np.all(finite):
@@ -180,18 +180,18 @@ class LineSprings(PosePotential):
         return line_geometry(T_a_b, self.anchors, self.points).lengths
 
     def is_taut(self, lengths: Array) -> Array:
-        """Which lines carry force: all of them, or the cables longer than their rest length."""
+        """Lines that carry force: all, or the cables longer than their rest length."""
         return (lengths >= self.rest_length) | ~self.cables
 
     def slack(self, posture: Posture) -> list[int]:
-        """Numbers (from 1) of the cables that carry nothing at a posture."""
+        """Numbers (from 1) of the slack cables at a posture."""
         if not self.unilateral:
             return []
         lengths = self.geometry(posture).lengths
         return [int(i) + 1 for i in np.flatnonzero(self.cables & (lengths < self.rest_length))]
 
     def diagnostics(self, posture: Posture) -> list[Note]:
-        """Which cables carry nothing (numbers from 1), and tensions that were chosen among many."""
+        """Notes on slack cables, cables at the edge of slackness, and non-unique tensions."""
         notes = []
         if slack := self.slack(posture):
             numbers = ", ".join(map(str, slack))
@@ -239,7 +239,7 @@ class LineSprings(PosePotential):
         return not self.rest_is_free().any()
 
     def rest_is_free(self, every: bool = False) -> Array:
-        """Which rest lengths are to be chosen: those not given, or all of them."""
+        """Rest lengths to be chosen (m,): those not given, or all."""
         return np.isnan(self.rest_length) | every
 
     def with_rest_balancing(
@@ -261,13 +261,13 @@ class LineSprings(PosePotential):
         size = float(np.abs(geometry.lines).max())
         scale = np.array([1.0] * 3 + [size] * 3)
         matrix = geometry.lines[free].T * scale[:, None]
-        # Of many distributions the one nearest to the present tensions: preload is kept.
+        # With more than six lines, the tensions nearest to the present ones: preload is kept.
         present = self.stiffness * np.nan_to_num(geometry.lengths - self.rest_length)
         tensions = present[free] if np.count_nonzero(free) > 6 else np.zeros(matrix.shape[1])
         missing = wanted * scale - matrix @ tensions
         added, _, _, values = np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)
         tensions = tensions + added
-        if numerics.ratio(values) < numerics.NEAR:  # what rounding left is carried once more
+        if numerics.ratio(values) < numerics.NEAR:  # correct the round-off once
             missing = wanted * scale - matrix @ tensions
             tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)[0]
         missed = np.abs(matrix @ tensions - wanted * scale)
@@ -275,7 +275,7 @@ class LineSprings(PosePotential):
             np.abs(present)
         )
         limit = numerics.BALANCE * np.abs(gradient * scale).max(initial=0.0)
-        if np.any(missed > limit + _ADDED * numerics.EPSILON * summed):
+        if np.any(missed > limit + _SUM_ROUNDOFF * numerics.EPSILON * summed):
             raise InputError(
                 "no tensions of the lines balance this load at this pose",
                 expected="a load that the lines can carry (not a type-2 singularity)",
@@ -302,7 +302,7 @@ class LineSprings(PosePotential):
         return replace(self, rest_length=rest, balanced_at=(lengths, tensions))
 
     def geometry(self, posture: Posture) -> LineGeometry:
-        """The lines at a posture, which knows those of a platform's own legs."""
+        """The lines at a posture, which caches those of a platform's own legs."""
         if (self.frame_a, self.frame_b) == ("world", "body"):
             known = posture.legs(self.anchors, self.points)
             if known is not None:
@@ -335,7 +335,7 @@ class LineSprings(PosePotential):
         return 0.5 * float(t.dot(stretch)), t.dot(geometry.lines), K
 
     def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array]:
-        """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T."""
+        """Lines g (m, 6), stiffnesses k (m,), and the part of the tensions, K^B - sum k g g^T."""
         geometry = self.geometry(posture)
         rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths))
         return geometry.lines, self._taut(geometry.lengths), rest
@@ -348,17 +348,17 @@ class LineSprings(PosePotential):
 
 
 def are_taut(tensions: Array) -> bool:
-    """Whether every cable pulls, or none: what is less than rounding beside the largest is none."""
+    """Whether every cable is in tension, beyond round-off of the largest, or all tensions are 0."""
     least = numerics.NEGLIGIBLE_FORCE * float(np.abs(tensions).max(initial=0.0))
     return bool(tensions.min(initial=np.inf) > least or least == 0.0)
 
 
 def _pulling(matrix: Array, tensions: Array, given: float, cables: Array) -> Array:
-    """Tensions nearest to balanced ones (m,) that balance as well, and in which no cable pushes.
+    """Tensions nearest to balanced ones (m,) that balance as well, without compressed cables.
 
-    Every one of `cables` (m,) pulls at least a tenth of the mean tension that was given, or of
-    those (m,), where that is possible, else the largest of a few shares of it that is; all are -1
-    if one has to push.
+    The least tension of `cables` (m,) is a tenth of the mean `given` tension, or of that of
+    `tensions`, if possible, else the largest possible of a few smaller shares; all are -1 if a
+    cable must be in compression.
     The change ``N y`` is the shortest for which ``N y >= least - t``, N the motions of no wrench
     (`matrix` has rows of wrenches), by non-negative least squares ([LawsonHanson]_, chapter 23).
     """

@@ -1,4 +1,4 @@
-r"""External loads as terms of the energy: forces fixed in the world, wrenches that follow the body.
+r"""External loads as terms of the energy: forces constant in F, wrenches that follow the body.
 
 A load is the one-form alpha on motions of its frame: alpha = -(wrench on the body), as gradient of
 the total energy. With T[i, j] = L_j alpha(L_i), its derivatives along left-invariant fields, and
@@ -34,7 +34,7 @@ from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
 
 def _keep(load: Load, **sizes: int) -> None:
-    """Check the vectors of a load, and keep copies that nothing changes."""
+    """Check the vectors of a load, and set read-only copies."""
     for name, size in sizes.items():
         what = "point of application" if name == "point" else name
         object.__setattr__(load, name, _numbers(getattr(load, name), size, what))
@@ -73,7 +73,7 @@ class Load(Potential):
 
 
 def _forms_of_force() -> Array:
-    """Alpha and K^A (12, 42) of a force -f at a point c, from f and the entries of f c^T."""
+    """Alpha and K^A of a force -f at a point c, linear in f and the entries of f c^T (12, 42)."""
     forms = np.zeros((4, 3, 42))
     for i, f in enumerate(np.eye(3)):
         forms[0, i, 3:6] = f
@@ -96,9 +96,9 @@ _OF_FORCE_B[:, 6:] = np.array([_symmetric(form) for form in _OF_FORCE[:, 6:]])
 
 
 def held_force(force: Array, point: Array, forms: Array = _OF_FORCE_B) -> tuple[Array, Array]:
-    """Alpha and K^B of a force (3,) that is constant in the world, now along the axes of b.
+    """Alpha and K^B of a force (3,), constant in F, given along the axes of b at a point of b.
 
-    It acts on a point of frame b; numbers may be recorded ones. With other forms K^A.
+    Numbers may be recorded. With `_OF_FORCE` as forms, K^A instead.
     """
     flat = np.concatenate((-force, np.multiply.outer(-force, point).ravel())).dot(forms)
     return flat[:6], flat[6:].reshape(6, 6)
@@ -124,7 +124,7 @@ class DeadForce(Load):
     frame_b : str
         Frame that carries the point.
     mass : float
-        Mass whose weight the force is, for reports; 0 for any other force.
+        Mass whose weight the force is; 0 for any other force.
 
     Raises
     ------
@@ -149,8 +149,8 @@ class DeadForce(Load):
 class DeadWrench(Load):
     """A moment and a force constant in the world, at the origin of a frame.
 
-    The force has a potential. A moment constant in the world has none (its work depends on the
-    way taken): with it the energy is NaN and the derivative unsymmetric.
+    The force has a potential. A moment constant in the world has none, as its work depends on the
+    path: with it the energy is NaN and the derivative asymmetric.
 
     Attributes
     ----------
@@ -187,10 +187,10 @@ class DeadWrench(Load):
 
 @dataclass(frozen=True)
 class SemitangentialWrench(Load):
-    r"""A force constant in the world and a moment that turns by half, as dead forces make it.
+    r"""A force constant in the world and a moment that turns by half, from dead forces.
 
-    Equal and opposite dead forces at the ends of two crossed bars of the body make the moment m at
-    the rotation R_0. With ``R_0^T R`` the rotation since then and ``n = R_0^T m``
+    The moment m at the rotation R_0 comes from equal and opposite dead forces at the ends of two
+    crossed bars of the body. With ``R_0^T R`` the rotation since then and ``n = R_0^T m``
 
         Phi = -1/2 tr([n]x^T R_0^T R) - f . p
 
@@ -239,7 +239,7 @@ class SemitangentialWrench(Load):
 class FollowerWrench(Load):
     """A wrench constant in the moving frame: pressure, thrust, a tool that turns with the body.
 
-    It has no potential. Its part of K^A vanishes: seen from the body it does not change.
+    It has no potential. Its part of K^A vanishes, as its body components are constant.
 
     Attributes
     ----------
@@ -272,9 +272,9 @@ class Scaled(Potential):
     Attributes
     ----------
     potential : Potential
-        What is scaled.
+        Term to be scaled.
     factor : float
-        By how much.
+        Factor.
     """
 
     potential: Potential

@@ -1,13 +1,14 @@
-r"""Struts between a base and a platform that give: springs 6x6 in a row with all struts together.
+r"""Struts between a compliant base and a compliant platform: two 6x6 springs in series with them.
 
-From the ground to the body: the spring of the base, the struts side by side, the spring of the
-platform. A spring is three slides and three hinges about x, y, z in a row, as a link's that gives;
-the struts are six coordinates more, for their pose T' as a whole, whose Hessian is their K^B. With
-x of the base, y of the platform, J the body Jacobian of all three at M and W what the body takes,
+From the ground to the body: the spring of the base, the struts in parallel, the spring of the
+platform. A spring is three slides and three hinges about x, y, z in a row, as in a compliant link;
+the struts add six coordinates for the relative pose T' of their ends, whose Hessian is their K^B.
+With coordinates x of the base and y of the platform, the body Jacobian J of all three at M and the
+wrench W on the body,
 
     K_b x = J_x^T W,    W_s(T') = J_s^T W,    K_p y = J_y^T W,    D_b(x) T' D_p(y) = T,
 
-and K^B is the Schur complement of `cartstiff.potentials.flexure_struts`, its equation (2), without
+and K^B is the Schur complement of equation (2) in `cartstiff.potentials.flexure_struts`, without
 terms of S_W within T'.
 """
 
@@ -31,18 +32,18 @@ from cartstiff.potentials.flexure_struts import (
     turned,
 )
 
-_STEPS = 40
+_MAX_STEPS = 40
 
 
 class Mount(NamedTuple):
-    """A spring 6x6 between the ground and the base, or between the platform and the body.
+    """A 6x6 spring between the ground and the base, or between the platform and the body.
 
     Attributes
     ----------
     place : ndarray (4, 4)
-        Of the spring: in F, or in M.
+        Pose of the spring, in F or in M.
     stiffness : ndarray (6, 6)
-        Symmetric and positive definite, of slides along x, y, z and hinges about x, y, z.
+        Symmetric and positive definite, for slides along x, y, z and hinges about x, y, z.
     """
 
     place: Array
@@ -55,7 +56,7 @@ class Mount(NamedTuple):
         return {"place": POSE, "stiffness": 1.0 - slides - slides[:, None]}
 
     def displaced(self, x: Array) -> tuple[Array, Array]:
-        """Motion (N, 4, 4) of what is beyond for coordinates x (N, 6), and its body Jacobian."""
+        """Motion (N, 4, 4) of the far side for coordinates x (N, 6), and its body Jacobian."""
         R, axes = turned(x[:, 3:])
         J = np.zeros((len(x), 6, 6))
         J[:, :3, 3:], J[:, 3:, :3] = axes, R.swapaxes(-1, -2)
@@ -65,12 +66,12 @@ class Mount(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class MountedStruts(FlexureStruts):
-    """Struts whose feet stand on a base that gives, or whose heads bear a platform that gives.
+    """Struts on a compliant base, or with a compliant platform.
 
     Attributes
     ----------
     base, tip : Mount or None
-        None is rigid.
+        None if rigid.
     """
 
     base: Mount | None = None
@@ -85,7 +86,7 @@ class MountedStruts(FlexureStruts):
         return MountedStruts(**own, base=base, tip=tip)
 
     def lengths_at(self, T_a_b: Array) -> Array:
-        """Distances (m,) of the struts' ends at a pose of M, base and platform having given way."""
+        """Distances (m,) of the struts' ends at a pose of M, with base and platform deflected."""
         if not self.is_complete:
             return super().lengths_at(T_a_b)
         return super().lengths_at(self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0])
@@ -94,7 +95,7 @@ class MountedStruts(FlexureStruts):
     def solve(
         self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
     ) -> StrutStates:
-        """As of struts alone; of the springs' energy and of K^B each strut tells an equal share."""
+        """As for struts alone; each strut has an equal share of the springs' energy and of K^B."""
         if gradient is None:
             at = self._at_rest_in(T_a_b, rest_length)
             own = super().solve(at.T, rest_length)
@@ -120,14 +121,14 @@ class MountedStruts(FlexureStruts):
 
     @np.errstate(over="ignore", invalid="ignore")
     def _bearing(self, T: Array, W: Array) -> _Row:
-        """What bears W (N, 6) at M's poses T: each spring follows from W alone, step by step."""
+        """The chain under W (N, 6) at M's poses T, by fixed-point steps for the springs."""
         q = np.zeros((len(T), len(self._springs)))
         sprung = np.delete(np.arange(q.shape[1]), self._struts)
         compliance = np.zeros_like(self._springs)
         own = np.ix_(sprung, sprung)
         compliance[own] = np.linalg.inv(self._springs[own])
         settled = np.zeros(len(T), bool)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             pulled = _pulled(self._row(T, q, W).J, W) @ compliance
             settled = abs(pulled - q).max(axis=1) <= numerics.ROUNDING * np.abs(pulled).max(axis=1)
             q = pulled
@@ -135,14 +136,14 @@ class MountedStruts(FlexureStruts):
                 break
         return self._row(T, q, W)._replace(is_found=settled)
 
-    @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
+    @np.errstate(over="ignore", invalid="ignore")  # a diverging search has `is_found` False
     def _at_rest_in(self, T: Array, rest_length: Array) -> _Row:
-        """What is at rest at M's poses T, by Newton's method for coordinates, T' and W together."""
+        """The chain at rest at M's poses T, by Newton's method for coordinates, T' and W."""
         N, struts = len(T), self._struts
         at = self._row(T, np.zeros((N, len(self._springs))), np.zeros((N, 6)))
         settled, missed = np.zeros(N, bool), np.full(N, np.inf)
         whole = float((np.sqrt(self.slides) * self.made).max())
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             own = super().solve(at.T, rest_length)
             M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
             pull = _pulled(at.J, at.W) - at.q @ self._springs
@@ -164,13 +165,13 @@ class MountedStruts(FlexureStruts):
 
     @property
     def _struts(self) -> slice:
-        """Where the struts' pose stands among the coordinates."""
+        """Indices of the struts' pose among the coordinates."""
         first = 0 if self.base is None else 6
         return slice(first, first + 6)
 
     @cached_property
     def _springs(self) -> Array:
-        """Stiffnesses (n, n) of the springs at base and tip; of the struts' pose none."""
+        """Stiffnesses (n, n) of the springs at base and tip; zero for the struts' pose."""
         n = self._struts.stop + 6 * (self.tip is not None)
         K = np.zeros((n, n))
         if self.base is not None:
@@ -180,7 +181,7 @@ class MountedStruts(FlexureStruts):
         return K
 
     def _row(self, T: Array, q: Array, W: Array, struts: Array | None = None) -> _Row:
-        """The chain at coordinates q, the struts at a pose, or where the springs leave them."""
+        """The chain at coordinates q, the struts at a pose or at that which closes the chain."""
         base = tip = np.broadcast_to(np.eye(4), (len(T), 4, 4))
         parts = []
         if self.base is not None:
@@ -198,7 +199,7 @@ class MountedStruts(FlexureStruts):
         return _Row(struts, q, W, base, tip, J, np.ones(len(T), bool))
 
     def _matrix(self, at: _Row, K: Array) -> tuple[Array, Array]:
-        """``[[H, -J^T], [J, 0]]`` (N, n + 6, n + 6) by sizes, and these."""
+        """``[[H, -J^T], [J, 0]]`` (N, n + 6, n + 6), scaled by sizes, and these."""
         n, own = len(self._springs), self._struts
         H = -se3.chain_curvature(at.J, at.W)
         H[:, own, own] = K
@@ -213,7 +214,7 @@ class MountedStruts(FlexureStruts):
 
 
 class _Row(NamedTuple):
-    """The chain at N poses: T', coordinates q (N, n), W, J (N, 6, n) at M; what the springs do."""
+    """The chain at N poses: T', q (N, n), W, motions of the springs, J (N, 6, n) at M."""
 
     T: Array
     q: Array

@@ -1,6 +1,6 @@
-"""How a segment of a beam is deformed, from its six coordinates: bow, S, twist and slant.
+"""Deformation of a beam segment from its six coordinates: bow, S, twist and slant.
 
-All of it with first and second derivatives (`cartstiff.geometry.jets`).
+All values have first and second derivatives (`cartstiff.geometry.jets`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from cartstiff.geometry.se3 import Array
 # Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
 SMALL_TURN = 0.09
 _TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
-# Of the sine and cosine of a slant.
+# Number of terms of the sine and cosine of a slant.
 _TERMS = 20
 
 
@@ -27,7 +27,7 @@ def with_derivatives(c: Array) -> Array:
 
 def power_series(coefficients: Array, x: Array) -> list[Array]:
     """The three power series at x."""
-    if x.dtype == object:  # numbers that are recorded have no powers
+    if x.dtype == object:  # recorded numbers have no powers
         totals = [np.zeros(x.shape, object) for _ in range(3)]
         for row in coefficients[::-1]:
             totals = [total * x + c for total, c in zip(totals, row, strict=True)]
@@ -37,14 +37,14 @@ def power_series(coefficients: Array, x: Array) -> list[Array]:
 
 
 _STRETCH = with_derivatives(_TURN_TERMS)
-# Of sin(a) / a and cos(a) - 1 by a^2; a segment's turns stay below pi.
+# Series of sin(a) / a and cos(a) - 1 in a^2; a segment's turns stay below pi.
 _FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, 2 * _TERMS + 2)]))
 _SIGNS = (-1.0) ** np.arange(_TERMS)
 _SINE_RATIO = with_derivatives(_SIGNS / _FACTORIALS[1 : 2 * _TERMS : 2])
 _COSINE_LESS_1 = with_derivatives(np.append(0.0, (_SIGNS / _FACTORIALS[: 2 * _TERMS : 2])[1:]))
 
 
-# Which of the six coordinates turn about y and z at the near and at the far end, as selections.
+# Coordinates that rotate about y and z at the near and at the far end, and their selections.
 _TURNS = np.array([[0, 1], [5, 4]])
 _OF_ENDS = np.eye(6)[_TURNS][:, None]
 # From (y, z) of the near and far vectors, each times (cos, sin) of half the twist, to the bows
@@ -59,12 +59,12 @@ _BOW_AND_S = 0.5 * np.block([[np.eye(2), -np.eye(2)], [np.eye(2), np.eye(2)]]) @
 def deformations(x: Array, ratios: Array) -> tuple[Jet, Jet]:
     """Twist (m,), and bow about y and z and S about y and z (m, 4), at coordinates x (m, 6).
 
-    `ratios` (2,) says which part of the S about y and about z is slant, the rest being bending.
+    `ratios` (2,) are the parts of the S about y and about z that are slant; the rest is bending.
     """
     ends = _swing(x[:, _TURNS]).among(_OF_ENDS)  # (m, 2, 3): y, z, twist of the near and far end
     along = variables(x)[3]
     phi = along + ends[:, 0, 2] - ends[:, 1, 2]
-    # Each turned by half the twist, so that they stand on the axes of the section half way.
+    # Each rotated by half the twist, to the axes of the middle section.
     half = stacked([(0.5 * phi).cos(), (0.5 * phi).sin()])
     turned = ends[:, :, :2, None] * half[:, None, None, :]
     count = len(x)
@@ -73,20 +73,20 @@ def deformations(x: Array, ratios: Array) -> tuple[Jet, Jet]:
         turned.gradient.reshape(count, 8, 6),
         turned.hessian.reshape(count, 8, 6, 6),
     ).combined(_BOW_AND_S)
-    # A line that bends in two planes winds: so much of the turn is no strain. Sections that slant
-    # turn about the chord, not about themselves: so much is missing.
+    # Bending in two planes winds the line: this rotation is no strain. Slanted sections rotate
+    # about the chord, not about themselves, which is missing.
     winding = turns[:, 2:] * (1 - 2 * ratios) * turns[:, 1::-1]
     return phi - winding[:, 0] + winding[:, 1], turns
 
 
 def sheared(stretch: Jet, turns: Jet, h: float, ratios: Array) -> tuple[Jet, Jet]:
-    """Elongation and turns of a segment whose section yields to shear, by the exact strains.
+    """Elongation and turns of a segment with shear deformation, from the exact strains.
 
-    The slant is the part of the S that shear makes up; it does not shrink with h:
+    The slant is the part of the S due to shear; it does not decrease with h:
 
         gamma = r theta_a ,  r = f / (1/12 + f)  (`ratios`, of the S about y and z) .
 
-    Seen from the section half way, the chord of length h + u is h + e along it and h S across it:
+    In the axes of the middle section, the chord of length h + u has the components h + e and h S:
 
         S = (1 + u/h) sin|gamma| gamma / |gamma| ,  e = (h + u) cos|gamma| - h .
 
@@ -129,7 +129,7 @@ def _swing(angles: Array) -> Jet:
 def _turn(w: Array) -> tuple[Array, Array, Array]:
     """Angle over sine of an angle, by w = sin^2 of its half, with two derivatives.
 
-    Of numbers that are recorded only the series is: up to `SMALL_TURN`.
+    Recorded numbers have the series only: up to `SMALL_TURN`.
     """
     if w.dtype == object:
         h, h1, h2 = power_series(_STRETCH, w)

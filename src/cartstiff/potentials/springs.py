@@ -22,9 +22,9 @@ from cartstiff.lazily import cached_property
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
-# Share of a link's Euler load from which on a note says that a 6x6 spring does not feel it: the
-# deflection is then too small by about as much.
-_FELT = 0.05
+# Least share of a link's Euler load for a note that a 6x6 spring neglects it: the deflection is too
+# small by about that share.
+_NOTED_COMPRESSION = 0.05
 
 
 class SpringLaw(ABC):
@@ -45,12 +45,12 @@ class SpringLaw(ABC):
         """
 
     def in_units(self, size: float, effort: float) -> SpringLaw:  # noqa: ARG002
-        """The same law of deflections `size` times and torques `effort` times as large in number.
+        """The same law with the numbers of deflections times `size` and of torques times `effort`.
 
         Raises
         ------
         InputError
-            If its numbers are not known.
+            For a law that has no such conversion.
         """
         what = "a spring's law is not converted to other units"
         raise InputError(what, where="--units", got=type(self).__name__)
@@ -88,7 +88,7 @@ class PolynomialLaw(SpringLaw):
         return PolynomialLaw(tuple(x * effort / size**k for k, x in c))
 
     def change_at_torque(self, power: int, x: float) -> float:
-        """Change of the tangent stiffness per coefficient of a power, under a torque that stays."""
+        """Change of the tangent stiffness per coefficient of a power, at constant torque."""
         _, _, k = self.evaluate(x)
         slope = sum(
             m * (m - 1) * c * x ** (m - 2) for m, c in enumerate(self.coefficients, 1) if m > 1
@@ -140,9 +140,9 @@ class TabulatedLaw(SpringLaw):
 
     @cached_property
     def _pieces(self) -> Array:
-        """Rows of knot, energy, torque, slope and two more coefficients of the torque from there.
+        """A row for each piece: knot, energy, torque, slope, two more coefficients of the torque.
 
-        One of each piece, the straight ones at both ends included.
+        The first and the last piece are straight.
         """
         x, y, slopes = self._cubic
         h = np.diff(x)
@@ -213,16 +213,16 @@ class JointSprings(Potential):
     Attributes
     ----------
     stiffness : ndarray, shape (n,)
-        N m/rad (N/m for a prismatic joint); 0 for a joint without a spring. Not used where a
-        nonlinear law stands.
+        N m/rad (N/m for a prismatic joint); 0 for a joint without a spring. Not used for a joint
+        with a nonlinear law.
     rest : ndarray, shape (n,)
         Rest positions; NaN where they are to be chosen so that the springs balance the load at
         the posture (see `with_rest_balancing`).
     laws : mapping of int to SpringLaw
         Nonlinear springs by coordinate index.
     rigid : frozenset of int
-        Coordinates that do not give at all: those given with infinite stiffness. They store no
-        energy, and `stiffness` is 0 there; the mechanism holds them where they are.
+        Coordinates with infinite stiffness. They store no energy, and `stiffness` is 0 there; the
+        mechanism does not move them.
     """
 
     stiffness: Array
@@ -260,14 +260,14 @@ class JointSprings(Potential):
 
     @cached_property
     def is_passive(self) -> Array:
-        """Which joints have no spring (n,)."""
+        """Whether each joint has no spring (n,)."""
         passive = self.stiffness == 0.0
         passive[list(self.laws)] = False
         passive.flags.writeable = False
         return passive
 
     def rest_is_free(self, every: bool = False) -> Array:
-        """Which rest positions are to be chosen: those not given, or all of them."""
+        """Rest positions to be chosen (n,): those not given, or all."""
         return ~self.is_passive if every else ~self.is_passive & np.isnan(self.rest)
 
     def torque(self, q: Array) -> Array:
@@ -305,10 +305,9 @@ class JointSprings(Potential):
         Parameters
         ----------
         posture : Posture
-            Where the torques are exerted.
+            Posture of the torques.
         gradient : ndarray, shape (n,)
-            dPhi/dq wanted at the posture; what joints without a spring would have to carry is left
-            unbalanced.
+            Required dPhi/dq at the posture; entries of joints without a spring are ignored.
         every : bool
             Choose all rest positions, not just those still open.
 
@@ -329,7 +328,7 @@ class JointSprings(Potential):
 
 @dataclass(frozen=True)
 class CoupledSprings(Potential):
-    """A spring over several coordinates, Phi = 1/2 x^T K x, as in a link that gives.
+    """A spring over several coordinates, Phi = 1/2 x^T K x, as in a compliant link.
 
     Attributes
     ----------
@@ -338,7 +337,7 @@ class CoupledSprings(Potential):
     matrix : ndarray, shape (m, m)
         Symmetric K.
     link : str
-        Name of the link that gives: x is then (translation, rotation) of its far side.
+        Name of the compliant link: x is then (translation, rotation) of its far side.
     """
 
     indices: Array
@@ -366,7 +365,7 @@ class CoupledSprings(Potential):
         return replace(self, matrix=self.matrix * efforts[at][:, None] / sizes[at])
 
     def diagnostics(self, posture: Posture) -> list[Note]:
-        """Compression that would matter in a cantilever with the same compliance.
+        """Note on compression that matters in a cantilever with the same compliance.
 
         Its length l and its axis follow from where a pure force turns the far side: the cross
         products of l/2 with the forces.
@@ -385,7 +384,7 @@ class CoupledSprings(Potential):
         softest = float(np.linalg.eigvalsh(bending @ turning @ bending)[-1])  # l / EI
         # Against pi^2 EI / 4 l^2.
         share = -float(force @ axis) * 8.0 * distance * softest / pi**2
-        if not share >= _FELT:
+        if not share >= _NOTED_COMPRESSION:
             return []
         message = (
             f"link {self.link!r} carries {100 * share:.0f} % of the Euler load of a cantilever "

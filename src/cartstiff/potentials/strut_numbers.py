@@ -1,9 +1,9 @@
 """The numbers of struts between flexures as parameters, and such struts with other numbers.
 
-"stiffness.<leg>" is that of a strut's own spring, "stiffness.lower.bending" and its like those of
-the flexures at one end of all struts, alike, and "offset.lower", "offset.upper" where these are.
-What is rigid has no number. A base and a platform that give have a factor on their springs, which
-is 1.
+"stiffness.<leg>" is that of a strut's own spring, "stiffness.lower.bending" and so on are those of
+the flexures at one end of all struts, which are equal, and "offset.lower", "offset.upper" their
+places. Rigid parts have no number. A compliant base or platform has a factor on its spring, 1 by
+default.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""What a load does while the body moves, and the tangent stiffness that follows from it.
+r"""Behaviour of a load while the body moves, and the resulting tangent stiffness.
 
 With W = (m, f) the load about its point P, along the body's axes, a small motion t = (w, v) of the
 body changes these components by ``R t``, and the tangent in the frame at P is ``K^A - R``:
@@ -7,8 +7,8 @@ body changes these components by ``R t``, and the tangent in the frame at P is `
     dead           R = [[ [m]x, 0 ], [ [f]x, 0 ]]       both keep their direction in the room
     conservative   R = [[ 1/2 [m]x, 0 ], [ [f]x, 0 ]]   the force does, the moment turns by half
 
-In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad that of M in P: it moves as a tensor. Each
-kind is thereby a left-invariant affine connection on SE(3), one for each point; "conservative" at
+In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad being that of M in P: it is a tensor. Each
+kind is thus a left-invariant affine connection on SE(3), one for each point; "conservative" at
 M's origin is the kinematic one. A force alone has a symmetric tangent under "dead" and
 "conservative"; a dead moment has none, and no potential. A moment that turns by half is the
 semitangential one, as of dead forces on crossed bars: it has a potential.
@@ -39,7 +39,7 @@ _AXES = get_args(Axes)
 
 @dataclass(frozen=True)
 class LoadKind:
-    """How a load behaves while the body moves.
+    """Behaviour of a load while the body moves.
 
     Attributes
     ----------
@@ -72,14 +72,14 @@ class LoadKind:
 
     @property
     def words(self) -> str:
-        """What the load does, for people: "its force and moment keep their direction ..."."""
+        """Behaviour of the load in words: "its force and moment keep their direction ..."."""
         return LOAD_KINDS[self.kind]
 
     def changes(self, wrench: Array) -> Array:
         """``K^X - K^B`` (..., 3, 6, 6), X = A, K, load, under wrenches (..., 6) in M.
 
-        ``K^A = K^B - 1/2 [W]`` with the bracket form [W] that K^A is asymmetric by, and K^X is K^A
-        less the wrench term of its connection, here ``Ad^T R Ad``.
+        ``K^A = K^B - 1/2 [W]`` with the bracket form [W], the asymmetry of K^A, and K^X is K^A less
+        the wrench term of its connection, here ``Ad^T R Ad``.
         """
         return np.asarray(wrench.dot(self._from_b).reshape(*wrench.shape[:-1], 3, 6, 6))
 
@@ -92,7 +92,7 @@ class LoadKind:
         return _changes_from_b(self.kind, self.at)
 
     def acting(self, wrench: ArrayLike, pose: Array, axes: Axes = "body") -> Load:
-        """The load as a term of the energy, for a body that it finds at a pose.
+        """The load as a term of the energy, from its components at a pose of the body.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class LoadKind:
         pose : ndarray, shape (4, 4)
             ``T_F_M`` at which the components are as given.
         axes : {"body", "world"}
-            Whose axes the components are along there: those of M or those of F.
+            Axes of the components at that pose: those of M or those of F.
 
         Raises
         ------
@@ -125,7 +125,7 @@ DEAD_AT_ORIGIN = LoadKind()
 
 
 def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = False) -> LoadKind:
-    """The kind of a load, refused where there is no load that it says something of.
+    """The kind of a load; refused if there is no load.
 
     Parameters
     ----------
@@ -134,8 +134,7 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
     given : bool
         Whether a wrench is given.
     own : bool
-        Whether springs may exert a load of their own, which behaves in some way and acts somewhere
-        as well.
+        Whether the springs themselves may exert a load, which has a kind and a point as well.
 
     Raises
     ------
@@ -145,16 +144,16 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
         For a point that is not three finite numbers, or where there is no load.
     """
     if kind == "dead" and at is DEAD_AT_ORIGIN.at and axes == "body":
-        return DEAD_AT_ORIGIN  # as nearly always
+        return DEAD_AT_ORIGIN  # the usual case
     checked = LoadKind(kind, at)  # type: ignore[arg-type]
     check_name("axes", axes, _AXES)
     if not given:
-        for name, is_said in (
+        for name, is_given in (
             ("load_axes", axes != "body"),
             ("load_kind", checked.kind != "dead" and not own),
             ("load_at", any(checked.at) and not own),
         ):
-            if is_said:
+            if is_given:
                 raise InputError(
                     "says something of a load, and none is given",
                     where=name,
@@ -164,7 +163,7 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
 
 
 def wrench_in_body(wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Axes) -> Array:
-    """W about M's origin in the axes of M; of one posture, of a stack, or recorded.
+    """W about M's origin in the axes of M, for one posture, a stack, or recorded numbers.
 
     Parameters
     ----------
@@ -175,7 +174,7 @@ def wrench_in_body(wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Ax
     at : sequence of 3 floats
         The point, in M.
     axes : {"body", "world"}
-        Whose axes the components are along: those of M or those of F.
+        Axes of the components: those of M or those of F.
 
     Raises
     ------

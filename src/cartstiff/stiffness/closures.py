@@ -1,6 +1,6 @@
-r"""Closures at one posture: their rank, and what its loss means.
+r"""Loop closures at one posture: their rank, and the state where it is lost.
 
-Where rank is lost they are repeated, branching, or blocked to second order.
+The closures are then redundant, or motions bifurcate, or are blocked to second order.
 """
 
 from __future__ import annotations
@@ -14,18 +14,14 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import SecondOrderMap
 
-#: Forms below this share of the largest vanish: they are sums of products of closures that are met
-#: to about 1e-14, and of motions found from these.
-_VANISHING = numerics.VANISHING
-
 
 class Closures(NamedTuple):
     """Singular value decomposition of the scaled closure Jacobian, split at its rank."""
 
     values: Array
     rank: int
-    #: Covectors (m, r) and (m, m - r) of what is closed and what is not; motions (n, r) that break
-    #: the closures, and (n, f) that do not.
+    #: Covectors (m, r) of the range and (m, m - r) of its complement; motions (n, r) that violate
+    #: the closures, and (n, f) that keep them.
     U: Array
     lost: Array
     V: Array
@@ -41,7 +37,7 @@ class Closures(NamedTuple):
 
 
 def decomposed(closure: SecondOrderMap, columns: Array) -> Closures:
-    """Decompose the Jacobian of closures, over their sizes and in natural sizes of coordinates."""
+    """Decompose the Jacobian of closures, in natural sizes of closures and coordinates."""
     matrix = closure.jacobian * columns
     return decompose(matrix if closure.sizes is None else matrix / closure.sizes[:, None])
 
@@ -56,12 +52,12 @@ def decompose(matrix: Array) -> Closures:
 def irregular(
     closure: SecondOrderMap, values: Array, rank: int, lost: Array, N: Array, columns: Array
 ) -> Note | None:
-    """Name closures whose lost rank matters; None for redundant ones that are harmless.
+    """State of closures that have lost rank; None if they are merely redundant.
 
     Along each covector nu with nu C = 0 the residual grows like the form x nu c'' x of the free
-    motions x. Where all forms vanish the closures are merely repeated. Where they share a real
-    root, branches of motion leave along it; where they share none, what is free to first order is
-    blocked to second.
+    motions x. If all forms vanish, the closures are redundant. If they have a common real root,
+    motions bifurcate along it; if they have none, motions that are free to first order are blocked
+    to second order.
 
     Parameters
     ----------
@@ -81,9 +77,9 @@ def irregular(
     curvatures = (closure.curvature(nu) for nu in lost.T)
     forms = [N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures]
     size = max(float(np.abs(form).max(initial=0.0)) for form in forms)
-    if size <= _VANISHING * max(1.0, float(values.max(initial=0.0))):
+    if size <= numerics.VANISHING * max(1.0, float(values.max(initial=0.0))):
         return None
-    forms = [form for form in forms if np.abs(form).max() > _VANISHING * size]
+    forms = [form for form in forms if np.abs(form).max() > numerics.VANISHING * size]
     root = _common_root(np.array(forms) / size)
     numbers: dict[str, object] = {
         "rank": rank,

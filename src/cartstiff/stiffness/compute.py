@@ -52,13 +52,13 @@ def analyse(
         For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled from there.
     wrench : array_like (6,), optional
         (moment, force) that the environment applies to the body at `load_at`; there it is W. All
-        rest positions are then chosen so that the springs balance it at q, and links that give
-        are deflected by it: their virtual joints start at q. Without it, springs
-        with a rest position exert what they exert, and those without carry gravity.
+        rest positions are then chosen so that the springs balance it at q, and it deflects
+        compliant links, whose virtual joints start at q. Without it, springs with a rest position
+        keep that, and those without carry gravity.
     load_kind : {"dead", "follower", "conservative"}
-        What the load does while the body moves, on which the `tangent` depends: keeps its direction
-        in the room, turns with the body, or keeps its force's direction while its moment turns by
-        half. See `cartstiff.stiffness.applied_load`.
+        Behaviour of the load while the body moves, on which the `tangent` depends: it keeps its
+        direction in the room, turns with the body, or its force keeps its direction while its
+        moment turns by half. See `cartstiff.stiffness.applied_load`.
     load_at : array_like (3,)
         The point of the body at which the load acts, in the frame M.
     load_axes : {"body", "world"}
@@ -75,8 +75,8 @@ def analyse(
     Raises
     ------
     InputError
-        For a wrong count, an unknown name, or numbers that are not finite; for words about a load
-        where none is given and the springs, whose rest positions are open, exert none.
+        For a wrong count, an unknown name, or numbers that are not finite; for `load_kind`,
+        `load_at` or `load_axes` without a load.
     UnknownNameError
         For an unknown kind or axes of the load.
     ConvergenceError
@@ -116,7 +116,7 @@ def analyse_at(
     force: Array | None = None,
     kind: LoadKind = DEAD_AT_ORIGIN,
 ) -> PostureStiffness:
-    """`analyse` at a posture whose closures are shut; `force` (6,) is the wrench in M, if any."""
+    """`analyse` at a closed posture; `force` (6,) is the wrench in M, if any."""
     asked = elastic
     elastic, energy = asked._balanced_with_evaluation(posture, force)
     reduction = reduced_at(elastic, posture, energy, posture.closure, force)
@@ -147,7 +147,7 @@ def reduced_at(
 def _without_energy(
     elastic: ElasticMechanism, posture: MechanismPosture, error: UndefinedError, load: LoadKind
 ) -> PostureStiffness:
-    """A posture in which a part of the mechanism does not stand, so that no energy is known."""
+    """Result for a posture in which a strut has no stable equilibrium: no energy is known."""
     n = posture.motion.jacobian.shape[1]
     nothing = Evaluation(np.nan, np.full(n, np.nan), np.full((n, n), np.nan))
     state = Note.of(error)

@@ -24,7 +24,7 @@ from cartstiff.stiffness.reduction import Reduction
 
 @dataclass(frozen=True, eq=False)
 class FlatChart:
-    """K^F and what it is made of; all None where it does not exist.
+    """K^F and its parts; all None if it does not exist.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class FlatChart:
     to_chart : ndarray (6, 6) or None
         Rates of the chart's coordinates per twist.
     note : Note or None
-        Why there is none; None too where the stiffness does not exist under any connection.
+        Reason why there is none; None also if the stiffness does not exist under any connection.
     """
 
     stiffness: Array | None = None
@@ -45,7 +45,7 @@ class FlatChart:
 
     @property
     def missing(self) -> UndefinedError:
-        """The error for whoever needs it where it does not exist."""
+        """Error for a caller that needs K^F where it does not exist."""
         if self.note is None:
             return UndefinedError("K^F does not exist here", code="kf-undefined")
         return UndefinedError(self.note.message, code=self.note.code)
@@ -72,7 +72,7 @@ def flat_chart(
     """
     rates = reduction.rates
     if reduction.stiffness is None:
-        return _NONE  # the reason for the others is this one's too
+        return _NONE  # for the same reason as the other matrices
     chart = posture.chart()
     if isinstance(chart, str):
         return FlatChart(note=Note("kf-undefined", chart))

@@ -1,4 +1,4 @@
-r"""Motions that are free, and compliances from them: ``C = J H^-1 J^T`` without any stiffness."""
+r"""Free motions, and compliances from them: ``C = J H^-1 J^T``, without a stiffness matrix."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
 
 @dataclass(frozen=True, eq=False)
 class FreeMotions:
-    r"""Motions that are free, each in its own unit, and what the energy does along them.
+    r"""Free motions, each in its own unit, and the Hessian of the energy along them.
 
     Attributes
     ----------
@@ -25,18 +25,18 @@ class FreeMotions:
     hessian : ndarray, shape (f, f)
         H_L on them.
     terms : ndarray, shape (f, f)
-        Sizes of the terms whose sum each entry of `hessian` is. A motion all of whose
-        entries are below `IDLE` times these costs nothing: its column where nothing changes along
-        it, its row where nothing works on it, which differ if there is no energy.
+        Sizes of the terms in the sum of each entry of `hessian`. A motion with all entries below
+        `IDLE` times these costs no energy: those of its column (no force changes along it) or of
+        its row (no force works on it), which differ if there is no energy.
     basis : ndarray, shape (n, f), or None
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
         Whether `hessian` is that of an energy.
     by_lengths : callable or None
-        The same motions in a basis that keeps stiff springs from soft ones, or None: taken where
+        The same motions in a basis that separates stiff from soft springs, or None; used where
         `hessian` has lost digits.
     springs : tuple of ndarray (m, n), (m,), or None
-        Rates of springs per coordinate, and their stiffnesses, that `hessian` keeps apart.
+        Rates per coordinate and stiffnesses of the springs that `hessian` separates.
     error : float
         Relative error of `jacobian`.
     """
@@ -89,7 +89,7 @@ class FreeMotions:
         basis = self._by_lengths if errors.max() > numerics.REPORTED_ERROR else None
         if basis is None:
             return inverses, errors
-        # Of each inverse that which has more digits: on these motions, or by lengths.
+        # Take each inverse on the basis with the smaller error.
         inverse, own = basis._inverses(changes[1:], other)
         own = own + basis.error
         to_motions = np.linalg.inv(self.jacobian) @ basis.jacobian
@@ -107,7 +107,7 @@ class FreeMotions:
         rest = other - (rates.T * k) @ rates
         own = self.basis.T @ rates.T
         along = (own * k) @ own.T
-        # What only the springs make is known exactly.
+        # The part of the springs alone is exact.
         if np.all(np.abs(rest) <= 32.0 * numerics.EPSILON * size):
             return along, 0.0
         rounding = np.abs(self.basis.T) @ size @ np.abs(self.basis)

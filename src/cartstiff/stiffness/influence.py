@@ -1,4 +1,4 @@
-r"""What each elastic element feels of a wrench on the body, and what its compliance does there.
+r"""Forces in the elastic elements under a wrench on the body, and influence of their compliances.
 
 With M = dq/dW of the motion under a wrench, B the elements' deflections per coordinate rate and
 Gamma their compliances, the forces in them are ``F W``, ``F = Gamma^-1 B M``. The compliance of
@@ -45,16 +45,16 @@ class Influence(NamedTuple):
 def influence_of(
     result: PostureStiffness, elements: Elements, generalised: Array | None = None
 ) -> Influence:
-    """Forces in all elements per unit wrench at a posture, by the engine's own reduction.
+    """Forces in all elements per unit wrench at a posture, from its reduction.
 
     Parameters
     ----------
     result : PostureStiffness
-        From `cartstiff.analyse`; under its load the tangent counts.
+        From `cartstiff.analyse`; under a load the tangent is used.
     elements : Elements
         Elements of the same mechanism.
     generalised : ndarray (n,), optional
-        Force on the coordinates, as of weights, whose effect is wanted besides.
+        Force on the coordinates, such as weights, for `weight_forces` and `weight_twist`.
 
     Raises
     ------

@@ -1,13 +1,14 @@
-r"""A body on lines in a basis of its own: the lines' lengths instead of its pose.
+r"""Stiffness of a body on lines in the basis of the lines' lengths instead of the pose.
 
-The stiffness of lines g with springs k is ``sum k g g^T + R``, R by tensions and all else. Added
-up, a soft spring is lost behind a stiff one, and near a type-2 singularity, where the lines are
-nearly dependent, the digits of all. In the motions B that lengthen one of six independent lines,
-the stiffest ones, by 1 and the others not, ``G B = 1`` and the sum is
+The stiffness of lines g with springs k is ``sum k g g^T + R``, R from tensions and all else. In
+this sum the digits of a soft spring are lost beside those of a stiff one, and near a type-2
+singularity, where the lines are nearly dependent, those of all springs. In the motions B that
+lengthen one of six independent lines, the stiffest ones, by 1 and the others not, ``G B = 1`` and
+the sum is
 
     diag(k) + B^T (sum k g g^T over the other lines + R) B,
 
-which never adds a stiff spring to a soft one.
+which does not add a stiff spring to a soft one.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from cartstiff.stiffness.free_motions import FreeMotions
 
 
 def leg_length_basis(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeMotions | None:
-    """The motions of a body on lines by their lengths; None where these do not determine its pose.
+    """Motions of a body on lines by the lines' lengths; None if these do not determine the pose.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        With the rest lengths that are used.
+        Mechanism with all rest lengths.
     posture : MechanismPosture
-        Whose coordinates are the pose.
+        Posture whose coordinates are the pose.
     """
     parts = elastic.line_springs_and_rest(posture)
     if parts is None:
@@ -55,9 +56,9 @@ def leg_length_basis(elastic: ElasticMechanism, posture: MechanismPosture) -> Fr
 
 
 class ByLengths(NamedTuple):
-    """Motions B (6, 6) by lengths of lines, the stiffness on them, and what it is the sum of.
+    """Motions B (6, 6) by lengths of lines, the stiffness on them, and the sizes of its terms.
 
-    `condition` is that of the lines that lead, which are those of these numbers.
+    `leading` are the six independent lines, `condition` is the condition number of their matrix.
     """
 
     motions: Array
@@ -70,7 +71,7 @@ class ByLengths(NamedTuple):
 def by_lengths(lines: Array, k: Array, rest: Array) -> ByLengths | None:
     """``diag(k) + B^T (sum k g g^T + R) B`` of this module; None for dependent lines.
 
-    Slack ones do not count.
+    Slack lines (k = 0) are not counted.
 
     Parameters
     ----------

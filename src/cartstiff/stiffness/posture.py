@@ -1,12 +1,12 @@
-r"""Everything known about a mechanism's stiffness at one posture, in M and in any frame N of it.
+r"""Stiffness, compliance and load at one posture, in M and in any frame N of the body.
 
-With Ad = Ad(T_M_N), everything moves as a tensor:
+With Ad = Ad(T_M_N), all of them transform as tensors:
 
     K' = Ad^T K Ad,     C' = Ad^-1 C Ad^-T,     W' = Ad^T W
 
-The connections stay what they are in M: K^K is that of M's origin, and the tangent under a load is
-that of the point at which the load acts. K^K *recomputed* for N's origin would belong to no load;
-`StiffnessTensor.to_frame` gives it for comparison.
+The connections are those in M: K^K belongs to M's origin, and the tangent under a load to the point
+at which the load acts. K^K *recomputed* for N's origin would belong to no load;
+`StiffnessTensor.to_frame` computes it for comparison.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class StiffnessInFrame:
     wrench : ndarray (6,) or None
         W about N's origin in N's axes; None in an unbalanced posture.
     load : LoadKind
-        How the load behaves, and where it acts, in N.
+        Behaviour of the load and its point of application, in N.
     matrices, compliances : mapping of str to ndarray (6, 6) or None
         By name: "A", "B", "K", "F", "+", and "load", the tangent under the load.
     """
@@ -76,7 +76,7 @@ class StiffnessInFrame:
     _of_symmetric_tangent: Callable[[], Array | None]
 
     def pair(self, name: str, others: str) -> tuple[Array | None, Array | None]:
-        """Symmetric matrices K and C, each the other's inverse, that principal values come from.
+        """Symmetric matrices K and C, inverse to each other, from which principal values follow.
 
         With the other freedoms "held" K is the symmetric part of the stiffness: ``u^T K u`` is the
         force along u per motion along u. With them "free" C is the symmetric part of the
@@ -89,12 +89,12 @@ class StiffnessInFrame:
         name : str
             A name of `matrices`.
         others : {"held", "free"}
-            What the other freedoms do.
+            State of the other freedoms.
 
         Returns
         -------
         K, C : ndarray (6, 6) or None
-            None where there is none.
+            None if there is none.
         """
         K, C = self.matrices[name], self.compliances[name]
         if others == "held":
@@ -131,7 +131,7 @@ def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array 
 
 
 def _turned(matrices: Mapping[str, Array | None], motion: Array | None) -> NamedArrays:
-    """``A^T M A`` of each matrix that exists, with the transpose of "A" as "+"; A is I if None."""
+    """``A^T M A`` of each matrix that exists (A = I if None); adds the transpose of "A" as "+"."""
     turned = dict(matrices)
     known = {n: M for n, M in matrices.items() if M is not None}
     if motion is not None and known:
@@ -163,7 +163,7 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     )
 
 
-# The frame M itself.
+# Bytes of the frame M.
 _HERE = np.eye(4).tobytes()
 
 
@@ -184,7 +184,7 @@ class PostureStiffness(ShownInLines):
     reduction : Reduction
         The reduction to the end-effector.
     load : LoadKind
-        What the load does while the body moves, and where it acts.
+        Behaviour of the load while the body moves, and its point of application.
     """
 
     elastic: ElasticMechanism
@@ -195,7 +195,7 @@ class PostureStiffness(ShownInLines):
     _notes: tuple[Note, ...] | None = None
     load: LoadKind = DEAD_AT_ORIGIN
     _load_is_given: bool = False
-    #: The mechanism before its open rest positions were chosen; None where that is `elastic`.
+    #: The mechanism before its open rest positions were chosen; None if that is `elastic`.
     _asked: ElasticMechanism | None = None
 
     def _lines(self) -> list[str]:
@@ -268,7 +268,7 @@ class PostureStiffness(ShownInLines):
         Raises
         ------
         UndefinedError
-            In an unbalanced posture, or where a motion costs nothing.
+            In an unbalanced posture, or if a motion costs no energy.
         """
         reduction = self.reduction
         if self.wrench is None:
@@ -286,13 +286,13 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
-        """K^A, K^B, K^K, K^F (6, 6), None where one does not exist; "load" is the `tangent`."""
+        """K^A, K^B, K^K, K^F (6, 6), None if one does not exist; "load" is the `tangent`."""
         B, A, K, load, *F = [None] * 4 if self._every is None else self._every
         return NamedArrays({"A": A, "B": B, "K": K, "F": F[0] if F else None}, {"load": load})
 
     @cached_property
     def _every(self) -> Array | None:
-        """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B."""
+        """K^B, K^A, K^K, K^load and, if it exists, K^F (4 or 5, 6, 6); None without K^B."""
         K, K_F = self.reduction.stiffness, self._flat.stiffness
         if K is None or self.wrench is None:
             return None
@@ -309,10 +309,10 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
-        """Inverses of `matrices`, found without them; C^A, C^B, C^K exist at singularities too.
+        """Inverses of `matrices`, computed without them; C^A, C^B, C^K exist at singularities, too.
 
-        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
-        for C^F the Hessian is that in the chart.
+        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which depends on the load
+        only; for C^F the Hessian is that in the chart.
         """
         C = {name: None if C is None else C.matrix for name, C in self._inverses.items()}
         return NamedArrays(C, {"load": C.pop("load")})
@@ -328,7 +328,7 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def is_loaded(self) -> bool:
-        """Whether there is a load: one was given, or the springs exert more than rounding."""
+        """Whether there is a load: one was given, or the springs' wrench exceeds round-off."""
         if self.wrench is None or self._load_is_given or not any(self.wrench.tolist()):
             return self.wrench is not None and self._load_is_given
         J, sizes = self.posture.motion.jacobian, self.posture.coordinate_lengths
@@ -336,25 +336,25 @@ class PostureStiffness(ShownInLines):
 
     @property
     def wrench_is_known(self) -> bool:
-        """Whether the joints feel all of W; else the part that the structure carries is open.
+        """Whether W is known in full: the load was given, or the joints determine all components.
 
-        Of a given load it is the load's; else it is taken as zero in the length-scaled norm.
+        Otherwise the part that the structure carries is taken as zero in the length-scaled norm.
         """
         return self.wrench is not None and (self.reduction.rank == 6 or self._load_is_given)
 
     def shown_wrench(self, wrench: Array) -> Array:
-        """A wrench (6,) with zeros for moment and force that are rounding, of springs or halves."""
+        """A wrench (6,) with round-off set to 0; see `cartstiff.stiffness.rounding`."""
         H = None if self._load_is_given or not any(wrench.tolist()) else self.evaluation.hessian
         return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.posture.length)
 
     @property
     def change_by_load(self) -> Array:
-        """``K^load - K^B`` (6, 6), zero without a load: exists where no stiffness does, too."""
+        """``K^load - K^B`` (6, 6), zero without a load; exists at singular postures, too."""
         return fixed(self._changes[2])
 
     @property
     def tangent(self) -> Array | None:
-        """K^load (6, 6): change of the wrench that must be added, per motion, under the load.
+        """K^load (6, 6): change of the applied wrench per motion, under the load.
 
         The derivative of the elastic wrench less that of the load, which behaves as `load` says:
         the linear limit of `equilibrium`. None where no stiffness exists.
@@ -363,7 +363,7 @@ class PostureStiffness(ShownInLines):
 
     @property
     def tangent_compliance(self) -> Array | None:
-        """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
+        """Inverse of `tangent`, computed as `compliances`; exists at singular postures, too."""
         return self.compliances["load"]
 
     @cached_property
@@ -376,14 +376,14 @@ class PostureStiffness(ShownInLines):
 
     @property
     def compliance(self) -> Compliance:
-        """Compliance under the load, C^load: motion per wrench that is added; unloaded, C^B too.
+        """Compliance under the load, C^load: motion per added wrench; C^B without a load.
 
         It exists at kinematic singularities and for fewer than six joints as well.
 
         Raises
         ------
         UndefinedError
-            Where a motion costs nothing, or nothing balances the posture.
+            If a motion costs no energy, or nothing balances the posture.
         """
         C = self.tangent_compliance
         if C is None:
@@ -415,7 +415,7 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def _frames(self) -> dict[bytes, StiffnessInFrame]:
-        """Frames that have been asked for: numbers and picture read the same object."""
+        """Cache of `at`: numbers and picture read the same object."""
         return {}
 
     @cached_property
@@ -438,13 +438,13 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """What was assumed, and why something does not exist."""
+        """Assumptions, and reasons why something does not exist."""
         reason = () if self._flat.note is None else (self._flat.note,)
         return (*self.notes_on_posture, *reason, *self.notes_on_digits)
 
     @cached_property
     def notes_on_digits(self) -> list[Note]:
-        """Those of the `notes` on lost digits."""
+        """Notes on lost digits."""
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
         error = posture_notes.error_of_chosen_forces(*parts)
         known = self._inverses
@@ -487,7 +487,7 @@ class PostureStiffness(ShownInLines):
         Raises
         ------
         UndefinedError
-            Where K^F does not exist, with the reason.
+            If K^F does not exist, with the reason.
         """
         return flat_connection(self.posture, self.reduction, self._flat)
 
@@ -512,7 +512,7 @@ class PostureStiffness(ShownInLines):
         return self.tensor("F")
 
     def load_as_dict(self) -> dict[str, Any]:
-        """What the load does, where it acts, and the tangent that follows, as plain data."""
+        """Kind of the load, its point, and the tangent, as plain data."""
         K, C = self.tangent, self.tangent_compliance
         return {
             "kind": self.load.kind,
@@ -554,7 +554,7 @@ def named_tensor(
     Raises
     ------
     UndefinedError
-        For K^F where it does not exist.
+        For K^F if it does not exist.
     """
     pose, frame, units = result.pose, result.frame, result.units
     compliances, T_F_B = result.compliances, result.elastic.mechanism.base_pose

@@ -1,4 +1,4 @@
-r"""Notes on one posture: what was assumed, what is near, what a matrix has no digits for."""
+r"""Notes on one posture: assumptions, near singularities, lost digits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cartstiff.stiffness.rounding import norm, without_cancelled
 def notes_on_posture(
     elastic: ElasticMechanism, posture: MechanismPosture, reduction: Reduction
 ) -> tuple[Note, ...]:
-    """What was assumed in loading, the states found, what limits the answer at a posture."""
+    """Notes of loading, states of the reduction, near singularities and limits at a posture."""
     return (
         *elastic.notes,
         *reduction.states,
@@ -43,7 +43,7 @@ def notes_on_digits(
     loaded: numerics.Inverse | None = None,
     error_of_forces: float = 0.0,
 ) -> list[Note]:
-    """Where stiffness or compliance have lost digits, or the stiffness has no inverse.
+    """Notes on lost digits of stiffness and compliance, and on a singular stiffness.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def notes_on_digits(
     natural : ndarray, shape (6,)
         Natural sizes of the twist's components.
     change : ndarray, shape (6, 6), optional
-        K^load - K^B of a load that was given: its compliance counts too.
+        K^load - K^B of a given load, whose compliance is judged, too.
     loaded : Inverse, optional
         That compliance, C^load, with its error.
     error_of_forces : float
@@ -108,8 +108,8 @@ def notes_on_digits(
 
 
 def error_of_soft_directions(K: Array, C: Array) -> float:
-    """Relative error of what the digits of K say about its softest direction."""
-    # By way of the inverse that is known: that of rounded digits may look harmless.
+    """Relative error of the softest direction of K, from the digits of K."""
+    # With the known inverse C: the inverse of the rounded K may be too small.
     s = numerics.equilibration(K)
     sizes = s[:, None] * s
     return numerics.EPSILON * float(np.linalg.norm(K / sizes) * np.linalg.norm(C * sizes))
@@ -122,10 +122,10 @@ def error_of_chosen_forces(
     reduction: Reduction,
     notes: Iterable[Note],
 ) -> float:
-    """Relative error that forces inside a mechanism leave in its compliance near type 2.
+    """Relative error of the compliance due to internal forces near a type-2 singularity.
 
-    Actuators balance a load there by forces that go with the inverse of the least singular
-    value, and with them the rounding of their lines; what they add to the stiffness is as unsure.
+    There, forces of actuators under a load grow with the inverse of the least singular value, and
+    with them the round-off of their lines and of their part of the stiffness.
     """
     near = [note for note in notes if note.code == "near-type-2-singularity"]
     free = reduction.free
@@ -142,13 +142,13 @@ def error_of_chosen_forces(
     sizes[sizes == 0.0] = 1.0
     share = inverse.matrix.dot(added) * sizes[:, None] / sizes
     error = numerics.EPSILON / ratio * norm(share)
-    if error > numerics.REPORTED_ERROR:  # by what is quickly found, and is no less
+    if error > numerics.REPORTED_ERROR:  # this bound is fast; compute the error itself
         error = numerics.EPSILON / ratio * float(np.linalg.norm(share, 2))
     return error
 
 
 def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
-    """A warning where six singular values of the scaled Jacobian tell that it is near to losing."""
+    """Note on a near serial singularity, from six singular values of the scaled Jacobian."""
     if not values[5] < numerics.NEAR * values[0]:
         return []
     return [
@@ -162,10 +162,10 @@ def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
 
 
 def near_constraint(reduction: Reduction) -> list[Note]:
-    """A warning where singular values of closures are neither plainly zero nor plainly not.
+    """Note on singular values of closures that are neither zero nor clearly different from zero.
 
-    Axes that should be parallel and are not quite give these, or a branching that is near. A chain
-    counts as closed within `ROUNDING`, and so moves by that over such a value.
+    The cause is axes that are not quite parallel, or a near bifurcation. A chain counts as closed
+    within `ROUNDING`, which leaves motions of that divided by such a value.
     """
     values = np.zeros(0) if reduction.closures is None else reduction.closures
     shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
@@ -191,7 +191,7 @@ def near_constraint(reduction: Reduction) -> list[Note]:
 
 
 def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[Note]:
-    """A warning where the actuators do not hold the free motions (n, f), or hardly."""
+    """Note on a type-2 singularity, or a near one: actuators that do not fix the motions (n, f)."""
     if posture.actuation is None:
         return []
     return near_actuation_singularity(
@@ -202,7 +202,7 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
 def near_actuation_singularity(
     actuation: Array, coordinate_lengths: Array, length: float, free: Array | None = None
 ) -> list[Note]:
-    """`near_type_2` of rates of the actuators by the coordinates, (m, n)."""
+    """`near_type_2` from rates of the actuators per coordinate rate, (m, n)."""
     rates = actuation * coordinate_lengths
     if free is not None:
         rates = rates @ free

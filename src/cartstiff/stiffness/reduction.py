@@ -16,9 +16,9 @@ For six independent outputs and no self-motion (2) is K = J^-T H_L J^-1. For the
 components of the body frame. All decisions about rank are taken on length-scaled matrices: a
 length is measured in the characteristic length l, so that every singular value is a pure number.
 
-(3) never inverts K: it holds at singular postures and near them, where K has lost its digits.
-Motions are combined by `cartstiff.numerics.stiffness_scaled_basis`: stiff and soft springs stay
-apart.
+(3) does not invert K: it holds at singular postures and near them, where K has lost its digits.
+`cartstiff.numerics.stiffness_scaled_basis` chooses the motions so that the stiffness of stiff
+springs does not cancel that of soft ones.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from cartstiff.stiffness.rounding import force_roundoff, symmetric_part, zero_ro
 
 @dataclass(frozen=True, repr=False)
 class Reduction(ShownInLines):
-    """What equation (2) of `cartstiff.stiffness.reduction` gave, or why not, and what (3) is of.
+    """Result of equation (2) of `cartstiff.stiffness.reduction`, and the motions of (3).
 
     Attributes
     ----------
     force : ndarray (6,) or None
         Output force w; None if the posture is unbalanced.
     stiffness : ndarray (6, 6) or None
-        K; None if it does not exist, for which `states` has the reason.
+        K; None if it does not exist; `states` has the reason.
     multipliers : ndarray (m,)
         Closure forces lam.
     singular_values : ndarray
@@ -60,18 +60,18 @@ class Reduction(ShownInLines):
     freedoms : int
         Number of free motions, the columns of N.
     free : FreeMotions or None
-        The motions that (3) is made of, idle ones left out; None where the posture is unbalanced or
-        its self-motion has no minimum.
+        The motions of (3), without those that cost no energy; None if the posture is unbalanced or
+        the energy has no minimum over the self-motion.
     reachable, reachable_stiffness : ndarray (6, r), (r, r)
         U and Y^T S Y: the stiffness on the motions that exist.
     rates : ndarray (n, 6) or None
-        Coordinate rates per output rate, N J_N^-1, where that is one to one.
+        Coordinate rates per output rate, N J_N^-1, if unique.
     motions : ndarray (n, f) or None
         Motions that keep the closures, in scaled coordinates; None if all do.
     states : list of Note
         Named states found.
     closures : ndarray or None
-        Singular values of the length-scaled closures, where there are any.
+        Singular values of the length-scaled closures, if there are any.
     """
 
     force: Array | None
@@ -103,17 +103,17 @@ class Reduction(ShownInLines):
 
     @cached_property
     def compliance_with_error(self) -> numerics.Inverse | None:
-        """C of equation (3) with its relative error; None where a motion costs nothing."""
+        """C of equation (3) with its relative error; None if a motion costs no energy."""
         return None if self.free is None else self.free.compliance()
 
     @property
     def compliance(self) -> Array | None:
-        """C (6, 6) of equation (3); None where a motion costs nothing."""
+        """C (6, 6) of equation (3); None if a motion costs no energy."""
         with_error = self.compliance_with_error
         return None if with_error is None else with_error.matrix
 
     def undefined(self) -> UndefinedError:
-        """The error for whoever needs the stiffness where it does not exist."""
+        """Error for a caller that needs the stiffness where it does not exist."""
         state = self.states[-1]
         return UndefinedError(state.message, code=state.code, values=state.values)
 
@@ -123,10 +123,10 @@ _NEITHER = "the stiffness matrix does not exist, nor the compliance, as a motion
 
 
 def _inverse(matrix: Array, sizes: Array | None) -> Array:
-    """Inverse of a regular matrix, with zeros for entries that may be rounding alone.
+    """Inverse of a regular matrix, with zeros for entries that may be round-off.
 
-    `sizes` (n,) are those of the numbers whose sums and products each column of the matrix is, None
-    where it is no sum.
+    `sizes` (n,) are the sizes of the terms in the sums of each column of the matrix; None if it is
+    no sum.
     """
     try:
         inverse: Array = np.linalg.inv(matrix)
@@ -146,7 +146,7 @@ def _inverse(matrix: Array, sizes: Array | None) -> Array:
 
 
 def _without(some: Array, count: int) -> list[int]:
-    """The whole numbers below `count` that are not among some."""
+    """Whole numbers below `count` that are not in `some`."""
     known = set(some.tolist())
     return [i for i in range(count) if i not in known]
 
@@ -175,7 +175,7 @@ def reduce_to(
     coordinate_lengths : ndarray, shape (n,)
         1 for an angle, `length` for a distance: the natural size of each coordinate.
     force : ndarray (6,), optional
-        The physical wrench, where the structure carries a part that the coordinates do not feel.
+        The physical wrench, if the structure carries a part that does no work on the coordinates.
     by_lengths : callable, optional
         See `FreeMotions`.
     """
@@ -201,7 +201,8 @@ def _reduced(
     n = len(g)
     stiff = np.abs(H).max(axis=0, initial=0.0)
 
-    # N: all motions (n, f), led by the coordinates `leading`; orthonormal for singular values.
+    # N: all motions (n, f), parametrised by the coordinates `leading`; orthonormal for singular
+    # values.
     closures, orthonormal = None, np.eye(n)
     N, leading, lam, closed = orthonormal, np.arange(n), np.zeros(0), np.zeros(0)
     if closure is not None:
@@ -233,12 +234,12 @@ def _reduced(
     if rank < max(J_N.shape):
         left, _, Vt = np.linalg.svd(J_N)
         along = orthonormal @ Vt[rank:].T
-        if rank < len(rows):  # else rounding of the basis stands where K is zero
+        if rank < len(rows):  # otherwise round-off of the basis replaces zeros of K
             U, lost, still = left[:, :rank], left[:, rank:], numerics.still_halves(J_N)
             for half in still:
                 U[half] = 0.0
-        # Self-motions Z, led by the stiffest; the other leaders, as many as the rank, make the
-        # output.
+        # Self-motions Z are parametrised by the stiffest coordinates; the remaining leading ones,
+        # as many as the rank, make the output.
         across = (U.T @ J @ N).T
         Z, chosen = numerics.stiffness_scaled_basis(along[leading], stiff[leading], across)
         Z, Y = N @ Z, N[:, _without(chosen, freedoms)]
@@ -247,7 +248,7 @@ def _reduced(
     rounded = None if closure is None else (np.abs(J) @ np.abs(Y)).max(axis=0, initial=0.0)
     to_output = _inverse(J_Y, rounded)
 
-    # Balance: a self-motion must feel no torque, whatever wrench acts on the output.
+    # Balance: the torque along a self-motion must vanish, whatever wrench acts on the output.
     if Z.size and _is_unbalanced(Z, g, stiff):
         torque = along @ (along.T @ g) / columns
         states.append(
@@ -266,10 +267,10 @@ def _reduced(
         asked = force / rows
         missed = N.T @ (J.T @ asked - g)
         size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(asked) + np.abs(g))
-        # Rates that should be zero are rounded, too, beside the others.
+        # Rates that should be zero have the round-off of the others.
         rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(asked).sum() + np.abs(g).max())
-        unfelt = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
-        if np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + unfelt):
+        roundoff = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
+        if np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + roundoff):
             w = asked
         else:
             states.append(
@@ -289,9 +290,9 @@ def _reduced(
 
     least = numerics.EPSILON * (np.abs(w).sum() + np.abs(lam * closed).sum())
     if force is None and g.any():
-        doubt = force_roundoff(g, stiff)
-        outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
-        least += outward.sum() + lam.size * doubt[follow].max(initial=0.0)
+        uncertain = force_roundoff(g, stiff)
+        outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ uncertain))
+        least += outward.sum() + lam.size * uncertain[follow].max(initial=0.0)
     terms = sum(map(np.abs, parts)) + least / numerics.IDLE
 
     if rank < len(rows):
@@ -320,18 +321,18 @@ def _reduced(
         S = Y.T @ H_L @ Y
         size = np.abs(Y)
         idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms @ size)).all(axis=1)
-        S[idle], S[:, idle] = 0.0, 0.0  # what costs nothing is no rounding either
+        S[idle], S[:, idle] = 0.0, 0.0  # remove the round-off of motions that cost no energy
         if Z.shape[1]:
             S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
         reachable_K = symmetric_part(to_output.T @ S @ to_output, energy)  # in the basis U
         reachable = U / rows[:, None]
         if rank == len(rows):
             K = zero_roundoff(reachable_K * rows[:, None] * rows, rows)
-            if Z.shape[1] == 0:  # idle self-motions, such as spins of legs, may stay as they are
+            if Z.shape[1] == 0:  # self-motions without energy, such as spins of legs, are fixed
                 rates = columns[:, None] * (Y @ to_output) * rows
         B = np.concatenate([Y, Z], axis=1)
-        # Self-motions keep what little they move the output: a lost rank need not be zero. Rates
-        # that are rounding of the basis are none: a rotation that the closures forbid.
+        # Self-motions keep their small output rates, as a lost rank need not be exactly zero. Rates
+        # that are round-off of the basis become 0: a rotation that the closures forbid.
         J_B = J @ B
         if closure is not None:
             size = np.outer(np.abs(J).sum(axis=1), np.abs(B).max(axis=0, initial=0.0))
@@ -371,10 +372,10 @@ def _reduced(
 
 
 def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
-    """Whether self-motions Z (n, k) feel more of the forces g (n,) than rounding."""
+    """Whether the work of the forces g (n,) along self-motions Z (n, k) exceeds round-off."""
     size, forces = np.abs(Z), np.abs(g)
     most = size.T @ (numerics.BALANCE * forces + numerics.ROUNDING * stiff)
-    # What of Z is less than `RANK` may be missing, and with it the forces there.
+    # Entries of Z below `RANK` may be missing, and with them the forces there.
     most += size.max(axis=0) * (numerics.RANK * forces.sum())
     return bool((np.abs(Z.T @ g) > most).any())
 
@@ -388,10 +389,9 @@ def _held_self_motions(
     columns: Array,
     states: list[Note],
 ) -> tuple[Array, Array] | None:
-    """Self-motions (n, k) that stiffness holds, and the inverse (k, k) of it; None if one is not.
+    """Self-motions (n, k) with a stiffness, and its inverse (k, k); None without a minimum.
 
-    Each is judged against the terms that act along it: measured in a unit of its own, in which
-    these are 1.
+    Each self-motion is judged in a unit of its own, in which the terms along it are 1.
     """
     if Z.shape[1] == 0:
         return Z, np.zeros((0, 0))
@@ -445,18 +445,21 @@ def _held_self_motions(
 
 
 def values_of_closed(posture: MechanismPosture) -> tuple[Array, int, Array]:
-    """`Reduction.singular_values`, `freedoms` and `motions` where closures are regular."""
+    """`Reduction.singular_values`, `freedoms` and `motions` for regular closures."""
     assert posture.closure is not None
-    per_length, columns = 1 / posture.length, posture.coordinate_lengths
-    rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
-    N = decomposed(posture.closure, columns).N
-    J = posture.motion.jacobian * rows[:, None] * columns
+    N = decomposed(posture.closure, posture.coordinate_lengths).N
+    J = _scaled(posture, posture.motion.jacobian)
     return numerics.singular_values(J @ N), N.shape[1], N
 
 
-def scaled_values(posture: MechanismPosture, jacobian: Array | None = None) -> Array:
-    """Singular values of the length-scaled Jacobian of a posture, which may be known."""
-    J = posture.motion.jacobian if jacobian is None else jacobian
+def _scaled(posture: MechanismPosture, J: Array) -> Array:
+    """A Jacobian (6, n) of a posture, length-scaled."""
     per_length = 1 / posture.length
     rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
-    return numerics.singular_values(J * rows[:, None] * posture.coordinate_lengths)
+    return np.asarray(J * rows[:, None] * posture.coordinate_lengths)
+
+
+def scaled_values(posture: MechanismPosture, jacobian: Array | None = None) -> Array:
+    """Singular values of the length-scaled Jacobian of a posture, or of the given one."""
+    J = posture.motion.jacobian if jacobian is None else jacobian
+    return numerics.singular_values(_scaled(posture, J))

@@ -1,4 +1,4 @@
-"""What of a stiffness, a force, a matrix may be the rounding of the numbers it is made of."""
+"""Round-off in stiffnesses, forces and wrenches: set to zero, or bounded."""
 
 from __future__ import annotations
 
@@ -8,34 +8,32 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation
 
-#: How many units of rounding the direction of a spring may be off.
-_GEOMETRY = 16.0
-_NOISE = (_GEOMETRY * numerics.EPSILON) ** 2
+#: Relative error of the direction of a spring.
+_DIRECTION_ERROR = 16.0 * numerics.EPSILON
 
 
 def zero_roundoff(K: Array, rows: Array) -> Array:
-    """K with zeros for motions that no spring feels but by the rounding of its own geometry.
+    """K with zeros for motions whose stiffness is only the round-off of the springs' directions.
 
-    A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there, and
-    ``k EPSILON`` beside it. A load can leave zero on the diagonal alone: that is no noise.
+    A spring k whose exact rate along a motion is 0 still adds ``k EPSILON^2`` to the diagonal, and
+    ``k EPSILON`` beside it. A zero on the diagonal alone may come from a load and is kept.
     """
-    # Where the least of the diagonal is above all that can count as noise there is none.
+    # Return quickly if the least entry of the diagonal exceeds all possible round-off.
     least, units = min(map(abs, K.diagonal().tolist())), (1.0, rows.item(-1))
-    if least * min(units) ** 2 > _NOISE * norm(K) * max(units) ** 2:
+    if least * min(units) ** 2 > _DIRECTION_ERROR**2 * norm(K) * max(units) ** 2:
         return K
     size = np.abs(K) / rows / rows[:, None]
-    most, share = size.max(initial=0.0), _GEOMETRY * numerics.EPSILON
-    noise = (size.diagonal() <= share**2 * most) & (size.max(axis=1, initial=0.0) <= share * most)
-    if noise.any():
-        K = np.where(noise[:, None] | noise, 0.0, K)
-    return K
+    limit = size.max(initial=0.0) * _DIRECTION_ERROR
+    is_roundoff = size.diagonal() <= limit * _DIRECTION_ERROR
+    is_roundoff &= size.max(axis=1, initial=0.0) <= limit
+    return np.where(is_roundoff[:, None] | is_roundoff, 0.0, K)
 
 
 def without_cancelled(sums: Array, K: Array, changes: Array, rows: Array) -> Array:
-    """Sums K + D (k, 6, 6) with zeros for rows and columns that the terms cancel to rounding.
+    """Sums K + D (k, 6, 6) with zeros for rows and columns whose terms cancel to round-off.
 
-    What is left of a row is measured by the largest of its terms, lengths in the unit that `rows`
-    is the inverse of: equilibrating would take it for a soft motion.
+    Each row is compared with the largest of its terms, with lengths in the unit that `rows` is the
+    inverse of; equilibration would make it a soft motion.
     """
     units = rows * rows[:, None]
     for axis in (-1, -2):
@@ -51,25 +49,25 @@ def norm(array: Array) -> float:
 
 
 def symmetric_part(matrix: Array, energy: Evaluation) -> Array:
-    """The matrix without the asymmetry of its rounding, where the forces have a potential."""
+    """Symmetric part of a matrix if the forces have a potential, else the matrix."""
     if energy.energy != energy.energy or numerics.is_symmetric(matrix):
         return matrix
     return 0.5 * (matrix + matrix.T)
 
 
 def force_roundoff(gradient: Array, stiffness: Array) -> Array:
-    """What of each generalised force may be rounding of the coordinates that its spring feels."""
+    """Part of each generalised force that round-off of its coordinate may cause."""
     return np.minimum(np.abs(gradient), numerics.ROUNDING * stiffness)
 
 
 def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> bool:
-    """Whether some spring feels more of a wrench (6,) than the rounding of its coordinate.
+    """Whether a wrench (6,) exceeds, at some spring, the round-off of the coordinate.
 
     `sizes` (n,) are the natural sizes of the coordinates of J (6, n) and H (n, n).
     """
     torques = np.abs(jacobian.T @ wrench * sizes).tolist()
     stiffness = np.abs(hessian * (sizes[:, None] * sizes)).max(axis=0, initial=0.0).tolist()
-    most = max(stiffness, default=0.0)  # for those without a spring the others' rounding counts
+    most = max(stiffness, default=0.0)  # also for coordinates without a spring
     return any(
         torque > numerics.ROUNDING * (k or most)
         for torque, k in zip(torques, stiffness, strict=True)
@@ -77,17 +75,17 @@ def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Arra
 
 
 def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: float) -> Array:
-    """A wrench (6,) with moment and force set to 0 where they are rounding.
+    """A wrench (6,) with round-off in its moment and force set to 0.
 
-    Rounding is what the springs exert over a turn of `numerics.ROUNDING`, and what is below
-    that share of the other half, a force taken over the characteristic length.
+    Round-off is the torque of the springs for a rotation by `numerics.ROUNDING`, and that share of
+    the largest component, a force being multiplied by the characteristic length.
     """
     stiffest = 0.0
     if hessian is not None:
         stiffest = float(np.abs(hessian * (sizes[:, None] * sizes)).max(initial=0.0))
     values = wrench.tolist()
     scaled = [*map(abs, values[:3]), *(length * abs(x) for x in values[3:])]
-    noise = numerics.ROUNDING * max(stiffest, *scaled)
-    if min(scaled) > noise:
+    roundoff = numerics.ROUNDING * max(stiffest, *scaled)
+    if min(scaled) > roundoff:
         return wrench
-    return np.array([x if s > noise else 0.0 for x, s in zip(values, scaled, strict=True)])
+    return np.array([x if s > roundoff else 0.0 for x, s in zip(values, scaled, strict=True)])

@@ -1,4 +1,4 @@
-"""Where links that give come to rest under a load, while the joints with springs stay."""
+"""Deflection of compliant links to rest under a load, while the joints with springs stay."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 
-#: Steps after which the search is given up.
+#: Largest number of steps.
 STEPS = 60
-#: Natural units: the largest step taken at once, and the one that ends the search. One that is
-#: somewhat longer in the last step of all is rounding.
+#: In natural units: the longest step, and the step that ends the search. A somewhat longer step is
+#: accepted as round-off after all steps.
 LONGEST, LAST, ROUNDED = 0.2, numerics.EQUILIBRIUM_TOLERANCE, 1e3 * numerics.EQUILIBRIUM_TOLERANCE
 
 
 def settled_coordinates(elastic: ElasticMechanism) -> Array:
-    """Coordinates (k,) that come to rest under a wrench: those without springs of their own.
+    """Coordinates (k,) that a wrench deflects to rest: those without springs of their own.
 
-    None where no link gives, or where nothing says what moves the mechanism.
+    Empty if no link is compliant, or if a closed chain has neither actuators nor joint springs.
     """
     chain, springs = elastic.mechanism, elastic.springs
     if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
@@ -48,18 +48,18 @@ def settled(
     """The posture with its links deflected so that they carry a wrench.
 
     Coordinates with springs stay where they are: their rest positions are chosen afterwards. The
-    others, virtual joints of links and joints without springs, move until all that acts on them
-    and the closures balance. Without links that give the posture is returned as it is.
+    others, virtual joints of links and joints without springs, move until the forces on them and
+    the closures balance. Without compliant links the posture is returned unchanged.
 
     Raises
     ------
     ConvergenceError
-        If they find no rest: the load is beyond what the links carry.
+        If there is no equilibrium: the links cannot carry the load.
     """
     free = settled_coordinates(elastic)
     if not free.size:
         return posture
-    # Components are given at the posture that is sought: they stay what they are in their axes.
+    # The components refer to the deflected posture, so that they are constant in their axes.
     kind = LoadKind("dead" if axes == "world" else "follower", tuple(at))  # type: ignore[arg-type]
     load = kind.acting(wrench, posture.pose, axes)
     lam = np.zeros(0)
@@ -86,7 +86,7 @@ def settled(
         move = np.zeros(sizes.size)
         move[free] = step * sizes[free] * min(1.0, LONGEST / max(largest, LAST))
         posture = elastic.mechanism.at(posture.q + move)
-        if largest <= LAST:  # a step that small is a force still, where a link is stiff
+        if largest <= LAST:  # the step is taken: on a stiff link it still changes the force
             return posture
     if largest <= ROUNDED:
         return posture

@@ -2,8 +2,9 @@ r"""The stiffness tensor at a pose: a matrix that knows its connection, frame, l
 
     K(X, Y) = <nabla_Y dPhi; X> = (Y X - nabla_Y X) Phi,   K[i, j] = K(L_i, L_j)   ([ZK]_ eq. 30-33)
 
-Column j is the direction of motion, row i the component of the wrench. Its inverse, the compliance;
-names and units on rows and columns, as text, for notebooks, xarray and pandas.
+Column j is the direction of motion, row i the component of the wrench. Also its inverse, the
+compliance, and both as text, for notebooks, xarray and pandas, with names and units of rows and
+columns.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ def with_labels(
     Parameters
     ----------
     arrays : mapping of str to (names of axes, ndarray)
-        What it holds.
+        Contents.
     axes : mapping of str to sequence
-        Labels along the axes that have any.
+        Labels along some of the axes.
     **about
         Attributes of the dataset.
 
@@ -84,7 +85,7 @@ BlockUnits = tuple[tuple[str, str], tuple[str, str]]
 
 
 def numbers_text(values: Array) -> str:
-    """A few numbers on one line, to four digits; what is rounding of the largest is 0."""
+    """A few numbers on one line, to four digits; round-off of the largest is printed as 0."""
     least = numerics.BLANK * np.abs(values).max(initial=0.0)
     return ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in values.tolist())
 
@@ -111,19 +112,19 @@ def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) 
 
 
 class LabelledMatrix:
-    """A 6x6 matrix in one of the two orders; NumPy, xarray and pandas see it."""
+    """A 6x6 matrix in one of the two orders, for NumPy, xarray and pandas."""
 
     matrix: Array
     connection: Connection
     frame: str
     units: Units
     order: Order
-    #: Letter of the matrix, and what its rows and columns are.
+    #: Letter of the matrix, and names of the axes of its rows and columns.
     _letter = "K"
     _axes = ("wrench", "motion")
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """NumPy sees the matrix."""
+        """The matrix, for NumPy."""
         return np.array(self.matrix, dtype=dtype)
 
     def __getitem__(self, index: Any) -> Any:
@@ -190,7 +191,7 @@ class Compliance(LabelledMatrix):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StiffnessTensor(LabelledMatrix):
-    """A Cartesian stiffness matrix with everything that gives it a meaning.
+    """A Cartesian stiffness matrix with its connection, frame, load, units and order.
 
     Attributes
     ----------
@@ -199,7 +200,7 @@ class StiffnessTensor(LabelledMatrix):
     connection : Connection
         How wrenches at neighbouring poses were compared.
     wrench : ndarray, shape (6,)
-        W = dPhi: what the environment applies to the body to hold it; same frame, order, units.
+        W = dPhi, which the environment applies to the body to hold it; same frame, order, units.
     pose : ndarray, shape (4, 4)
         ``T_F_M`` of the frame.
     frame : str
@@ -209,7 +210,7 @@ class StiffnessTensor(LabelledMatrix):
     order : {"angular-linear", "linear-angular"}
         Order of twist components.
     inverse : ndarray, shape (6, 6), or None
-        C = K^-1 where it is known better than K tells it; it changes along with K.
+        C = K^-1 if known more accurately than from K; it is transformed together with K.
     base : ndarray, shape (4, 4)
         ``T_F_B`` of the robot's own base frame.
     is_singular : bool
