@@ -281,7 +281,9 @@ def test_recursion_comes_to_an_end(place, body):
     [
         "$(env CARTSTIFF_SECRET)",
         "$(eval env('CARTSTIFF_SECRET'))",
-        "$(eval 1)",
+        "$(eval __import__('os'))",
+        "$(eval open('/etc/passwd'))",
+        "$(eval unknown)",
         "$(eval find('x'))",
         "$(anon x)",
         "$(cwd)",

@@ -169,3 +169,91 @@ def test_the_default_frame_is_no_finger_whatever_its_name():
     hand = text.replace("</robot>", f"{jaws[0]}{jaws[1]}</robot>")
     assert cartstiff.load(hand).mechanism.frame == "l6"
     assert cartstiff.load(text.replace("</robot>", f"{jaws[0]}</robot>")).mechanism.frame == "tip_7"
+
+
+PALM = (
+    '<link name="palm"/><joint name="p" type="fixed"><parent link="l6"/>'
+    '<child link="palm"/></joint>'
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "left_realsense_link",
+        "l_hand_force_torque",
+        "ankle_constraint_B_link",
+        "closedloop2_A",
+        "left-plantar-rod",
+        "leftPinkyPitch1Link",
+    ],
+)
+def test_the_default_frame_is_no_camera_nor_a_part_of_a_linkage(name):
+    """What hangs on the palm would be the frame that is deepest in the tree."""
+    end = (
+        f'<link name="{name}"/><joint name="{name}_j" type="fixed"><parent link="palm"/>'
+        f'<child link="{name}"/></joint></robot>'
+    )
+    text = urdf_of(UR20).replace("</robot>", PALM + end)
+    assert cartstiff.load(text).mechanism.frame == "palm"
+
+
+def test_a_foot_beside_a_spring_is_no_finger():
+    """An ankle branches as a hand does."""
+    toes = "".join(
+        f'<link name="{name}"/><joint name="{name}" type="revolute"><parent link="l6"/>'
+        f'<child link="{name}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name in ("heel-spring", "foot-crank", "foot")
+    )
+    assert (
+        cartstiff.load(urdf_of(UR20).replace("</robot>", f"{toes}</robot>")).mechanism.frame
+        == "foot"
+    )
+
+
+def test_the_legs_of_a_floating_body_are_no_hand():
+    """The six freedoms of a free body are no arm: pelvis and legs of four joints each."""
+    leg = (
+        '<body name="{0}_thigh" pos="0 {1} 0"><joint name="{0}_x" axis="1 0 0"/>'
+        '<joint name="{0}_z" axis="0 0 1"/><joint name="{0}_y" axis="0 1 0"/>'
+        '<geom size="0.1"/><body name="{0}_shin" pos="0 0 -0.4">'
+        '<joint name="{0}_knee" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.4"/></body></body>'
+    )
+    text = (
+        '<mujoco><worldbody><body name="torso" pos="0 0 1"><freejoint/><geom size="0.2"/>'
+        f'<body name="pelvis"><joint name="waist" axis="0 0 1"/><geom size="0.1"/>'
+        f"{leg.format('left', 0.1)}{leg.format('right', -0.1)}</body></body></worldbody></mujoco>"
+    )
+    assert cartstiff.load(text).mechanism.frame == "left_shin"
+
+
+# An arm whose zero posture reaches below its base: shoulder at 0.4 m, forearm and wrist downwards.
+DOWN = (
+    ("0 0 0.4", "0 0 0"),
+    ("0.1 0 0", "-1.5707963267948966 0 0"),
+    ("0.6 0 0", "0 0 0"),
+    ("0 0.6 0", "-1.5707963267948966 0 0"),
+    ("0 0 0.2", "1.5707963267948966 0 0"),
+    ("0 0.1 0", "-1.5707963267948966 0 0"),
+)
+
+
+def test_an_arm_that_reaches_down_at_zero_stays_above_its_floor():
+    """Unless it hangs on a torso that has other limbs, or from a ceiling."""
+    assert heights(DOWN, np.zeros(6)).min() == pytest.approx(0.4 - 0.6 - 0.2 - 0.1)
+    assert heights(DOWN, cartstiff.load(urdf_of(DOWN)).q).min() >= -1e-9
+    leg = (
+        '<link name="leg"/><joint name="hip" type="revolute"><parent link="l0"/><child link="leg"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    torso = cartstiff.load(urdf_of(DOWN).replace("</robot>", leg))
+    assert heights(DOWN, torso.q).min() < -0.1
+    hung = [("0 0 -0.4", "3.141592653589793 0 0"), *DOWN[1:]]
+    assert heights(hung, cartstiff.load(urdf_of(hung)).q).min() < -0.1
+
+
+def test_a_declaration_after_a_comment_is_read():
+    """Other readers of URDF pass over what comes before it."""
+    late = f'\n<!-- made\n<?xml by?> -->\n<?xml version="1.0" encoding="utf-8"?>{urdf_of(UR20)}'
+    assert cartstiff.load(late).names == cartstiff.load(urdf_of(UR20)).names

@@ -498,3 +498,30 @@ def test_a_free_body_on_tendons_is_not_held() -> None:
     bent = tendons.replace('<site site="tip"/>', '<site site="tip"/><site site="torso_site"/>', 1)
     with pytest.raises(InputError, match="stiffness of tendon 1 acts on joint"):
         load(place(text.replace(tendons, bent)), frame="torso")
+
+
+def test_a_model_of_many_meshes_is_gone_through_once(tmp_path):
+    """A thousand meshes on a thousand shapes took half a minute."""
+    from cartstiff.loading.mjcf import worker
+
+    meshes = "".join(f'<mesh name="m{i}" file="m{i}.stl"/>' for i in range(20))
+    geoms = "".join(f'<geom type="mesh" mesh="m{i}"/>' for i in range(20))
+    (tmp_path / "many.xml").write_text(
+        f'<mujoco><asset>{meshes}</asset><worldbody><body name="b"><joint axis="0 0 1"/>'
+        f'<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{geoms}</body></worldbody></mujoco>'
+    )
+
+    class Counting:
+        def __init__(self, spec):
+            self.spec, self.read = spec, []
+
+        def __getattr__(self, name):
+            self.read.append(name)
+            return getattr(self.spec, name)
+
+    spec = Counting(mujoco.MjSpec.from_file(str(tmp_path / "many.xml")))
+    files, lost = worker._thin(mujoco, spec)
+    assert len(files) == 20
+    assert not lost
+    assert spec.read.count("geoms") == 1
+    assert spec.compile().nmesh == 20

@@ -157,6 +157,40 @@ def test_what_is_wrong_is_one_line(workspace, text, arguments, words):
     assert "wrong.urdf.xacro" in str(caught.value)
 
 
+def test_eval_has_the_arguments_by_name(tmp_path):
+    """Numbers are numbers, texts texts, and truths truths."""
+    (tmp_path / "arm.urdf.xacro").write_text(
+        '<robot name="arm" xmlns:xacro="http://wiki.ros.org/xacro">'
+        '<xacro:arg name="n" default="3"/><xacro:arg name="tool" default="none"/>'
+        '<xacro:arg name="tall" default="true"/><link name="l0"/><link name="l1"/><link name="l2"/>'
+        '<joint name="j1" type="continuous"><parent link="l0"/><child link="l1"/></joint>'
+        '<xacro:property name="h" value="$(eval n * 0.25)"/>'
+        """<xacro:if value="$(eval tall and tool == 'none')">"""
+        '<joint name="j2" type="continuous"><parent link="l1"/><child link="l2"/>'
+        '<origin xyz="0 0 ${h}"/></joint></xacro:if></robot>'
+    )
+    path = str(tmp_path / "arm.urdf.xacro")
+    assert reach(cartstiff.load(path)) == 0.75
+    assert reach(cartstiff.load(path, xacro_args={"n": "2"})) == 0.5
+    with pytest.raises(InputError, match="not one tree"):
+        cartstiff.load(path, xacro_args={"tool": "hand"})
+
+
+def test_a_file_that_is_not_there_names_the_empty_arguments(tmp_path):
+    head = '<robot name="arm" xmlns:xacro="http://wiki.ros.org/xacro">'
+    (tmp_path / "arm.xacro").write_text(
+        f'{head}<xacro:arg name="dof" default=""/><xacro:arg name="arm" default="gen"/>'
+        '<xacro:include filename="$(arg dof)dof/$(arg arm).xacro"/></robot>'
+    )
+    with pytest.raises(InputError, match=r"No such file.*--xacro-arg NAME:=VALUE.*empty.*: dof$"):
+        cartstiff.load(str(tmp_path / "arm.xacro"))
+    (tmp_path / "macro.xacro").write_text(
+        f'{head}<xacro:macro name="m" params="i"><link name="l${{i}}"/></xacro:macro></robot>'
+    )
+    with pytest.raises(InputError, match="defines macros and no robot; expected the file that"):
+        cartstiff.load(str(tmp_path / "macro.xacro"))
+
+
 def test_the_own_package_counts_and_a_second_one_is_named(workspace, tmp_path):
     """An old copy of the package under --package-path, with another length."""
     other = tmp_path / "old" / "arm_description"

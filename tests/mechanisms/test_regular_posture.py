@@ -98,3 +98,25 @@ def test_springs_at_rest_positions_keep_zero(tmp_path: Path) -> None:
     springs = ", ".join(f"a{k}: {{stiffness: 10, rest: 0}}" for k in range(1, 7))
     file.write_text(f"kind: serial\nmodel: machine.urdf\nsprings: {{{springs}}}\n")
     assert not cartstiff.load(str(file)).q.any()
+
+
+def test_an_arm_of_four_joints_that_is_singular_at_zero_says_so(tmp_path: Path) -> None:
+    """A SCARA whose arm is stretched; three turns about one line lose nothing elsewhere."""
+    scara = [
+        joint("a1", "base", "l1", at=(0, 0, 0.5)),
+        joint("a2", "l1", "l2", at=(0.6, 0, 0)),
+        joint("a3", "l2", "l3", at=(0.4, 0, 0)),
+        joint("a4", "l3", "tip", kind="prismatic"),
+    ]
+    arm = cartstiff.load(str(write_urdf(tmp_path, *scara)))
+    assert not arm.q.any()
+    (note,) = [note for note in arm.notes if note.code == "zero-singular"]
+    # The determinant of the planar part is l1 l2 sin(a2).
+    assert abs(0.6 * 0.4 * np.sin(note.values["q"][1])) > 0.05
+    bent = cartstiff.analyse(arm, q=note.values["q"])
+    assert np.linalg.matrix_rank(bent.jacobian, 1e-9) == 4
+    assert np.linalg.matrix_rank(cartstiff.analyse(arm).jacobian, 1e-9) == 3
+    line = [line.replace("0.6 0.0 0.0", "0.0 0.0 0.1") for line in scara]
+    line = [line.replace("0.4 0.0 0.0", "0.0 0.0 0.1") for line in line]
+    always = cartstiff.load(str(write_urdf(tmp_path, *line, name="line")))
+    assert "zero-singular" not in [note.code for note in always.notes]

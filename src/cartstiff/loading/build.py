@@ -108,15 +108,16 @@ _TOOLS = tuple(
         "flange|flange_link|link_flange",
     )
 )
-# What carries no tool: fingers by the joints on the way, sensors by the frame's own name. Names in
-# small letters: a pattern that ignores case takes twice the time.
+# What carries no tool: fingers by the joints on the way, sensors and linkages' rods by the frame's
+# own name. Names in small letters: a pattern that ignores case takes twice the time.
 _FINGERS = re.compile(
-    r"finger|thumb|knuckle|(?<![^_])(?:index|middle|ring|little|pinky)(?![^_])|jointgripper|"
+    r"finger|thumb|knuckle|pinky|(?<![^_])(?:index|middle|ring|little)(?![^_])|jointgripper|"
     r"(?<![^_])gripper_.*(?:jaw|pad|tip|joint|inner|outer|motor)|(?<![^_])(?:jaw|claw)"
 )
 _SENSORS = re.compile(
-    r"camera|sensor|accelerometer|gyro|"
-    r"(?<![^_])(?:imu|ft|lidar|laser|range|optical|depth|rgb|led|marker)(?![^_])|optical_frame"
+    r"camera|sensor|accelerometer|gyro|force_?torque|realsense|kinect|closed_?loop|constraint|"
+    r"(?<![^_])(?:imu|ft|lidar|laser|range|optical|depth|rgb|led|marker|rod|crank)(?![^_])|"
+    r"optical_frame"
 )
 
 
@@ -131,7 +132,7 @@ def _is_finger(name: str) -> bool:
 
 @_remembered
 def _is_sensor(name: str) -> bool:
-    return _SENSORS.search(name.lower()) is not None
+    return _SENSORS.search(name.lower().replace("-", "_")) is not None
 
 
 @_remembered
@@ -140,19 +141,24 @@ def _rank(name: str) -> int:
     return next((i for i, words in enumerate(_TOOLS) if words.search(name)), len(_TOOLS))
 
 
-# A link so many joints from the ground that branches into chains of at most so many is a hand.
+# A link so many joints from the ground that branches into chains of at most so many is a hand, if
+# it is no ankle.
 _WRIST, _FINGER = 4, 4
+_FEET = re.compile("foot|toe", re.IGNORECASE)
 
 
-def _hand_joints(model: Any) -> set[str]:
+def _hand_joints(model: Any, loose: Collection[str]) -> set[str]:
     """Joints of fingers by the tree alone: all chains from one link at an arm's end are short."""
-    names, depths = list(model.names), [len(support) - 1 for support in model.supports]
+    names = list(model.names)
+    depths = [sum(names[j] not in loose for j in support) - 1 for support in model.supports]
     found: set[str] = set()
     for wrist, depth in enumerate(depths):
         beyond = [j for j, support in enumerate(model.supports) if j > wrist and wrist in support]
         branches = sum(model.parents[j] == wrist for j in beyond)
         if branches > 1 and depth >= _WRIST and max(depths[j] for j in beyond) - depth <= _FINGER:
-            found |= {names[j] for j in beyond}
+            ends = {names[j] for j in beyond}
+            if not any(map(_FEET.search, ends)):
+                found |= ends
     return found
 
 
@@ -173,7 +179,7 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
     if longest == 0:
         raise InputError("robot has no movable joints")
 
-    hands = _hand_joints(model)
+    hands = _hand_joints(model, loose)
     free = [
         (name, way)
         for name, way in moving
@@ -196,6 +202,8 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
         # A hand is all fingers; on the last joint the frame deepest in the tree of fixed joints.
         ends, joints = (free, reach) if free else (moving, longest)
         end = next(way for _, way in ends if len(way) == joints)
+        beside = (way for name, way in ends if way[:-1] == end[:-1] and _FEET.search(name))
+        end = next(beside, end)
         chosen = [name for name, way in ends if way == end][-1]
         why = f"a frame at the end of the longest chain ({joints} joints)"
         if joints < longest:
@@ -277,10 +285,12 @@ _SUNK = 0.1
 _STEP = 0.05
 
 
-def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
+def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list[Note]]:
     """A regular posture (n,) in place of q where q is near a singularity, and a note that says so.
 
-    For arms with six or more joints; q stays where none of the candidates is better.
+    q stays where none of the candidates is better, and where there are fewer than six joints: the
+    note names a regular posture then. An arm that does not sink below its base at q
+    stays above it, as does one whose joints rise from the base before it reaches below.
 
     Parameters
     ----------
@@ -288,9 +298,11 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
         A serial chain.
     q : ndarray (n,)
         Zero, or as near to it as the limits allow.
+    alone : bool
+        Whether the robot is this arm, so that its base is on the floor and no torso's.
     """
     free = np.array([j not in chain.virtual for j in range(q.size)], bool)
-    if free.sum() < 6:
+    if free.sum() < 2:
         return q, []
     posture = chain.at(q)
     rows = np.repeat([1.0, 1.0 / posture.length], 3)[:, None]
@@ -309,7 +321,7 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
         for few in candidates:
             ratio = ratios(_jacobians(chain, few))
             if np.isfinite(floor):
-                ratio = ratio * [_lowest(chain, one) > floor for one in few]
+                ratio = ratio * [_heights(chain, one).min() > floor for one in few]
             i = int(np.argmax(ratio >= _ENOUGH if ratio.max() >= _ENOUGH else ratio))
             if ratio[i] > largest:
                 best, largest = few[i], float(ratio[i])
@@ -318,20 +330,28 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
         return best, largest
 
     best, largest = q, NEAR
-    if (lowest := _lowest(chain, q)) > -_SUNK * posture.length:  # it stands on a floor
-        best, largest = search(min(lowest, 0.0) - numerics.CLOSE)
+    heights, sunk = _heights(chain, q), _SUNK * posture.length
+    lowest, first = heights.min(), next((z for z in heights if abs(z) > sunk), 0.0)
+    if lowest > -sunk or (alone and first > 0.0):  # it stands on a floor
+        floor = min(lowest, 0.0) if lowest > -sunk else 0.0
+        best, largest = search(floor - numerics.CLOSE)
     if best is q:
         best, largest = search(-np.inf)
     if best is q:
         return q, []
+    words = ", ".join(
+        f"{c.name} {value:.4g}" for c, value in zip(chain.coordinates, best, strict=True)
+    )
+    if free.sum() < 6:
+        said = f"no posture was given, and zero is singular: a regular one is {words}"
+        return q, [] if is_regular([1.0, at_zero]) else [
+            Note("zero-singular", said, {"q": best.tolist()})
+        ]
     conditions = {
         "condition": 1.0 / largest,
         "condition_at_zero": 1.0 / float(at_zero) if is_regular([1.0, at_zero]) else None,
     }
     zero = "singular" if conditions["condition_at_zero"] is None else "near a singularity"
-    words = ", ".join(
-        f"{c.name} {value:.4g}" for c, value in zip(chain.coordinates, best, strict=True)
-    )
     return best, [
         Note(
             "default-posture",
@@ -342,8 +362,8 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     ]
 
 
-def _lowest(chain: Chain, q: Array) -> float:
-    """Height of the lowest joint, or of the body, over the base."""
+def _heights(chain: Chain, q: Array) -> Array:
+    """Heights of the joints, and of the body, over the base."""
     tree, body = chain.tree, chain.body
     with tree.workspace() as data:
         pin.forwardKinematics(
@@ -351,7 +371,7 @@ def _lowest(chain: Chain, q: Array) -> float:
         )
         ways = [data.oMi[int(j)] for j in tree.model.supports[body.joint] if j]
     tip = ways[-1] * pin.SE3(body.T_j_f)
-    return float(min(T.translation[2] for T in [*ways, tip]))
+    return np.array([T.translation[2] for T in [*ways, tip]])
 
 
 def _jacobians(chain: Chain, postures: Array) -> Array:
@@ -715,7 +735,9 @@ def _finished(
     if chain.kind != "serial":
         q = _assembled(chain, q, posture, notes)
     elif not rests:
-        q, chosen = regular_posture(chain, q)
+        supports = parts[0].description.model.supports
+        alone = len({int(support[1]) for support in supports if len(support) > 1}) == 1
+        q, chosen = regular_posture(chain, q, alone=alone)
         notes += chosen
     springs, assumed = springs_of(
         entries,

@@ -7,6 +7,7 @@ and xacro is expanded first (`ros`).
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -102,6 +103,12 @@ def read_robot_description(
     expanded, notes = None, list[Note]()
     if root.tag in ("robot", "mujoco") and is_xacro(path, text):
         expanded, notes = expanded_xacro(path, ros, where)
+        if "<link" not in expanded and "<xacro:macro" in text:
+            raise InputError(
+                "defines macros and no robot",
+                where=where,
+                expected="the file that includes it and calls them",
+            )
         was_read(f"{path.name} with all that it includes", expanded.encode())
         root = parse_text(expanded, where)
     elif ros.arguments:
@@ -165,6 +172,10 @@ def described_text(text: str, floating: bool = False, ros: Ros | None = None) ->
     )
 
 
+# Blank lines and comments before an XML declaration: other readers of URDF pass them over.
+_DECLARATION = re.compile(r"\A(\s*(?:<!--(?:(?!-->).)*-->\s*)*)<\?xml[^>]*\?>", re.DOTALL)
+
+
 def parse_xml(path: Path) -> ET.Element:
     """Root element of an XML file without document type (no entities, no outside files)."""
     return parse_text(read_text(path, _LARGEST), one_line(str(path)))
@@ -198,7 +209,7 @@ def parse_text(text: str, where: str) -> ET.Element:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)
     try:
-        root = ET.fromstring(text)
+        root = ET.fromstring(_DECLARATION.sub(r"\1", text))
     except (ET.ParseError, ValueError, RecursionError) as error:
         raise InputError("not valid XML", where=where, got=str(error)) from None
     return root

@@ -90,6 +90,8 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
             )
         elif lacking := answer.get("missing_arguments"):
             expected = f"--xacro-arg {lacking[0]}:=VALUE"
+        elif answer.get("lost_file") and (empty := answer["empty"]):
+            expected = f"--xacro-arg NAME:=VALUE for what is empty in the file: {', '.join(empty)}"
         raise InputError(f"xacro: {one_line(words, 300)}{inside}", where=where, expected=expected)
     twice = [
         Note(

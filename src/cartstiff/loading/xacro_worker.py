@@ -4,8 +4,8 @@ A xacro file is a program of a stranger. The package xacro expands macros, prope
 conditions; what is in ``${...}`` is evaluated after its syntax tree has been checked: numbers,
 texts, lists, dictionaries, arithmetic, comparisons, and the functions listed below. Functions are
 not values, attributes are keys of dictionaries, and no attribute is left in the code. Files are
-read below the folders that the parent names; ``$(env)`` and ``$(eval)`` are refused, and
-``$(optenv)`` is its default.
+read below the folders that the parent names. ``$(eval)`` is evaluated like ``${...}``, with the
+file's arguments by name; ``$(env)`` is refused, and ``$(optenv)`` is its default.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from types import NoneType, SimpleNamespace
 from typing import Any
 
 import xacro
+from xacro.substitution_args import convert_value
 
 from cartstiff.child_process import read_regular, serve
 from cartstiff.ros_packages import package_folders
@@ -241,6 +242,8 @@ class _Reader:
             return " ".join(rest.split()[1:])
         if command == "dirname":
             return str(Path(xacro.filestack[-1]).parent)
+        if command == "eval":
+            return str(self.evaluate(rest, _Values(self.argument)))
         raise RefusedError(f"{_shown(text)} is refused")
 
     def argument(self, name: str) -> str:
@@ -373,12 +376,15 @@ def expanded(
             "package": isinstance(inner, LookupError) and "is not found" in str(inner),
             "outside": "is outside of the file's package" in _innermost(error),
             "missing_arguments": reader.missing,
+            "lost_file": isinstance(inner, FileNotFoundError),
             "file": place[-1] if place else path,
         }
         if isinstance(inner, (MemoryError, RecursionError)):
             answer["error"] = "it needs too much memory"
     unread = [name for name in values if name not in arguments.read]
-    return {**answer, "asked": _arguments(path), "unread": unread, "twice": reader.twice}
+    asked = _arguments(path)
+    empty = [name for name in asked if arguments.get(name) == ""]
+    return {**answer, "asked": asked, "empty": empty, "unread": unread, "twice": reader.twice}
 
 
 def _cause(error: Any) -> Any:
@@ -393,6 +399,19 @@ def _innermost(error: Exception) -> str:
     if isinstance(inner, KeyError) and inner.args:
         return f"no key {inner.args[0]!r}"
     return str(inner) or type(inner).__name__
+
+
+class _Values(dict[str, Any]):
+    """Values of arguments as ``$(eval)`` has them: numbers and truths where they are such."""
+
+    def __init__(self, argument: Callable[[str], str]) -> None:
+        super().__init__()
+        self.argument = argument
+
+    def __missing__(self, name: str) -> Any:
+        if name not in xacro.substitution_args_context["arg"]:
+            raise KeyError(name)
+        return convert_value(self.argument(name), "auto")
 
 
 class _Read(dict[str, str]):

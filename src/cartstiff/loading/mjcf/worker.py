@@ -137,15 +137,13 @@ def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]
     for field in spec.hfields:
         if field.file:
             field.file, field.nrow, field.ncol, field.userdata = "", 2, 2, [0.0, 0.0, 1.0, 1.0]
-    weighed: dict[str, set[str]] = {}
-    for geom in spec.geoms:
+    weighed: dict[str, list[Any]] = {}
+    for geom in (geoms := list(spec.geoms)):
         # Nothing collides here, so that no hulls are needed.
         geom.contype = geom.conaffinity = 0
-        if geom.meshname:
-            bodies = weighed.setdefault(geom.meshname, set())
-            if _weighs(mujoco, geom):
-                bodies.add(geom.parent.name or "without a name")
-    fitted = {g.meshname for g in spec.geoms if g.meshname and g.type not in _mesh_types(mujoco)}
+        if geom.meshname and _weighs(mujoco, geom):
+            weighed.setdefault(geom.meshname, []).append(geom)
+    fitted = {g.meshname for g in geoms if g.meshname and g.type not in _mesh_types(mujoco)}
     files: dict[str, Any] = {}
     lost: dict[str, list[str]] = {}
     for mesh in spec.meshes:
@@ -160,18 +158,17 @@ def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]
             "refpos": list(map(float, mesh.refpos)),
             "refquat": list(map(float, mesh.refquat)),
         }
-        bodies = weighed.get(mesh.name, set())
-        if there and (bodies or mesh.name in fitted):
+        heavy = weighed.get(mesh.name, [])
+        if there and (heavy or mesh.name in fitted):
             continue
-        if bodies:
-            lost[file.name] = sorted(bodies)
+        if heavy:
+            lost[file.name] = sorted({g.parent.name or "without a name" for g in heavy})
         mesh.file, mesh.content_type = "", ""
         mesh.scale, mesh.refpos, mesh.refquat = [1.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
         mesh.uservert, mesh.userface = _TETRAHEDRON, _FACES
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
-        for geom in spec.geoms:
-            if geom.meshname == mesh.name and bodies:
-                geom.mass = 0.0
+        for geom in heavy:
+            geom.mass = 0.0
     return files, lost
 
 
