@@ -112,7 +112,7 @@ def _beside(chosen: TracedModel) -> str | None:
         return "its nonlinear springs have no stiffness that could be set here"
     if chosen.settles:
         return "a load bends its links"
-    if chosen.has_derivatives:
+    if chosen.untraced:
         return "some of its potentials are evaluated posture by posture"
     if getattr(chosen.case, "stretched", ()):
         return "lines between its bodies are drawn posture by posture"
