@@ -88,7 +88,7 @@ class Analysis(Reading):
         return read_target(self.target, self.target_order)
 
     def run(self, result: PostureStiffness, springs: bool, world: bool) -> dict[str, Any]:
-        """The analysis; `springs` that give the matrix are looked for where they are shown.
+        """Analyse a result, with the synthesis by `springs` if they are shown.
 
         A terminal shows a progress bar while tolerances are propagated.
         """
@@ -143,7 +143,7 @@ class Analysis(Reading):
         return answer
 
 
-#: One posture by itself: machine code serves those who ask again and again.
+#: Backend named by --profile: machine code is used only for repeated evaluations.
 ENGINE = "engine, one posture (with its first use)"
 _ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
 
@@ -182,7 +182,7 @@ def command(
     parameters
         Derivatives by the parameters.
     out
-        How it is printed.
+        Output.
     output
         Also write the result to a file. It is .json, .npz; its stiffness, and a platform's mass,
         for Nastran (.nas, .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of
@@ -280,20 +280,20 @@ def command(
 
 
 class StepTimes:
-    """Processor time of what follows each other, for --profile."""
+    """Processor times of successive steps, for --profile."""
 
     def __init__(self) -> None:
         self._wall, self._begun = time.perf_counter(), time.process_time()
         self._last, self._done = self._begun, list[tuple[str, int, float]]()
 
     def end(self, what: str, postures: int = 0) -> None:
-        """Something has been done."""
+        """Record the time of a step that has ended."""
         now = time.process_time()
         self._done.append((what, postures, now - self._last))
         self._last = now
 
     def explain(self, data: dict[str, Any]) -> list[str]:
-        """Adds them to the JSON object, and gives them as lines."""
+        """Add the times to the JSON object, and return them as lines."""
         from cartstiff.batch.work import Share, Work, describe, explained
 
         work = Work({what: Share(postures, spent) for what, postures, spent in self._done})
@@ -303,7 +303,7 @@ class StepTimes:
 
 
 def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:
-    """The matrices in another order or along other axes, about M's origin."""
+    """Return the matrices in another order or along other axes, about M's origin."""
     matrices = {
         name: None if K is None else result.tensor(name).as_controller(order=order, axes=axes)
         for name, K in result.matrices.items()
@@ -316,7 +316,7 @@ def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str,
 
 
 def _matrices_text(shown: dict[str, Any]) -> list[str]:
-    """The same as text."""
+    """Format the matrices of `_as_controller`."""
     import numpy as np
 
     from cartstiff.stiffness.tensor import format_matrix

@@ -1,15 +1,15 @@
 """Commands from declarations: a function's signature, its dataclasses, and their docstrings.
 
-A parameter of the function is an option (or, where it stands before ``*``, an argument of the
-command line): its annotation says what text becomes a value, its default is that of the option,
-and its numpydoc paragraph is the help, with the word for the value behind the colon. A parameter
-whose type is a dataclass stands for the fields of that class, the same on every command: each class
-that it is made of is a section of the help. Metadata in ``Annotated`` are a `click.ParamType`,
-another spelling ("--range"), or `Overrides`.
+A parameter of the function is an option, or an argument of the command line if it precedes ``*``.
+Its annotation is the type of the value, its default is that of the option, and its numpydoc
+paragraph is the help, with the metavar after the colon. A parameter whose type is a dataclass
+contributes the fields of that class, the same on every command; each of its base classes is a
+section of the help. Metadata in ``Annotated`` are a `click.ParamType`, another spelling
+("--range"), or `Overrides`.
 
-Such a class also says what holds of its options wherever they are taken: `NEEDS` (which options one
-means something beside), `EXCLUSIVE` (which are not given together) and `RARE` (which only
-``--help-all`` shows).
+Such a class also states rules of its options: `NEEDS` (options that one requires beside it),
+`EXCLUSIVE` (options that are not given together) and `RARE` (options that only ``--help-all``
+shows).
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ from cartstiff.errors import InputError
 
 
 class Factors(NamedTuple):
-    """What lengths and angles are multiplied by, to be in the units that are computed in."""
+    """Factors that convert lengths and angles to the units of the computation."""
 
     length: float = 1.0
     angle: float = 1.0
 
 
 class OptionType(click.ParamType):  # type: ignore[type-arg]
-    """Text that becomes a value; `name` stands for it in --help."""
+    """Type of an option's value; `name` is its metavar."""
 
-    #: Whether the option may be given several times: mappings, put together.
+    #: Whether the option may be repeated; its mappings are merged.
     merges = False
 
     def __init__(self, shape: str) -> None:
@@ -60,7 +60,7 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
         return self.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ARG002
-        """The value; what click hands over twice stays as it is."""
+        """Parse a text; values that click passes again are unchanged."""
         where = self.name if param is None else param.opts[-1]
         return self.parsed(value, where) if isinstance(value, str) else value
 
@@ -74,7 +74,7 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
 
 
 class Overrides:
-    """Which fields of a dataclass a command does not take, and its own words for others."""
+    """Fields of a dataclass that a command does not take, and its own help of others."""
 
     def __init__(self, without: str = "", **words: str) -> None:
         self.without, self.words = without.split(), words
@@ -88,12 +88,12 @@ def add_once(values: dict[str, Any], name: str, value: object, where: str) -> No
 
 
 class _Option(click.Option):
-    """An option in its section of the help; one value must not be given twice."""
+    """An option in a section of the help; a single value must not be given twice."""
 
     section = "Options"
 
     def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
-        """Collect the values, so that a second one is noticed."""
+        """Collect all values, so that a second one is noticed."""
         several, self.multiple = self.multiple, self.multiple or not self.is_flag
         super().add_to_parser(parser, ctx)
         self.multiple = several
@@ -115,12 +115,12 @@ def _merged(_: click.Context, parameter: click.Parameter, values: Any) -> dict[s
     return merged or None
 
 
-# What stands in the help for a number whose parameter says nothing else.
+# Default metavars of numbers.
 _NUMBERS = {int: "N", float: "NUMBER"}
 
 
 class Documented(NamedTuple):
-    """A docstring: what stands before its sections, parameters (value, words), and examples."""
+    """A docstring: text before its sections, parameters (metavar, help), and examples."""
 
     about: str
     parameters: dict[str, tuple[str, str]]
@@ -128,7 +128,7 @@ class Documented(NamedTuple):
 
     @classmethod
     def of(cls, thing: object) -> Documented:
-        """The numpydoc docstring of a function, or of a class and those that it comes from."""
+        """Read the numpydoc docstring of a function, or of a class and its bases."""
         about, *parts = re.split(r"^(\w+)\n-{3,}\n", inspect.getdoc(thing) or "", flags=re.M)
         sections = dict(zip(parts[::2], parts[1::2], strict=True))
         bases = getattr(thing, "__bases__", ())
@@ -149,7 +149,7 @@ def _split(hint: Any) -> tuple[Any, list[Any]]:
 def _parameter(
     name: str, hint: Any, default: Any, words: tuple[str, str], section: str | None
 ) -> click.Parameter:
-    """An argument (without a section), or an option, of one value."""
+    """Make an argument (without a section) or an option."""
     hint, marks = _split(hint)
     kind = next((mark for mark in reversed(marks) if isinstance(mark, click.ParamType)), None)
     shape, text = words
@@ -190,7 +190,7 @@ def _parameter(
     return option
 
 
-#: Options that had another name, and their name now.
+#: Renamed options, with their new names.
 RENAMED = {
     "--command": "--actuate",
     "--at": "--report-at",
@@ -198,7 +198,7 @@ RENAMED = {
     "--deflect-at": "--added-load-at",
     "--explain": "--profile",
 }
-#: Options that a command had: what is said of them, and what is given instead.
+#: Removed options of commands: message and replacement.
 GONE = {
     "map --workers": (
         "is no option any more",
@@ -207,14 +207,14 @@ GONE = {
     "map --scheduler": ("has another name now", "--dask ADDRESS"),
     "design --scheduler": ("designs have no scheduler any more", "--workers N"),
 }
-#: Where a context says that the whole help is shown.
+#: Key in a context's meta if the whole help is shown.
 HELP_ALL = "cartstiff.help_all"
-# Lines of examples in the help.
-_EXAMPLES = 4
+# Number of lines of examples in the short help.
+_SHOWN_EXAMPLES = 4
 
 
 def ending(name: str, print_it: Callable[[click.Context], None], words: str) -> click.Option:
-    """A flag that prints something and ends, whatever else is given or missing."""
+    """Make a flag that prints and ends, regardless of other options."""
 
     def callback(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
         if asked and not ctx.resilient_parsing:
@@ -233,7 +233,7 @@ def _help_all(ctx: click.Context) -> None:
 
 
 def _brief(text: str, room: int) -> str:
-    """The first sentence of a help text, or its part before a colon, and a default that fits."""
+    """Return the first sentence of a help text, or its part before a colon, with the default."""
     words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups("")  # type: ignore[union-attr]
     sentence = re.split(r"(?<=\.)\s", words)[0]
     ends = [m.start() for m in re.finditer(r"[:;] |\.$", sentence) if m.start() < room]
@@ -251,10 +251,10 @@ class Command(click.Command):
     name : str
         Its name.
     function : callable
-        What it does.
+        Function of the command.
     needs : mapping of str to str
-        Options of which one must be given, by those (separated by spaces) that mean something only
-        beside them; it goes before what the classes of the parameters say.
+        Required options, of which one must be given, by the options (separated by spaces) that
+        require them; replaces the rules of the parameters' classes.
     exclusive : tuple of str
         Options of which at most one may be given, besides those of the classes.
     rare : str
@@ -334,7 +334,7 @@ class Command(click.Command):
         self._function(**values)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Keep the words, too: a map and a report say how they were made."""
+        """Parse, and keep the words, which maps and reports contain."""
         ctx.meta["words"] = ["cartstiff", str(self.name), *args]
         try:
             return super().parse_args(ctx, args)
@@ -348,7 +348,7 @@ class Command(click.Command):
             raise
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Check what goes together, convert, and run."""
+        """Check the rules of the options, convert units, and run."""
         spelled = {p.name: p.opts[-1] for p in self.params if isinstance(p, click.Option)}
 
         def given(*names: str) -> list[str]:
@@ -367,10 +367,10 @@ class Command(click.Command):
         return super().invoke(ctx)
 
     def convert(self, ctx: click.Context) -> None:
-        """Convert the values to the units that are computed in."""
+        """Convert the values to the units of the computation."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Each class's options in a section of its own; without --help-all a line for each."""
+        """Write the options of each class as a section; without --help-all one line each."""
         sections: dict[str, list[tuple[str, str]]] = {}
         is_whole = HELP_ALL in ctx.meta
         for parameter in self.get_params(ctx):
@@ -389,9 +389,9 @@ class Command(click.Command):
                 formatter.write_dl(records, col_max=30 if is_whole else left)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The examples; without --help-all the first of them."""
+        """Write the examples; without --help-all only the first ones."""
         whole = self.epilog
         if whole and HELP_ALL not in ctx.meta:
-            self.epilog = "\n".join(whole.split("\n")[: 2 + _EXAMPLES])
+            self.epilog = "\n".join(whole.split("\n")[: 2 + _SHOWN_EXAMPLES])
         super().format_epilog(ctx, formatter)
         self.epilog = whole

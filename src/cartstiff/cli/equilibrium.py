@@ -134,7 +134,7 @@ def command(
     from cartstiff.stiffness.applied_load import LoadKind
 
     def weighing(elastic: Any) -> Any:
-        """The mechanism in the field in which its payload weighs."""
+        """Return the mechanism with the gravity that acts on its payload."""
         weighs = hung and (robot.gravity is None or any(robot.gravity))
         return with_default_gravity(elastic, hung[0]) if hung and weighs else elastic
 
@@ -144,13 +144,13 @@ def command(
     kind = LoadKind(load.load_kind, load.manner["load_at"])
 
     def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
-        """What acts on a body that is to be at q."""
+        """Return the loads on a body that shall be at q."""
         if wrench is None:
             return weight
         return (kind.acting(wrench, elastic.mechanism.at(q).pose, load.axes), *weight)
 
     def moved(elastic: Any) -> tuple[Any, Any]:
-        """With its drives where they are commanded."""
+        """Return the mechanism and its posture after the drives have moved."""
         return (
             (elastic, q) if robot.actuate is None else commanded(elastic, robot.command(elastic), q)
         )
@@ -171,7 +171,9 @@ def command(
             first = elastic.with_gravity(against_gravity, where="--against-gravity")
             under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
             before = equilibrium(first, start, *under, limits=not no_limits)
-            elastic = before.elastic.with_gravity(elastic.gravity).with_notes(_since(before))
+            elastic = before.elastic.with_gravity(elastic.gravity).with_notes(
+                _reference_note(before)
+            )
             start = before.q
         state = equilibrium(elastic, start, *loads, held=held, limits=not no_limits)
         data = state.as_dict()
@@ -194,8 +196,8 @@ def command(
     )
 
 
-def _since(before: Any) -> Note:
-    """That displacements count from a rest under another gravity."""
+def _reference_note(before: Any) -> Note:
+    """Note that displacements count from an equilibrium under another gravity."""
     gravity, place = before.elastic.gravity.tolist(), before.posture.pose[:3, 3].tolist()
     shown = [", ".join(f"{x:.6g}" for x in row) for row in (gravity, place)]
     words = (
@@ -206,7 +208,7 @@ def _since(before: Any) -> Note:
 
 
 def _weight(elastic: Any, numbers: list[float] | None) -> tuple[Any, ...]:
-    """Load of --payload."""
+    """Return the load of --payload."""
     from cartstiff.potentials.loads import payload
 
     if numbers is None:

@@ -1,4 +1,4 @@
-"""``cartstiff frames``, ``models`` and ``poses``: what a mechanism has, and what there is."""
+"""``cartstiff frames``, ``models`` and ``poses``."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ from cartstiff.parsing import parse_numbers
 def deviations_of(
     amounts: Mapping[str, tuple[float, str]], units: Mapping[str, str]
 ) -> dict[str, float]:
-    """Standard deviations by column in SI, from --sd and --units."""
+    """Return the standard deviations by column in SI, from --sd and --units."""
     from cartstiff.identify.measurements import MEASURED
     from cartstiff.loading.tables import UNITS
 
@@ -132,7 +132,7 @@ class Table:
         return {k: u for k, u in (self.units or {}).items() if k in kinds} or None
 
     def read(self, path: Path, elastic: Any, **settings: Any) -> Any:
-        """The measurements; on standard error, what of them plays no part."""
+        """Read the measurements, and report unused columns on standard error."""
         from cartstiff.identify.table import read_measurements
 
         measured = read_measurements(path, elastic, **{**self.keywords, **settings})
@@ -141,7 +141,7 @@ class Table:
         return measured
 
     def deviations(self, elastic: Any) -> dict[str, float]:
-        """Standard deviations of --sd in the mechanism's units."""
+        """Return the standard deviations of --sd in the mechanism's units."""
         from cartstiff.identify.measurements import MEASURED
         from cartstiff.mechanisms.contract import SI, convert_length
 
@@ -217,7 +217,7 @@ class Fit:
         }
 
     def check_unused(self, does: str) -> None:
-        """Refuse what only a fit, or only what precedes it, could take into account."""
+        """Refuse options that only a fit uses, and for a simulation those of the unknowns."""
         is_plan = does == "planned"
         idle = ["fit", "reject", "offsets", *(["loaded"] if is_plan else [])]
         for name in idle if is_plan else [*idle, "unknown", "tie", "known", "prior", "level"]:
@@ -291,7 +291,7 @@ class Plan:
     outliers: Annotated[int | None, click.IntRange(min=1)] = None
 
     def run(self, elastic: Any, table: Table, fit: Fit, out: Output, mechanism: str) -> None:
-        """Rows to be measured."""
+        """Choose and print the rows to be measured."""
         import numpy as np
 
         from cartstiff.identify.plan import beside, candidates, plan
@@ -344,7 +344,7 @@ class Plan:
     def run_simulation(
         self, elastic: Any, path: Path, table: Table, fit: Fit, out: Output, mechanism: str
     ) -> None:
-        """Measurements as the mechanism would show them."""
+        """Simulate and write measurements of the mechanism."""
         import numpy as np
 
         from cartstiff.identify.plan import simulated
@@ -478,7 +478,7 @@ def command(
 
 
 def _check_written(robot: Robot) -> None:
-    """Refuse to write a file that would not hold what options say of the robot."""
+    """Refuse to write a mechanism file that would not contain options of the robot."""
     options = {
         "--tcp": robot.tcp,
         "--payload": robot.payload,
@@ -494,6 +494,6 @@ def _check_written(robot: Robot) -> None:
 
 
 def _progress(step: int, size: float) -> None:
-    """A line on a terminal for each step of a long fit."""
+    """Print a line on a terminal for each step of a long fit."""
     if sys.stderr.isatty():
         say(f"step {step}: residuals of {size:.6g} standard deviations in all", error=True)

@@ -117,11 +117,11 @@ def main(arguments: list[str] | None = None) -> None:
     Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that does not
     exist, 70 a fault of cartstiff itself.
     """
-    # Imports make many objects that stay: looking through them would be a sixth of a short command.
+    # Imports create many permanent objects, whose collection would take a sixth of a short command.
     gc.set_threshold(50_000)
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # looked for in every package
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search through all packages
     _open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):  # names of files may hold what is no text
+    for stream in (sys.stdout, sys.stderr):  # file names may not be valid text
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -145,10 +145,10 @@ def main(arguments: list[str] | None = None) -> None:
         if isinstance(error, UndefinedError):
             name, code = f"{error.code}: ", EXIT_UNDEFINED
         _say(one_line(f"{name}{error}", 600))
-    except SystemExit:  # click's answer to a reader that has gone
+    except SystemExit:  # raised by click for a closed pipe
         code = 0
     except BrokenPipeError:
-        # The reader has gone (head, less): nobody is left to tell, and Python must not either.
+        # The reader has closed the pipe (head, less); Python must not report it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
     except OSError as error:  # a full disk, a path that is too long
@@ -168,7 +168,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _open_closed_streams() -> None:
-    """Open streams that the caller has closed; otherwise the next file would get their number."""
+    """Open streams that the caller has closed, so that no file gets their number."""
     for number, name in ((1, "stdout"), (2, "stderr")):
         if getattr(sys, name) is None:
             null = os.open(os.devnull, os.O_WRONLY)

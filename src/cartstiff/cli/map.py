@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from cartstiff.maps.store import MapFile
 
 
-# A map of more postures than this would take years.
-_MOST = 10**12
+# Largest number of random postures; a larger map would take years.
+_MAX_POSTURES = 10**12
 _LARGEST_FILE = 2**30
 
 
@@ -101,7 +101,7 @@ class Where:
     RARE: ClassVar = "seed orientation free redundancy branches starts"
 
     grid: Grid = None
-    random: Annotated[int | None, click.IntRange(1, _MOST)] = None
+    random: Annotated[int | None, click.IntRange(1, _MAX_POSTURES)] = None
     ranges: Annotated[Axis, "--range"] = None
     cartesian: Annotated[Grid, Pairs("x=LOW:HIGH:COUNT", frame=True)] = None
     actuate: Annotated[Grid, Pairs("NAME=LOW:HIGH:COUNT", axes=True, single=True)] = None
@@ -114,7 +114,7 @@ class Where:
     starts: Annotated[int, click.IntRange(0, 10000)] = 24
 
     def sampling(self, elastic: Any, q: Any) -> tuple[Sampling, dict[str, float]]:
-        """The sampling that is asked for, and the actuator positions at all of its postures.
+        """Return the sampling, and the commands to drives at all of its postures.
 
         q is the base posture or None.
         """
@@ -164,7 +164,7 @@ class Where:
 
 
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
-    """Columns of a CSV file by the names in its first line."""
+    """Read the columns of a CSV file by the names in its first line."""
     from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
 
@@ -178,7 +178,7 @@ def _table(path: Path, elastic: Any) -> dict[str, Any]:
             expected="a line of names, then one posture a line",
         )
     table = dict(zip(rows.names, rows.values.T, strict=True))
-    if set(elastic.names) <= set(table):  # what else a table holds is not asked for here
+    if set(elastic.names) <= set(table):  # further columns are not needed
         more = [name for name in table if name not in (*elastic.names, "time")]
         say_unused(path, more)
         table = {name: column for name, column in table.items() if name not in more}
@@ -186,7 +186,7 @@ def _table(path: Path, elastic: Any) -> dict[str, Any]:
 
 
 def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
-    """Refuse a slice before the map is computed."""
+    """Refuse a slice outside the map before it is computed."""
     for name, value in cuts.items():
         check_name("axis of the map", name, sampling.axes, "--slice")
         axis = sampling.axes[name]
@@ -202,7 +202,7 @@ def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
 def level_of(
     limit: tuple[float, str] | None, where: str, quantity: str, elastic: Any
 ) -> float | None:
-    """The value of --below or --above in the unit of the quantity."""
+    """Return the value of --below or --above in the unit of the quantity."""
     from cartstiff.maps.quantities import quantity_named
     from cartstiff.mechanisms.contract import FORCES, LENGTHS
 
@@ -324,7 +324,7 @@ class Shown:
     worst: Several = None
 
     def check(self, sampling: Any, quantities: tuple[str, ...]) -> dict[str, float]:
-        """Refuse what does not fit before the map is computed; the cuts by dimension."""
+        """Refuse unfit options before the map is computed; return the cuts by dimension."""
         # Dimensions have dots where names of coordinates have slashes.
         cuts = {n.replace("/", "."): value for n, value in (self.cuts or {}).items()}
         check_cuts(cuts, sampling)
@@ -493,7 +493,7 @@ def command(
     from cartstiff.report.maps import describe_map, ranked
 
     is_part = bool(cuts or shown.single_branch)
-    whole: Any = None  # opened where the parts' facts do not say all
+    whole: Any = None  # opened only if the statistics of the parts do not suffice
     if is_part or (shown.best, shown.worst, level, shown.picture) != (None,) * 4:
         whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
     dataset = whole
@@ -549,7 +549,7 @@ def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, flo
 
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:
-    """Refuse a list of the best of what has no better end before the map is computed."""
+    """Refuse a list of best postures of a quantity without a better end."""
     from cartstiff.batch.quantities import QUANTITIES
 
     for name in quantities:

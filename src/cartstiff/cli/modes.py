@@ -65,7 +65,7 @@ class Controller:
     output: Annotated[Path | None, OutputFile("FILE", ".json", ".yaml")] = None
 
     def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
-        """Computes, adds to the JSON object, writes the file; lines for people."""
+        """Compute the controller, add it to the JSON object, write its file; return its text."""
         if self.impedance is None:
             return []
         from cartstiff.report.modes import describe_impedance
@@ -101,7 +101,7 @@ class Controller:
 
 
 def _text(gains: dict[str, Any], ending: str) -> str:
-    """JSON, or the same as YAML: one key a line, rows of matrices in brackets."""
+    """Format as JSON, or as YAML with one key per line and rows of matrices in brackets."""
     if ending == ".json":
         return json.dumps(gains, allow_nan=False, indent=1) + "\n"
     lines = []
@@ -157,7 +157,7 @@ class Response:
     def run(
         self, modes: Modes, vibration: Vibration, data: dict[str, Any]
     ) -> tuple[list[str], dict[str, Any]]:
-        """Computes, adds to the JSON object; lines for people, and what makes --csv and --plot."""
+        """Compute, add to the JSON object; return text, and functions that make the files."""
         import numpy as np
 
         lines: list[str] = []

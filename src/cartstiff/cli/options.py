@@ -1,9 +1,9 @@
-"""What several commands take: the kinds of their options, and the objects made of them.
+"""Options of several commands: types of their values, and the objects made of them.
 
-The same on every command: which robot it is and in which posture (`Robot`), what loads it
-(`Load`), what damps and cuts (`Vibration`), what it writes (`Output`).
+The groups of options are the same on every command: the robot and its posture (`Robot`), the load
+(`Load`), damping and milling (`Vibration`), output files (`Output`).
 
-Text that cannot be used is an `InputError` that names the option.
+Text that cannot be used raises an `InputError` that names the option.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from cartstiff.vibration.response import Damping
 
 
-# No axis of a map has more values: it would take years.
-_MOST = 10**12
+# Largest count of an axis; a larger map would take years.
+_MAX_COUNT = 10**12
 
 
-#: What stands in place of a power of length: the number is an angle.
+#: Marks an angle in place of a power of length.
 ANGLE = None
 _Powers = tuple[int | None, ...]
 
 
 class Numbers(OptionType):
-    """Comma-separated numbers, as many as one of `counts` (any number without).
+    """Comma-separated numbers, whose count is one of `counts` (default any count).
 
-    `powers` are those of length in their units, or `ANGLE`; the last holds for all further numbers.
-    With `some` not all of them are zero.
+    `powers` are those of length in their units, or `ANGLE`; the last one holds for all further
+    numbers. With `some` not all of them may be zero.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class Numbers(OptionType):
         self.low, self.some = low, some
 
     def word(self, text: str, where: str) -> float | None:  # noqa: ARG002
-        """The number that a text stands for which is none."""
+        """Return the value of a text that is no number, or None."""
         return None
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
-        """Each number in its other unit."""
+        """Return the numbers in the other units."""
         powers = (*self.powers, *[self.powers[-1]] * len(value))
         return [
             x * (by.angle if power is ANGLE else by.length**power)
@@ -87,7 +87,7 @@ class Numbers(OptionType):
 
 
 def stiffness_of(text: str, where: str) -> float | None:
-    """A stiffness that is a word, or has a unit: "rigid", "392 N m/arcmin"; None for a number."""
+    """Return a stiffness given as a word or with a unit ("rigid", "392 N m/arcmin"), else None."""
     if text in ("rigid", "inf", ".inf"):
         return math.inf
     if not re.search(r"^[-+.\d].*[A-Za-df-z]", text):  # an exponent has an e
@@ -98,7 +98,7 @@ def stiffness_of(text: str, where: str) -> float | None:
 
 
 class Stiffnesses(Numbers):
-    """Stiffnesses, of which each may have its unit, as many as one of `counts`."""
+    """Stiffnesses, each with an optional unit, whose count is one of `counts`."""
 
     def word(self, text: str, where: str) -> float | None:
         """A stiffness with its unit."""
@@ -122,7 +122,7 @@ class Number(Numbers):
 
 
 class Amount(OptionType):
-    """A number and, if wanted, its unit: "0.2mm"."""
+    """A number with an optional unit: "0.2mm"."""
 
     def parsed(self, text: str, where: str) -> tuple[float, str]:
         """The number, and the unit or ""."""
@@ -135,7 +135,7 @@ _AMOUNT = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)
 
 
 class ByName(OptionType):
-    """``NAME=VALUE`` as a mapping; the value is of another kind."""
+    """``NAME=VALUE`` as a mapping; the value is of the type `kind`."""
 
     merges = True
 
@@ -144,7 +144,7 @@ class ByName(OptionType):
         self.kind = kind
 
     def parsed(self, text: str, where: str) -> dict[str, Any]:
-        """The value by its name."""
+        """Return the value by its name."""
         name, _, value = (part.strip() for part in text.partition("="))
         if not name or not value:
             raise InputError("cannot be used", where=where, expected="NAME=VALUE", got=repr(text))
@@ -152,28 +152,28 @@ class ByName(OptionType):
 
 
 class Springs(ByName):
-    """Stiffnesses of springs by their names, and what goes with them."""
+    """Stiffnesses of springs by their names, with standard deviations if any."""
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Those of springs that slide and of those that turn, in their other units."""
+        """Return the stiffnesses of prismatic and revolute springs in the other units."""
         from cartstiff.mechanisms.elements import Elements
 
         elements, a = Elements(elastic), by.length
         slides = dict(zip(elements.names, elements.is_length, strict=True))
         slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
         return {
-            name: [_times(k, 1.0 / a if slides.get(name) else a) for k in numbers]
+            name: [_scaled(k, 1.0 / a if slides.get(name) else a) for k in numbers]
             for name, numbers in value.items()
         }
 
 
-def _times(number: float, factor: float) -> float:
-    """A number in another unit; one with a unit of its own stays."""
+def _scaled(number: float, factor: float) -> float:
+    """Convert a number to another unit; a number with its own unit is unchanged."""
     return number if type(number) is not float else number * factor
 
 
 class Arguments(OptionType):
-    """One ``NAME:=VALUE`` pair of texts, as ROS people write it, as a mapping."""
+    """One ``NAME:=VALUE`` pair of texts, in the notation of ROS, as a mapping."""
 
     merges = True
 
@@ -208,13 +208,13 @@ class UnitList(OptionType):
         return chosen
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Lengths are in the mechanism's unit where they were converted."""
+        """Return the mechanism's unit of length if lengths were converted to it."""
         is_there = by.length == 1.0 or "length" not in value
         return value if is_there else {**value, "length": elastic.units.length}
 
 
 class TableUnits(UnitList):
-    """Units by kind, of columns of tables, too; the columns keep them."""
+    """Units by kind, including those of table columns, which keep them."""
 
     @property
     def known(self) -> dict[str, str]:
@@ -229,7 +229,7 @@ class TableUnits(UnitList):
 
 
 def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float]:
-    """What numbers by name are multiplied by: positions of a frame, of joints, lengths of legs."""
+    """Factors by name: of positions of a frame, or also of joints and lengths of legs."""
     turns = dict.fromkeys(("yaw", "rx", "ry", "rz"), by.angle)
     sizes = {**dict.fromkeys(("x", "y", "z"), by.length), **turns}
     if not frame:
@@ -243,7 +243,7 @@ def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float
 
 @dataclass(frozen=True)
 class Values:
-    """Numbers for joints (or legs), whose names are known only with the mechanism."""
+    """Numbers for joints or legs, whose names the mechanism defines."""
 
     option: str
     numbers: list[float] | dict[str, float]
@@ -251,7 +251,7 @@ class Values:
     def of(
         self, names: tuple[str, ...], broadcast: bool = False, joints: tuple[str, ...] = ()
     ) -> Any:
-        """The numbers, as many as `names` (or one for all), or those of some names: `joints`."""
+        """Return the numbers for `names` (or one for all), or by name for the `joints` alone."""
         if isinstance(self.numbers, dict):
             for name in self.numbers:
                 check_name("joint", name, names, self.option)
@@ -278,8 +278,8 @@ class Values:
 class JointValues(OptionType):
     """Numbers in joint order or ``name=value`` pairs, as `Values`.
 
-    They belong to the coordinates, or to the `springs` (legs of a platform), of which they may be
-    the `stiffness` ("rigid" too); with `broadcast` one number may stand for all.
+    They are values of the coordinates, or of the `springs` (legs of a platform), whose `stiffness`
+    they may be ("rigid" as well); with `broadcast` one number serves for all.
     """
 
     def __init__(
@@ -289,7 +289,7 @@ class JointValues(OptionType):
         self.stiffness, self.springs, self.broadcast = stiffness, springs, broadcast
 
     def converted(self, value: Values, by: Factors, elastic: Any) -> Values:
-        """Lengths and angles; a stiffness by what its joint does: it slides or turns."""
+        """Convert lengths and angles; a stiffness by the type of its joint."""
         sizes = _sizes(elastic, by)
         if self.stiffness:
             a = by.length
@@ -298,17 +298,17 @@ class JointValues(OptionType):
             }
         numbers = value.numbers
         if isinstance(numbers, dict):
-            by_name = {n: _times(x, sizes.get(n, 1.0)) for n, x in numbers.items()}
+            by_name = {n: _scaled(x, sizes.get(n, 1.0)) for n, x in numbers.items()}
             return replace(value, numbers=by_name)
         names = elastic.spring_names if self.springs else elastic.names
         if names == elastic.names and len(numbers) not in (1, len(names)):
             names = elastic.mechanism.joint_names
         if self.broadcast and len(numbers) == 1:
             numbers = numbers * len(names)
-        if len(numbers) != len(names):  # refused where it is used
+        if len(numbers) != len(names):  # refused later, in `Values.of`
             return value
         pairs = zip(numbers, names, strict=True)
-        return replace(value, numbers=[_times(x, sizes[n]) for x, n in pairs])
+        return replace(value, numbers=[_scaled(x, sizes[n]) for x, n in pairs])
 
     def parsed(self, text: str, where: str) -> Values:
         """Values as given, not yet compared with the mechanism."""
@@ -331,7 +331,7 @@ def _named(
     wrong: str = "cannot be used",
     **words: Any,
 ) -> dict[str, list[float]]:
-    """Numbers by name, as many as the `shape` says; `single`: or one."""
+    """Parse numbers by name, as many as in `shape`; with `single` one number is also allowed."""
     found: dict[str, list[float]] = {}
     counts = {shape.count(":") + 1, 1 if single else shape.count(":") + 1}
     for item in re.split(between, text.strip()):
@@ -347,11 +347,11 @@ def _named(
 
 
 class Pairs(OptionType):
-    """``NAME=VALUE`` pairs as a mapping to numbers; of `names` only, if there are any.
+    """``NAME=VALUE`` pairs as a mapping to numbers; only for `names`, if given.
 
-    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers; with `single`, one alone may
-    stand there as well. The numbers are as the mechanism's file has them, of a `frame`, or of
-    `axes`: coordinates and legs.
+    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers; with `single` one number is
+    also allowed. The numbers are in the units of the mechanism's file, or positions of a `frame`,
+    or of `axes`: coordinates and legs.
     """
 
     merges = True
@@ -369,7 +369,7 @@ class Pairs(OptionType):
         self.names, self.frame, self.axes, self.single = names, frame, axes, single
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Lengths and angles in their other units; a count stays."""
+        """Convert lengths and angles; a count is unchanged."""
         sizes = _sizes(elastic, by, frame=self.frame) if self.frame or self.axes else {}
         return {
             name: (*(sizes.get(name, 1.0) * x for x in numbers[:2]), *numbers[2:])
@@ -385,7 +385,7 @@ class Pairs(OptionType):
             return {name: numbers[0] for name, numbers in named.items()}
         named = _named(text, where, self.name, between=r"[,\s]+", single=self.single)
         for name, values in named.items():
-            if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
+            if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MAX_COUNT):
                 raise InputError(
                     "count cannot be used",
                     where=f"{where} {name}",
@@ -396,7 +396,7 @@ class Pairs(OptionType):
 
 
 class Sweep(OptionType):
-    """``LOW:HIGH[:COUNT]`` as two numbers that rise, the low one `above_zero`, and a count."""
+    """``LOW:HIGH[:COUNT]`` as two increasing numbers, the first one `above_zero`, and a count."""
 
     def __init__(self, count: int, most: int, unit: str, *, above_zero: bool = False) -> None:
         super().__init__("LOW:HIGH[:COUNT]")
@@ -422,7 +422,7 @@ class Sweep(OptionType):
 
 
 class OutputFile(OptionType):
-    """A file to be written: an ending that says what is written, and a folder that exists."""
+    """A file to be written, with a known ending and an existing folder."""
 
     def __init__(self, shape: str, *endings: str) -> None:
         super().__init__(shape)
@@ -500,13 +500,13 @@ class Load:
 
     @property
     def keywords(self) -> dict[str, Any]:
-        """Arguments of `cartstiff.analyse`; --world may be about other options."""
+        """Arguments of `cartstiff.analyse`; without --load, --world refers to other options."""
         axes = "body" if self.load is None else self.axes
         return {"wrench": self.load, **self.manner, "load_axes": axes}
 
     @property
     def manner(self) -> dict[str, Any]:
-        """Where the load acts, and how it goes on while the body moves."""
+        """Point of the load, and its behaviour while the body moves."""
         return {"load_at": self.load_at or (0.0, 0.0, 0.0), "load_kind": self.load_kind}
 
     @property
@@ -634,10 +634,10 @@ class Shown:
 
 @dataclass(frozen=True)
 class Robot(Shown, File, Tool, Posture):
-    """A mechanism at a posture, with its tool, in the units of people."""
+    """A mechanism at a posture, with its tool, in the units of --units."""
 
     def load(self) -> tuple[Any, Any]:
-        """The elastic mechanism, and its coordinates or None for the default posture."""
+        """Return the elastic mechanism, and its coordinates or None for the default posture."""
         elastic = self.in_frame(self.frame)
         q, notes = self._coordinates(elastic)
         elastic = elastic.with_notes(*notes)
@@ -664,7 +664,7 @@ class Robot(Shown, File, Tool, Posture):
         return {n: x for n, x in zip(names, values, strict=True) if x}
 
     def at_posture(self) -> Any:
-        """The elastic mechanism with the posture that was given as its own."""
+        """Return the elastic mechanism with the given posture as its default."""
         elastic, q = self.load()
         if q is None:
             return elastic
@@ -672,7 +672,7 @@ class Robot(Shown, File, Tool, Posture):
         return replace(noted, q=posture.q)
 
     def in_frame(self, frame: str | None) -> Any:
-        """The mechanism as its file has it, with tool and weight, and another frame of interest."""
+        """Return the mechanism of the file with tool and weight, and another body frame."""
         tool: dict[str, Any] = {"tcp": self.tcp, "payload": self.payload}
         if self.units is None:
             return self._loaded(frame, **tool)
@@ -691,7 +691,7 @@ class Robot(Shown, File, Tool, Posture):
         return in_units(bare, length, self.units.get("angle", "rad"))
 
     def bare(self, frame: str | None) -> Any:
-        """The mechanism in its file's units, without the tool; read once a command."""
+        """Return the mechanism in its file's units, without the tool; read once per command."""
         context = click.get_current_context(silent=True)
         kept = {} if context is None else context.meta
         key = f"cartstiff.bare {frame!r}"
@@ -722,7 +722,7 @@ class Robot(Shown, File, Tool, Posture):
         )
 
     def _coordinates(self, elastic: Any) -> tuple[Any, tuple[Any, ...]]:
-        """Coordinates from --q, --pose or --lengths, None without any; and notes on them."""
+        """Return coordinates from --q, --pose or --lengths, or None, and notes on them."""
         mechanism = elastic.mechanism
         if self.pose is not None and self.q is not None:
             raise InputError("give --q or --pose, not both")
@@ -758,7 +758,7 @@ class Robot(Shown, File, Tool, Posture):
 
 
 def _check_range(values: Values, expected: str, finite: bool = False) -> None:
-    """Refuse numbers below zero, zero itself where `expected` is "above zero", and tiny ones."""
+    """Refuse negative and tiny numbers, and zero if `expected` is "above zero"."""
     for value in values.all:
         if finite and value == math.inf:
             raise InputError(
@@ -796,7 +796,7 @@ class Printed:
         text: Callable[[], str],
         **files: Callable[[], Any],
     ) -> None:
-        """Write the files, and the result on standard output, as JSON or as text for reading."""
+        """Write the files, and print the result as JSON or as text."""
         from cartstiff.report.output import write_files
 
         write_files(*((getattr(self, name), make) for name, make in files.items()))
@@ -835,8 +835,8 @@ class UnitsCommand(Command):
     def convert(self, ctx: click.Context) -> None:
         """Convert the numbers of a command with --units.
 
-        Angles become radians. With --json, lengths become those of the mechanism's file, as does
-        all that comes out; without, the mechanism is put into the unit that was given.
+        Angles become radians. With --json, lengths are converted to the unit of the mechanism's
+        file, which the output has as well; without it, the mechanism is converted to --units.
         """
         units = ctx.params.get("units") if "mechanism" in ctx.params else None
         if not units:
@@ -867,7 +867,7 @@ def declared(
     json_of_file: bool = True,
     more: Iterable[click.Parameter] = (),
 ) -> Callable[[Callable[..., None]], UnitsCommand]:
-    """Decorator that makes a `UnitsCommand` of a function."""
+    """Return a decorator that makes a `UnitsCommand` of a function."""
     rules = needs or {}, exclusive, rare, json_of_file, more
     return lambda function: UnitsCommand(name, function, *rules)
 
@@ -876,13 +876,13 @@ _FACTOR = "cartstiff.given_length"
 
 
 def given_length() -> float:
-    """The unit of length of numbers that are given, in the one that is computed in."""
+    """Return the unit of length of given numbers, in the one of the computation."""
     context = click.get_current_context(silent=True)
     return 1.0 if context is None else float(context.meta.get(_FACTOR, 1.0))
 
 
 def column_factors(elastic: Any) -> dict[str, float]:
-    """Factors of columns whose head names no unit: angles, and what has lengths in its unit."""
+    """Factors of columns whose head names no unit: angles, lengths and moments."""
     from cartstiff.mechanisms.other_units import shown_factors
 
     a = given_length()
@@ -957,8 +957,8 @@ class Parameters:
     ) -> list[str]:
         """Add derivatives and deviations to the JSON object, and return them as lines.
 
-        `finish` is what becomes of the mechanism after its file was read. Frequencies get their
-        intervals, which measured springs have by themselves.
+        `finish` completes the mechanism after its file was read again. Modes also get intervals of
+        their frequencies, for measured springs even without --tolerance.
         """
         elastic, tolerance = subject.elastic, self.tolerance
         is_uncertain = tolerance is not None or elastic.identified is not None
@@ -1031,7 +1031,7 @@ class Vibration:
 
     @property
     def damped(self) -> Damping:
-        """What damps."""
+        """The damping of --damping and --rayleigh."""
         from cartstiff.vibration.response import Damping
 
         alpha, beta = self.rayleigh or (0.0, 0.0)

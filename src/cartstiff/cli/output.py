@@ -15,7 +15,7 @@ from cartstiff.errors import InputError, one_line, printable
 
 
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
-    """One JSON object; refused where a number has left the range of double precision."""
+    """Return one JSON object; refuse numbers outside the range of double precision."""
     try:
         return json.dumps(data, allow_nan=False).replace("\x7f", "\\u007f")
     except ValueError:
@@ -30,7 +30,7 @@ _WAITING = "cartstiff.diagnostics"
 
 
 def say(text: str = "", *, error: bool = False) -> None:
-    """Text on standard output, or standard error; every command writes through here."""
+    """Print text on standard output or standard error; all commands print by this function."""
     context = click.get_current_context(silent=True)
     if context is not None and not error:
         for remark in context.meta.pop(_WAITING, ()):
@@ -39,10 +39,7 @@ def say(text: str = "", *, error: bool = False) -> None:
 
 
 class Progress:
-    """A progress bar on standard error: on a terminal, always if it is asked for, or never.
-
-    Called with (done, total).
-    """
+    """A progress bar on standard error, by default on a terminal; called with (done, total)."""
 
     def __init__(self, label: str, asked: bool | None = None) -> None:
         self._label = label
@@ -57,7 +54,7 @@ class Progress:
         self._stack.close()
 
     def __call__(self, done: int, total: int) -> None:
-        """Show how far it is."""
+        """Show the progress."""
         if not self._shown:
             return
         if self._bar is None:
@@ -69,9 +66,9 @@ class Progress:
 
 
 def say_unused(path: Path, names: Sequence[str], more: str = "") -> None:
-    """On standard error, that columns of a table play no part, and `more`.
+    """Report unused columns of a table on standard error, followed by `more`.
 
-    It is said right before the answer: a table may yet be refused, and a refusal is one line.
+    It is printed just before the answer: the table may still be refused, and a refusal is one line.
     """
     if names:
         words = one_line(", ".join(names), 300)

@@ -31,7 +31,7 @@ from cartstiff.cli.output import Progress
 from cartstiff.errors import InputError, check_name
 from cartstiff.matrix_names import OF_MANY
 
-# A finer grid of places would take days.
+# Largest number of places; a finer grid would take days.
 _MOST_PLACES = 10_000
 
 
@@ -249,7 +249,7 @@ def _must_rise(where: str, expected: str, low: float, high: float) -> InputError
 
 
 def _region(axes: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
-    """Values of the workpiece's coordinates from --place."""
+    """Return the values of the workpiece's coordinates from --place."""
     if not axes:
         return {}
     import numpy as np

@@ -1,4 +1,4 @@
-"""``cartstiff assemble`` and ``workspace``: where a mechanism can be."""
+"""``cartstiff assemble`` and ``workspace``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of ``--target``: a desired stiffness, with the order, units and frame it is in."""
+"""Files of commands: a desired stiffness with order, units and frame; a path of the tool."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from cartstiff.toolpaths.tool_path import ToolPath
 
 
-# In the order that is meant, the translation block over the squared length of the mechanism is
-# about as stiff as the rotation block; the other order is off by the fourth power of the length.
-# Where the ratio is worse by this factor than with the blocks exchanged, the order must be named.
-_EXCHANGED = 5.0
-# Bytes of a file with 36 numbers in it, generously.
+# In the right order, the translation block times the squared length of the mechanism is about as
+# stiff as the rotation block; the other order is off by the fourth power of the length. If the
+# ratio is worse by this factor than with exchanged blocks, the order must be named.
+_EXCHANGED_BLOCKS_FACTOR = 5.0
+# Largest number of bytes of a file with 36 numbers.
 _LARGEST = 1 << 20
-# What a .json may say beside its matrix, and what a saved `StiffnessTensor` says besides.
-_SAID = ("order", "units", "frame")
-_SAVED = ("connection", "wrench", "pose", "base")
+# Keys of a .json besides its matrix, and further keys of a saved `StiffnessTensor`.
+_TARGET_KEYS = ("order", "units", "frame")
+_TENSOR_KEYS = ("connection", "wrench", "pose", "base")
 
 
 @dataclass(frozen=True)
 class Target:
-    """A desired stiffness as its file has it.
+    """A desired stiffness, as in its file.
 
     Attributes
     ----------
@@ -43,9 +43,9 @@ class Target:
     order : str
         One of `ORDERS`.
     order_from : {"file", "option", "default"}
-        Who said so.
+        Source of the order.
     units : tuple of str, or None
-        Length and force of the file; None: those in which numbers are given.
+        Length and force of the file; None: the units of given numbers.
     frame : str or None
         Name of the frame that the file is for.
     where : str
@@ -60,7 +60,7 @@ class Target:
     where: str
 
     def in_units_of(self, mechanism: Mechanism) -> Any:
-        """The matrix in its own order, in the units of the mechanism.
+        """Return the matrix in its own order, in the units of the mechanism.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class Target:
         return self.matrix * f * np.outer(by_length, by_length / a)
 
     def in_body_frame(self, result: PostureStiffness) -> Any:
-        """The matrix in the order and units of the mechanism.
+        """Return the matrix in the order and units of the mechanism.
 
         Raises
         ------
@@ -105,7 +105,9 @@ class Target:
         turn, move = np.trace(K[:3, :3]), np.trace(K[3:, 3:]) * result.posture.length**2
         if self.order_from == "default" and turn > 0 and move > 0:
             exchanged = np.trace(K[3:, 3:]), np.trace(K[:3, :3]) * result.posture.length**2
-            if _unlike(turn, move) > _EXCHANGED * _unlike(*exchanged):
+            if _ratio_above_one(turn, move) > _EXCHANGED_BLOCKS_FACTOR * _ratio_above_one(
+                *exchanged
+            ):
                 units = f"{mechanism.units.length} and {mechanism.units.force}"
                 raise InputError(
                     "the matrix looks as if translation came before rotation",
@@ -116,12 +118,12 @@ class Target:
         return K
 
 
-def _unlike(a: float, b: float) -> float:
+def _ratio_above_one(a: float, b: float) -> float:
     return max(a / b, b / a)
 
 
 def _of_numpy(data: bytes) -> Any:
-    """The array of an .npy file; of a broken one its reader raises anything."""
+    """Return the array of an .npy file; for a broken file the reader raises any exception."""
     import numpy as np
 
     try:
@@ -131,7 +133,7 @@ def _of_numpy(data: bytes) -> Any:
 
 
 def read_target(path: Path, order: str | None) -> Target:
-    """A 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
+    """Read a 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
     import numpy as np
 
     from cartstiff.arrays import checked_array
@@ -209,9 +211,11 @@ def _check_keys(fields: dict[str, Any], where: str) -> None:
             expected='{"matrix": [6 rows]}',
             got=_listed(fields) or "no key",
         )
-    if strange := fields.keys() - {"matrix", *_SAID, *_SAVED}:
+    if strange := fields.keys() - {"matrix", *_TARGET_KEYS, *_TENSOR_KEYS}:
         raise InputError(
-            f"unknown key {_listed(strange)}", where=where, expected=f"matrix, {', '.join(_SAID)}"
+            f"unknown key {_listed(strange)}",
+            where=where,
+            expected=f"matrix, {', '.join(_TARGET_KEYS)}",
         )
 
 
@@ -261,13 +265,12 @@ def read_path_file(
     units: Units | None = None,
     factors: Mapping[str, float] = MappingProxyType({}),
 ) -> ToolPath:
-    """A path from a file.
+    """Read a path of the tool from a file.
 
     The first line may name the columns, with units (``x [mm]``, ``yaw [deg]``): x, y, z with roll,
-    pitch, yaw (about fixed axes) or with ax, ay, az (the tool's axis), and mx, my, mz, fx, fy, fz
-    (wrench), dx, dy, dz (direction) if wanted. Without names: x, y, z, roll, pitch, yaw, and a
-    wrench if there are twelve columns.
-    Lines that start with # are left out.
+    pitch, yaw (about fixed axes) or with ax, ay, az (the tool's axis), and optionally mx, my, mz,
+    fx, fy, fz (wrench) and dx, dy, dz (direction). Without names the columns are x, y, z, roll,
+    pitch, yaw, and a wrench if there are twelve. Lines that start with # are ignored.
 
     Parameters
     ----------
@@ -276,15 +279,15 @@ def read_path_file(
     free : str
         Axis of the body that ax, ay, az are the direction of.
     wrench, direction : list of float, optional
-        The same at all points, instead of columns.
+        Constant values at all points, instead of columns.
     axes : {"base", "body", "world"}, optional
         Axes of wrenches and directions; default those of the file's poses.
     base : ndarray (4, 4), optional
         Pose of the robot's own base B in F; default F itself.
     units : Units, optional
-        What lengths and forces come in; default SI.
+        Units of lengths and forces; default SI.
     factors : mapping of str to float
-        What numbers of columns are multiplied by whose head names no unit.
+        Factors of columns whose head names no unit.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from cartstiff.errors import InputError, MissingDependencyError, joined, one_lin
 
 @dataclass(frozen=True)
 class Shown:
-    """What a page shows beside the mechanism.
+    """Contents of a page besides the mechanism.
 
     Parameters
     ----------
@@ -38,12 +38,14 @@ class Shown:
     trajectory: Path | None = None
 
     def source(self, robot: Robot, load: Load) -> Any:
-        """The page's `Source`, with everything checked that a page would show.
+        """Return the page's `Source` after checking everything that the page shows.
 
         Raises
         ------
         InputError
-            For what cannot be used; UndefinedError and ConvergenceError where there is no posture.
+            For options that cannot be used.
+        UndefinedError, ConvergenceError
+            If the posture does not exist.
         """
         if self.workspace and self.map_path is not None:
             raise InputError(
@@ -98,7 +100,7 @@ class Shown:
 
 
 def _workspace_cloud(elastic: Any, q: Any, load: Load) -> Any:
-    """The boundary around a posture; the load counts where forces are limited."""
+    """Return the boundary around a posture; the load is used if forces are limited."""
     from cartstiff.page.source import cloud_of_workspace
     from cartstiff.reach.workspace import limits_forces, workspace
 
@@ -109,7 +111,7 @@ def _workspace_cloud(elastic: Any, q: Any, load: Load) -> Any:
 
 
 def _needing(module: str, purpose: str) -> Any:
-    """A module of the page, or the refusal where tornado is missing."""
+    """Import a module of the page; refuse if tornado is missing."""
     try:
         return import_module(f"cartstiff.page.{module}")
     except ImportError as error:
@@ -126,7 +128,7 @@ def _write(output: Path, page: str) -> None:
     say(f"{one_line(str(output))}: {len(data) / 1e6:.1f} MB")
 
 
-_MOST_OTHERS = 3
+_MAX_OTHERS = 3
 
 
 @declared("view")
@@ -176,12 +178,12 @@ def command(
     cartstiff view my_arm.urdf --frame tool --map workspace.zarr
     cartstiff view arm.yaml stiffer_arm.yaml
     """
-    if len(others) > _MOST_OTHERS:
+    if len(others) > _MAX_OTHERS:
         raise InputError(
             "too many mechanisms",
             where="view",
             got=1 + len(others),
-            expected=f"at most {1 + _MOST_OTHERS}",
+            expected=f"at most {1 + _MAX_OTHERS}",
         )
     source, *beside = (
         shown.source(replace(robot, mechanism=name), load) for name in (robot.mechanism, *others)

@@ -37,7 +37,7 @@ from cartstiff.stiffness.tensor import format_matrix
 
 _SAME = "they are the same here"
 
-#: What to do where springs push along a self-motion and no load has been given.
+#: Advice for springs that push along a self-motion without a given load.
 BALANCING = "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the springs balance"
 
 
@@ -47,11 +47,10 @@ def describe(
     at_rest: bool = False,
     answer: Sequence[str] = (),
 ) -> str:
-    """Everything about a result, for reading; the text of its analysis stands before the notes.
+    """Describe a result, with the text of its analysis before the notes.
 
-    `answer` has the sentences that are read first, from `answer_lines`.
-
-    `at_rest` says that the loads are among what gives the stiffness, and W is what acts besides.
+    `answer` holds the sentences at the beginning, from `answer_lines`. With `at_rest` the stiffness
+    includes the loads, and W is the additional wrench.
     """
     elastic = result.elastic
     mechanism, units = elastic.mechanism, elastic.units
@@ -63,7 +62,7 @@ def describe(
         "",
         "Posture",
     ]
-    # Searches leave coordinates, and those of a closed chain, to these shares of their sizes.
+    # Round-off of coordinates as a share of their sizes, larger for those of a closed chain.
     noise = numerics.BLANK if result.posture.closure is None else numerics.CONVERGED
     sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
     q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
@@ -86,7 +85,7 @@ def describe(
     lines.append(gravity_loads(elastic).text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
-    outside = _outside(result)
+    outside = _potential_of_loads(result)
     if np.isfinite(outside) and outside != 0.0:
         lines.append(f"  potential of gravity and loads {outside:.6g} {units.moment}")
     lines.append("")
@@ -96,7 +95,7 @@ def describe(
             "  units [[{rr}, {rt}], [{tr}, {tt}]]".format(**units.blocks),
             "",
         ]
-    for names, K in _different(result, at_rest):
+    for names, K in _distinct_matrices(result, at_rest):
         asymmetry = float(np.abs(K - K.T).max())
         verdict = (
             "symmetric"
@@ -119,10 +118,10 @@ def describe(
     return joined(lines).rstrip()
 
 
-def _outside(result: PostureStiffness) -> float:
-    """Potential of gravity and loads; 0 where it is rounding beside their work over natural sizes.
+def _potential_of_loads(result: PostureStiffness) -> float:
+    """Return the potential of gravity and loads; 0 if it is round-off of their work.
 
-    A weight over the origin of F, say.
+    The work is that over natural sizes; a weight over the origin of F has such a potential.
     """
     total, works = 0.0, 0.0
     for term in result.elastic.parted_terms()[1]:
@@ -133,7 +132,7 @@ def _outside(result: PostureStiffness) -> float:
 
 
 def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
-    """The wrench, and what it does while the body moves."""
+    """Describe the wrench and its behaviour while the body moves."""
     if result.wrench is None:
         return []
     units, W = result.elastic.units, result.shown_wrench(result.wrench)
@@ -156,8 +155,10 @@ def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
     return lines
 
 
-def _different(result: PostureStiffness, at_rest: bool) -> list[tuple[list[str], np.ndarray]]:
-    """The matrices that exist with all their names; what is equal stands once."""
+def _distinct_matrices(
+    result: PostureStiffness, at_rest: bool
+) -> list[tuple[list[str], np.ndarray]]:
+    """Return the distinct matrices that exist, each with all its names."""
     matrices = dict(result.matrices)
     if result.is_loaded and not at_rest:
         matrices["load"] = result.tangent
@@ -175,7 +176,7 @@ def _different(result: PostureStiffness, at_rest: bool) -> list[tuple[list[str],
 
 
 def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
-    """The stiffness on the motions that exist, where the 6x6 matrix does not."""
+    """Describe the stiffness on the possible motions where the 6x6 matrix does not exist."""
     motions, K = result.reduction.reachable, result.reduction.reachable_stiffness
     if motions is None or K is None:
         return []
@@ -195,9 +196,9 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
 
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
-# Springs differ by more than a rounding, but not by its square.
-_SQUARED = numerics.ZERO**2 / numerics.BLANK
-_OF_FREE = '  "free" comes from the symmetric part of its inverse: motion along a force'
+# Ratio of squared sizes below which principal values are round-off.
+_SQUARED_ROUNDOFF = numerics.ZERO**2 / numerics.BLANK
+_FREE_OF_ASYMMETRIC = '  "free" comes from the symmetric part of its inverse: motion along a force'
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
 
@@ -211,12 +212,12 @@ def summary_text(
     Parameters
     ----------
     summary : mapping
-        From `cartstiff.analysis.posture.summarise` or `cartstiff.analysis.posture`.
+        Analysis from `cartstiff.analysis.posture.summarise` or `cartstiff.analysis.posture`.
     units : Units, or mapping of str to str
-        Keys "length", "force", "angle"; default SI. `Units` say what angles are shown in, too.
+        Keys "length", "force", "angle"; default SI. `Units` also hold the unit of shown angles.
     level : {"full", "short", "none"}
         short: principal stiffnesses, softest direction, centres, condition, verdict on
-        connections, and what was asked for. full: everything.
+        connections, and optional results. full: everything.
 
     Raises
     ------
@@ -291,13 +292,13 @@ def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
     return [
         f"analysis of {what}, at {at}",
         *_load(s, u),
-        *([_OF_FREE] if s["symmetrised"] else []),
+        *([_FREE_OF_ASYMMETRIC] if s["symmetrised"] else []),
         f"  characteristic length {number(length['value'])} {u.length} ({length['reason']})",
     ]
 
 
 def _load(s: Mapping[str, Any], u: Units) -> list[str]:
-    """What the load is taken to do, and whether the analysed matrix is the tangent under it."""
+    """State the assumed behaviour of the load, and whether the matrix is the tangent under it."""
     load = s.get("load")
     if load is None:
         return []
@@ -328,7 +329,11 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
                 sign = "" if e["definiteness"] == "positive" else f"   {e['definiteness']}"
                 beside = ellipsoids[quantity][other][others]
                 power = 2 if (freedom == "rotation") == (quantity == "stiffness") else -2
-                size = 0.0 if beside is None else _SQUARED * max(map(abs, beside["eigenvalues"]))
+                size = (
+                    0.0
+                    if beside is None
+                    else _SQUARED_ROUNDOFF * max(map(abs, beside["eigenvalues"]))
+                )
                 lines.append(
                     f"{label:<42} {row(e['eigenvalues'], size=size * length**power)}{sign}"
                 )
@@ -342,7 +347,7 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
 
 
 def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
-    """Where a force moves the body most: the largest principal compliance, rotations free."""
+    """Describe the softest directions: the largest principal compliances, other freedoms free."""
     lines = []
     for freedom, load, moves in (
         ("translation", "force along", "moves this point most"),
@@ -445,8 +450,8 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     return lines
 
 
-def _felt(value: float, share: float) -> str:
-    """A difference; 0 where its share is rounding."""
+def _difference(value: float, share: float) -> str:
+    """Format a difference; 0 if its share is round-off."""
     return number(0.0 if abs(share) < numerics.BLANK else value, 3)
 
 
@@ -463,7 +468,7 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
             rows.append([f"K^{r['name']}", *["-"] * 5])
             continue
         cells = [
-            f"{_felt(r['largest'][b], r['relative'][b])} ({percent(r['relative'][b])})"
+            f"{_difference(r['largest'][b], r['relative'][b])} ({percent(r['relative'][b])})"
             for b in u.blocks
         ]
         rows.append([f"K^{r['name']}", *cells, percent(r["change"])])
@@ -484,8 +489,8 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
 
 Section = Mapping[str, Any] | None
 
-#: Smaller shares are not listed among the largest.
-_TOLD = 1e-3
+#: Shares below this are not listed among the largest.
+_SMALLEST_LISTED_SHARE = 1e-3
 
 
 def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
@@ -515,7 +520,9 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         titles = ["spring", "elongation", "", "share", "change of force"]
     ranked = sorted(shares, key=lambda s: -abs(s["share"] or 0.0))
     if not full:
-        main = [s for s in ranked[:3] if abs(s["share"] or 0.0) >= _TOLD] or ranked[:1]
+        main = [
+            s for s in ranked[:3] if abs(s["share"] or 0.0) >= _SMALLEST_LISTED_SHARE
+        ] or ranked[:1]
         parts = [f"{s['name']} {_share(s['share'])}" for s in main]
         return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
     rows = []
@@ -524,7 +531,7 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         for kind in (False, True)
     ]
     for s in shares:
-        # A link turns and moves at once: its elongation has no single unit.
+        # A compliant link turns and moves: its elongation has no single unit.
         unit = "" if s["is_length"] is None else u.length if s["is_length"] else angle
         own = s[first]
         if s["is_length"] is not None and abs(own) < numerics.BLANK * sizes[s["is_length"]]:
@@ -550,7 +557,7 @@ def _share(x: float | None) -> str:
 
 
 def _wrench(w: list[float], u: Units) -> str:
-    """The parts of a wrench that are not zero."""
+    """Format the parts of a wrench that are not zero."""
     parts = []
     force, moment = w[3:], w[:3]
     if any(force) or not any(moment):
@@ -561,7 +568,7 @@ def _wrench(w: list[float], u: Units) -> str:
 
 
 def target_lines(t: Section, u: Units, full: bool) -> list[str]:
-    """Joint stiffness that gives a desired Cartesian stiffness."""
+    """Describe the joint stiffness that produces a desired Cartesian stiffness."""
     if t is None:
         return []
     order = ""
@@ -617,7 +624,7 @@ def _unit(name: str, u: Units) -> str:
     return "" if unit == PURE else unit.format(length=u.length, force=u.force)
 
 
-def _meet(numbers: Mapping[str, Any], prefix: str) -> bool:
+def _are_repeated(numbers: Mapping[str, Any], prefix: str) -> bool:
     """Whether two sorted principal values are equal, so that they have no derivative."""
     if not prefix.endswith("eigenvalues"):
         return False
@@ -625,12 +632,12 @@ def _meet(numbers: Mapping[str, Any], prefix: str) -> bool:
     return min(b - a, c - b) <= numerics.NEARBY * max(abs(a), abs(c))
 
 
-# What is told of a spread, and its digits.
+# Columns of a spread, and their digits.
 _SPREAD = (("nominal", 5), ("mean", 5), ("deviation", 3), ("lower", 5), ("upper", 5))
 
 
 def _size(name: str, spreads: Mapping[str, Any]) -> float:
-    """What an entry of a matrix is rounding of: the geometric mean of its two diagonal ones."""
+    """Size for the round-off of a matrix entry: geometric mean of its two diagonal entries."""
     if ".axes[" in name:
         return COSINES
     matrix, _, entry = name.partition("[")
@@ -675,7 +682,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
                 for d, m in zip(spread, means, strict=True)
             ]
             lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
-    if not s["samples"] and any(_meet(spreads, prefix) for prefix in _SHOWN):
+    if not s["samples"] and any(_are_repeated(spreads, prefix) for prefix in _SHOWN):
         lines.append(
             "  principal values meet here: to first order their spread is rough; draw "
             "samples instead"
@@ -701,7 +708,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     return lines
 
 
-def _line(a: Mapping[str, Any], size: float) -> list[str]:
+def _axis_cells(a: Mapping[str, Any], size: float) -> list[str]:
     pitch = a["pitch"]
     if pitch is not None and abs(pitch) < numerics.BLANK * size:
         pitch = 0.0
@@ -728,7 +735,7 @@ def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
                     number(e["eigenvalue"]),
                     number(e["rotational_stiffness"]),
                     number(e["translational_stiffness"]),
-                    *_line(e, size),
+                    *_axis_cells(e, size),
                 ]
                 for e in screws["screws"]
             ],
@@ -746,7 +753,7 @@ def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
             lines += ["", f"{kind}-compliant axes: {meaning}"]
             lines += table(
                 [f"stiffness [{u.stiffness[freedom]}]", *where],
-                [[number(a["stiffness"]), *_line(a, size)] for a in s[key]],
+                [[number(a["stiffness"]), *_axis_cells(a, size)] for a in s[key]],
             )
     return lines
 
@@ -780,7 +787,7 @@ def mode_lines(m: Mapping[str, Any] | None, u: Units, length: float) -> list[str
 
 
 def _frequency(frequency: float | None, eigenvalue: float) -> str:
-    """Hz, or how fast a motion grows that is not held."""
+    """Format a frequency in Hz, or the growth rate of an unstable motion."""
     if frequency is None:
         return f"unstable ({number((-eigenvalue) ** 0.5)} /s)"
     return number(frequency)
@@ -808,7 +815,7 @@ def synthesis_lines(s: Mapping[str, Any] | None, u: Units, full: bool, size: flo
             x["kind"],
             number(x["stiffness"]),
             u.stiffness["rotation" if x["kind"] == "torsional" else "translation"],
-            *_line(x, size),
+            *_axis_cells(x, size),
         ]
         for x in s["springs"]
     ]

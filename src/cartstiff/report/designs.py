@@ -15,21 +15,21 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 
-#: Reasons that are listed.
-_REASONS = 5
-#: Panels of a picture: pairs of four objectives.
-_PANELS = 6
+#: Largest number of reasons listed.
+_MAX_REASONS = 5
+#: Largest number of panels of a picture: pairs of four objectives.
+_MAX_PANELS = 6
 
 
 def describe_designs(designs: Designs, best: int = 10) -> str:
-    """What ``cartstiff design`` prints.
+    """Describe a study as ``cartstiff design`` prints it.
 
     Parameters
     ----------
     designs : Designs
         The study's designs.
     best : int
-        Most designs of the front that are listed.
+        Largest number of designs of the front that are listed.
     """
     study, counts = designs.study, designs.counts()
     lines = [
@@ -45,7 +45,7 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
         gravity_loads(designs.home).text,
         "",
         "Objectives and constraints",
-        *table(("name", "what", "unit", "wanted", "from", "to"), _asked(designs)),
+        *table(("name", "what", "unit", "wanted", "from", "to"), _measure_rows(designs)),
     ]
     if designs.front:
         shown = designs.front[:best]
@@ -70,7 +70,7 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
     return joined([*lines, *note_lines(designs.notes)])
 
 
-def _asked(designs: Designs) -> list[tuple[str, ...]]:
+def _measure_rows(designs: Designs) -> list[tuple[str, ...]]:
     rows = []
     for name, measure in designs.study.measures.items():
         values = designs.table(name)
@@ -91,7 +91,7 @@ def _row(designs: Designs, index: int) -> tuple[str, ...]:
 
 
 def _reasons(answer: Designs, state: str) -> list[str]:
-    """The commonest reasons, and a design for each."""
+    """List the most frequent reasons, with a design for each."""
     designs = [(i, d) for i, d in enumerate(answer.designs) if d.state == state]
     if state == "infeasible":  # the constraints' names, without their values
         words = [", ".join(p.partition(" = ")[0] for p in d.reason.split(", ")) for _, d in designs]
@@ -100,14 +100,14 @@ def _reasons(answer: Designs, state: str) -> list[str]:
     first: dict[str, int] = {}
     for (i, _), reason in zip(designs, words, strict=True):
         first.setdefault(reason, i)
-    reasons = Counter(words).most_common(_REASONS)
+    reasons = Counter(words).most_common(_MAX_REASONS)
     lines = [f"  {n:>5}  {reason} (design {first[reason] + 1})" for reason, n in reasons]
     more = len(first) - len(reasons)
     return [*lines, *([f"         ... {more} other reasons"] if more > 0 else [])]
 
 
 def draw_designs(designs: Designs) -> Any:
-    """Objectives against each other with the Pareto front; a single one against the variables.
+    """Draw objectives against each other with the Pareto front, or one against the variables.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def draw_designs(designs: Designs) -> Any:
         if single
         else list(itertools.combinations(names, 2))
     )
-    pairs = pairs[:_PANELS]
+    pairs = pairs[:_MAX_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
     figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows)

@@ -1,14 +1,14 @@
-"""A posture for other programs: Nastran, MuJoCo, URDF with closures beside it, a table.
+"""Export of a posture to other programs: Nastran, MuJoCo, URDF with closures, a table.
 
-Finite-element programs take one symmetric matrix of a node to the ground, rows and columns
-(translation, rotation): K^B about the body frame's origin, here along the axes of F. What of the
-tangent under a load is not symmetric follows from the load: a comment names it. A body's mass is in
-the unit that goes with those of length, force and second.
+Finite-element programs take one symmetric matrix of a node to the ground, with rows and columns
+(translation, rotation): K^B about the body frame's origin, here along the axes of F. The
+antisymmetric part of the tangent under a load follows from the load, which a comment states. A
+body's mass is in the unit that follows from those of length, force and second.
 
-URDF knows trees alone. What closes its loops is in a mechanism file of the same name beside it:
-closures, drives, springs and the posture, as `cartstiff.load` reads them. Both are in SI units, and
-so is MuJoCo's file, in which every joint's reference is the posture's coordinate: the model starts
-there, assembled.
+URDF describes only trees. A mechanism file of the same name beside it closes the loops: closures,
+drives, springs and the posture, as `cartstiff.load` reads them. Both are in SI units. So is
+MuJoCo's file, in which every joint's reference is the posture's coordinate: the model starts
+assembled at the posture.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.posture import PostureStiffness
 
 _X, _Y, _Z = np.eye(3)
-# Of slides without limits: URDF wants some.
-_FAR = 1e6
+# Limit of slides without limits [m], since URDF requires one.
+_UNLIMITED_SLIDE = 1e6
 
 
 @dataclass
@@ -69,7 +69,7 @@ class Link:
             )
         kind, more = "fixed", ""
         if self.axis is not None:
-            low, high = np.clip(self.limits, -_FAR, _FAR).tolist()
+            low, high = np.clip(self.limits, -_UNLIMITED_SLIDE, _UNLIMITED_SLIDE).tolist()
             kind = "prismatic" if self.slides else "revolute"
             more = (
                 f'<axis xyz="{numbers(self.axis)}"/><limit lower="{low!r}" upper="{high!r}" '
@@ -87,12 +87,13 @@ class Link:
 
 
 def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, bytes]:
-    """A URDF file, and the mechanism file beside it that names it `name` and closes its loops.
+    """Return a URDF file, and the mechanism file that refers to it as `name` and closes its loops.
 
     Raises
     ------
     InputError
-        For what these files cannot say: cables, legs that bend, links that give, other laws.
+        For elements that these files cannot describe: cables, legs that bend, compliant links,
+        nonlinear springs.
     """
     elastic = result.elastic
     refused = [type(p).__name__ for p in elastic.potentials]
@@ -136,7 +137,7 @@ Parts = tuple[list[Link], list[dict[str, Any]], dict[str, Any]]
 
 
 def _of_platform(result: PostureStiffness, springs: LineSprings) -> Parts:
-    """Legs of two hinges and a slide; the platform hangs on the first and is tied to the others."""
+    """Model legs as two hinges and a slide; the platform is a child of the first leg."""
     posture, platform = result.posture, result.elastic.mechanism
     if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
         raise TypeError("a platform")
@@ -199,7 +200,7 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> Parts:
 
 
 def _bar(struts: Struts | None, i: int, length: float, fixed: bool) -> tuple[float, Array, Array]:
-    """A bar of leg i: mass, centre on the leg's axis z, inertia, with none about z."""
+    """Return a bar of leg i: mass, centre on the leg's axis z, inertia, with none about z."""
     if struts is None:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     mass, com = (struts.fixed, struts.fixed_com) if fixed else (struts.moving, -struts.moving_com)
@@ -208,14 +209,14 @@ def _bar(struts: Struts | None, i: int, length: float, fixed: bool) -> tuple[flo
 
 
 def scaled_pose(T: Array, units: Units) -> Array:
-    """A pose in metres."""
+    """Convert a pose to metres."""
     other = np.array(T)
     other[:3, 3] *= convert_length(units, SI)[0]
     return other
 
 
 def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
-    """The tree of a chain, joint by joint, with a link for each end of a closure."""
+    """Return the tree of a chain, joint by joint, with a link for each end of a closure."""
     elastic, chain = result.elastic, result.elastic.mechanism
     if not isinstance(chain, Chain):
         raise TypeError("a chain")
@@ -278,9 +279,9 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
 
 
 def legs_of_nastran(result: PostureStiffness) -> bytes:
-    """Legs of a platform as springs (CBUSH) between grid points, the body rigid (RBE2), no load.
+    """Write a platform's legs as springs (CBUSH) between grid points, the body rigid (RBE2).
 
-    Bulk data to include, as the matrices are.
+    The bulk data have no load and are included like those of the matrices.
 
     Raises
     ------
@@ -324,7 +325,7 @@ def legs_of_nastran(result: PostureStiffness) -> bytes:
 
 
 def _rigid(m: int, heads: str) -> Iterator[str]:
-    """An RBE2 from M to the legs' heads; eight fields a line."""
+    """Yield the lines of an RBE2 from M to the legs' heads, with eight fields each."""
     fields = [str(m + 1), str(2 * m + 1), "123456", *heads.split(", ")]
     for first in range(0, len(fields), 8):
         name = "RBE2    " if first == 0 else "        "
@@ -332,7 +333,7 @@ def _rigid(m: int, heads: str) -> Iterator[str]:
 
 
 def large_field(x: float) -> str:
-    """A number in sixteen characters, with as many digits as they hold."""
+    """Format a number in sixteen characters, with as many digits as they hold."""
     for digits in range(12, 5, -1):
         mantissa, exponent = f"{x:.{digits}E}".split("E")
         short = f"{mantissa}{int(exponent):+d}"
@@ -389,24 +390,24 @@ def geometry_csv(result: PostureStiffness) -> bytes:
     return csv_rows(names, table).encode()
 
 
-# What MuJoCo wants of a body that moves, and a link without mass has not: kg, kg m^2.
-_LEAST = "1e-6", "1e-9"
+# Mass [kg] and inertia [kg m^2] of massless links, since MuJoCo requires them of moving bodies.
+_MIN_BODY = "1e-6", "1e-9"
 
 
 def numbers(values: Array) -> str:
-    """Numbers of an attribute, all their digits."""
+    """Format numbers of an attribute with all their digits."""
     return " ".join(repr(float(x)) for x in values)
 
 
 def quaternion(R: Array) -> Array:
-    """Of a rotation, real part first."""
+    """Return the quaternion of a rotation, real part first."""
     from scipy.spatial.transform import Rotation
 
     return np.roll(np.asarray(Rotation.from_matrix(R).as_quat()), 1)
 
 
 def load_of_mujoco(result: PostureStiffness, parent: str) -> tuple[list[str], list[str], list[str]]:
-    """The wrench that holds the posture: a site at its point, one in the room, and what pushes.
+    """Describe the wrench that holds the posture by sites on body and world, and an actuator.
 
     A `general` actuator without control exerts its bias on the site: along the site's axes, which
     turn with the body (follower), or along those of the reference site (dead).
@@ -446,12 +447,12 @@ def load_of_mujoco(result: PostureStiffness, parent: str) -> tuple[list[str], li
 
 
 def chain_of_mujoco(result: PostureStiffness) -> bytes:
-    """An arm, or a closed chain such as legs by name: bodies, joints with springs, closures.
+    """Write an arm or a closed chain for MuJoCo: bodies, joints with springs, closures.
 
     Raises
     ------
     InputError
-        For what the file cannot say: beams, links that give, springs by other laws.
+        For elements that the file cannot describe: beams, compliant links, nonlinear springs.
     """
     elastic, springs = result.elastic, result.elastic.springs
     refused = [type(p).__name__ for p in elastic.potentials]
@@ -476,9 +477,9 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
         for joint, spring in named.items()
         if spring["stiffness"] == "rigid"
     ]
-    world = [*room, *_within("base", links, parts, (own.parent, load))]
-    least = f' boundmass="{_LEAST[0]}" boundinertia="{_LEAST[1]}"'
-    about = f"<!-- links without mass are given {_LEAST[0]} kg and {_LEAST[1]} kg m^2 -->"
+    world = [*room, *_bodies_on("base", links, parts, (own.parent, load))]
+    least = f' boundmass="{_MIN_BODY[0]}" boundinertia="{_MIN_BODY[1]}"'
+    about = f"<!-- links without mass are given {_MIN_BODY[0]} kg and {_MIN_BODY[1]} kg m^2 -->"
     ends = [*(["<equality>", *ties, "</equality>"] if ties else []), *pushes]
     return _document(elastic, world, ends, least, [about])
 
@@ -490,7 +491,7 @@ def _document(
     compiler: str = "",
     about: Sequence[str] = (),
 ) -> bytes:
-    """A MuJoCo file: what is in the world, and what stands behind it."""
+    """Return a MuJoCo file from the elements of the world and those after it."""
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
     gravity = np.zeros(3) if elastic.gravity is None else np.asarray(elastic.gravity)
     lines = [
@@ -508,12 +509,14 @@ def _document(
 
 
 def _placed(T: Array) -> str:
-    """Attributes of a frame in its parent."""
+    """Return the attributes of a frame in its parent."""
     return f'pos="{numbers(T[:3, 3])}" quat="{numbers(quaternion(T[:3, :3]))}"'
 
 
-def _within(parent: str, links: list[Link], parts: Parts, load: tuple[str, list[str]]) -> list[str]:
-    """Bodies and sites on a link, with all that hangs on them; the load's site on its link."""
+def _bodies_on(
+    parent: str, links: list[Link], parts: Parts, load: tuple[str, list[str]]
+) -> list[str]:
+    """Return bodies and sites on a link with all their descendants, and the load's site."""
     q, named = parts[2]["q"], parts[2]["springs"]
     lines = list(load[1]) if load[0] == parent else []
     for link in links:
@@ -536,12 +539,12 @@ def _within(parent: str, links: list[Link], parts: Parts, load: tuple[str, list[
                 f'mass="{mass!r}" diaginertia="{numbers(moments)}"/>'
             )
         lines.append(_joint(link, q[link.joint], named.get(link.joint, {})))
-        lines += [*_within(link.name, links, parts, load), "</body>"]
+        lines += [*_bodies_on(link.name, links, parts, load), "</body>"]
     return lines
 
 
 def _joint(link: Link, q: float, spring: dict[str, Any]) -> str:
-    """A hinge or a slide; a spring without a rest position is unloaded at the posture."""
+    """Return a hinge or a slide; a spring without a rest position is unloaded at the posture."""
     kind = "slide" if link.slides else "hinge"
     axis = numbers(np.asarray(link.axis))
     text = f'<joint name={quoteattr(link.joint)} type="{kind}" axis="{axis}" ref="{q!r}"'
@@ -553,14 +556,14 @@ def _joint(link: Link, q: float, spring: dict[str, Any]) -> str:
 
 
 def exchanged(result: PostureStiffness, ending: str) -> bytes:
-    """What a file with an ending of `EXCHANGE` holds of a posture.
+    """Return the contents of a file with an ending of `EXCHANGE` for a posture.
 
     Raises
     ------
     UndefinedError
         If there is no stiffness to write.
     InputError
-        For a machine that the program cannot have.
+        For a mechanism that the program cannot represent.
     """
     return EXCHANGE[ending](result)
 
@@ -583,7 +586,7 @@ def _in_room(result: PostureStiffness, K: Array) -> Array:
 
 
 def _mass(result: PostureStiffness) -> Array | None:
-    """Masses' matrix (6, 6) of a platform, as `_stiffness`, in the units of K times s^2."""
+    """Mass matrix (6, 6) of a platform, as `_stiffness`, in the units of K times s^2."""
     posture = result.posture
     if not isinstance(posture, PlatformPosture):
         return None
@@ -594,8 +597,8 @@ def _mass(result: PostureStiffness) -> Array | None:
     return _in_room(result, mass * (force / length))
 
 
-def _said(result: PostureStiffness) -> list[str]:
-    """What a reader of the file must know."""
+def _header_lines(result: PostureStiffness) -> list[str]:
+    """Return the comment at the head of a file: mechanism, units, axes and wrench."""
     units = result.elastic.units
     lines = [
         f"{result.elastic.name}: stiffness of {result.elastic.mechanism.frame} to the ground",
@@ -605,7 +608,7 @@ def _said(result: PostureStiffness) -> list[str]:
     if result.wrench is not None and np.any(result.wrench):
         load = ", ".join(f"{x:.6g}" for x in result.wrench)
         lines.append(f"under the wrench (moment, force; body axes) {load}: K^B, the symmetric part")
-    # A name that ended the line would be read as what follows the comment.
+    # A line break in a name would end the comment.
     return [joined([line]).encode("ascii", "replace").decode() for line in lines]
 
 
@@ -624,7 +627,7 @@ def _nastran(result: PostureStiffness) -> bytes:
     mass = _mass(result)
     x, y, z = map(large_field, result.pose[:3, 3])
     lines = [
-        *[f"$ {line}" for line in _said(result)],
+        *[f"$ {line}" for line in _header_lines(result)],
         "$ in case control: K2GG=KBODY" + ("" if mass is None else ", M2GG=MBODY"),
         f"{'GRID*':<8}{1:>16}{'':16}{x}{y}",
         f"{'*':<8}{z}",
@@ -697,7 +700,7 @@ def _mujoco(result: PostureStiffness) -> bytes:
     return _document(elastic, world, ["<tendon>", *tendons, "</tendon>", *pushes])
 
 
-#: By the ending of the file.
+#: Writers by the ending of the file.
 EXCHANGE: dict[str, Callable[[PostureStiffness], bytes]] = {
     ".nas": _nastran,
     ".bdf": _nastran,

@@ -1,4 +1,4 @@
-"""A mechanism's frames as a tree, with joints, limits, springs and masses."""
+"""Frames of a mechanism as a tree, with joints, limits, springs and masses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cartstiff.report.layout import body_frame, placed, vector
 
 
 def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
-    """The object printed by ``cartstiff frames --json``.
+    """Return the object printed by ``cartstiff frames --json``.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
             if tree.coordinates[k].name != names[j]:
                 follows = tree.coordinates[k].name
             if follows is not None and k in chain.virtual:
-                # Mass that follows a share of a link's deflection: told where that begins.
+                # A mass in the middle of a compliant link is listed at the link's first joint.
                 link = follows.rpartition(".")[0] + "."
                 next(x for x in joints if x["name"].startswith(link))["mass"] += float(
                     masses[j - 1]
@@ -159,7 +159,7 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
 
 
 def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float = 0.0) -> str:
-    """The answer of ``cartstiff frames``, for reading, with postures in "rad" or "deg"."""
+    """Describe the answer of ``cartstiff frames``, with postures in "rad" or "deg"."""
     units, joints = Units.from_dict(answer["units"]), answer["joints"]
     mechanism = answer["mechanism"]
     lines = [

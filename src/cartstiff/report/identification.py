@@ -1,4 +1,4 @@
-"""Springs found from measurements, as text for people, and as figures."""
+"""Identified springs and plans of measurements, as text and figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def describe_identification(result: Identification) -> str:
-    """Stiffnesses with their intervals, noise, checks, notes."""
+    """Describe stiffnesses with their intervals, noise, checks and notes."""
     model = "the equilibrium under load" if result.loaded else "displacements linear in the load"
     used = len(result.measured)
     rows = f"{used} rows" if used == result.rows else f"{used} of {result.rows} rows"
@@ -113,7 +113,7 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
 
 
 def describe_plan(plan: Plan) -> str:
-    """Rows chosen, the intervals they will give, and how these fall with the number of rows."""
+    """Describe the chosen rows, the predicted intervals, and their decrease with more rows."""
     data, rows = plan.as_dict(), plan.rows
     elastic = plan.unknowns.elements.elastic
     what = {
@@ -162,7 +162,7 @@ _SUSPECT = "tab:red"
 
 
 def draw_residuals(result: Identification) -> Any:
-    """Residuals over their standard deviation, against load, posture, and time or row.
+    """Draw residuals over their standard deviation against load, posture, and time or row.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def draw_residuals(result: Identification) -> Any:
 
 
 def _draw_stiffness(axis: Any, result: Identification) -> None:
-    """Compliances with their intervals, over those of the mechanism at the start."""
+    """Draw compliances with their intervals, relative to those of the mechanism's file."""
     names: list[str] = []
     for e, nominal in zip(result.estimates, result.unknowns.nominal, strict=True):
         if e.compliance is None or e.interval is None or not nominal:

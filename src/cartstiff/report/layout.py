@@ -14,25 +14,25 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 
-#: Size that components of unit vectors are shown beside: one below 1e-9 tells nothing.
+#: Size for the round-off of components of unit vectors, so that those below 1e-9 are shown as 0.
 COSINES = numerics.REPORTED_ERROR / numerics.BLANK
 
 
 def note_lines(notes: Iterable[Note]) -> list[str]:
-    """Notes under their title, after an empty line; nothing without any."""
+    """Return the notes under their title, after an empty line; nothing without notes."""
     lines = [f"  {note}" for note in notes]
     return ["", "Notes", *lines] if lines else []
 
 
 def number(x: float | None, digits: int = 5, missing: str = "-", size: float = 0.0) -> str:
-    """One number, "-" where it does not exist; what is only rounding of a size is 0."""
+    """Format a number, "-" if it does not exist; 0 if it is round-off of a size."""
     if x is None:
         return missing
     return f"{0.0 if x == 0 or abs(x) < numerics.BLANK * size else x:.{digits}g}"
 
 
 def percent(x: float | None) -> str:
-    """A share in per cent; what is only rounding is 0, what does not exist "-"."""
+    """Format a share in per cent; 0 if it is round-off, "-" if it does not exist."""
     if x is None or not math.isfinite(x):
         return "-"
     shown = f"{0.0 if abs(x) < numerics.BLANK else 100.0 * x:.2g}"
@@ -40,12 +40,12 @@ def percent(x: float | None) -> str:
 
 
 def share(x: float | None) -> str:
-    """A pure number of size one; what is only rounding is 0, what does not exist "-"."""
+    """Format a number of size one; 0 if it is round-off, "-" if it does not exist."""
     return number(x, 3, size=1.0)
 
 
 def _each(values: Iterable[float | None], digits: int, size: float) -> list[str]:
-    """Numbers; what is only rounding of the largest or of a size is 0."""
+    """Format numbers; 0 for round-off of the largest number or of a size."""
     entries = list(values)
     largest = max(max((abs(x) for x in entries if x is not None), default=0.0), size)
     return [number(x, digits, size=largest) for x in entries]
@@ -84,7 +84,7 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def placed(T: Array, unit: str) -> str:
-    """Where a frame sits in another: at a point, turned by angles; "" where it is that frame."""
+    """Describe the pose of a frame in another by point and angles; "" for the identity."""
     size = float(np.abs(T[:3, 3]).max())
     turned = np.degrees(se3.roll_pitch_yaw(T))
     parts = []
@@ -96,14 +96,14 @@ def placed(T: Array, unit: str) -> str:
 
 
 def body_frame(frames: Mechanism | Mapping[str, Any], unit: str = "") -> str:
-    """The body frame M in words, and where it sits in its link's frame.
+    """Describe the body frame M and its pose in its link's frame.
 
     Parameters
     ----------
     frames : Mechanism or mapping
-        Whose frame, or what its `frames_as_dict` says.
+        The mechanism, or its `frames_as_dict`.
     unit : str
-        Of lengths, beside a mapping.
+        Unit of lengths of a mapping.
     """
     if not isinstance(frames, Mapping):
         return body_frame(frames.frames_as_dict(), frames.units.length)

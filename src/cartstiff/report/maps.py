@@ -1,4 +1,4 @@
-"""A map in words: its size, its states, the range of its quantities, tables of postures."""
+"""Maps as text: size, states, ranges of quantities, tables of postures."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cartstiff.report.layout import body_frame, number, table
 def describe_map(
     answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str, is_loaded: bool
 ) -> str:
-    """The answer of ``cartstiff map``, for reading, with coordinates and what was weighed.
+    """Describe the answer of ``cartstiff map``; `weighed` describes the acting masses.
 
-    `is_loaded` says whether a load was given, so that rest positions were chosen.
+    With `is_loaded` a load was given, so that rest positions were chosen.
     """
     parts, units = answer["parts"], answer["units"]
     lines = [
@@ -79,7 +79,7 @@ def describe_map(
 
 
 def ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
-    """Rows of a table of postures, for JSON."""
+    """Return the best or worst postures as rows of a table, for JSON."""
     from cartstiff.arrays import plain
     from cartstiff.maps.reading import best, state_names, worst
 
@@ -98,7 +98,7 @@ def ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, An
 
 
 def _searched(branches: Mapping[str, int] | None) -> list[str]:
-    """How many branches there are at a place, and how they were looked for."""
+    """Describe the number of branches at a place, and their search."""
     if branches is None:
         return []
     legs = branches["legs"]
@@ -110,7 +110,7 @@ def _searched(branches: Mapping[str, int] | None) -> list[str]:
 
 
 def _load(answer: Mapping[str, Any]) -> list[str]:
-    """What K^load supposes of the load."""
+    """State the assumed behaviour of the load for K^load."""
     if answer["connection"] != "load":
         return []
     load = answer["load"]
@@ -145,7 +145,7 @@ def _slice(answer: Mapping[str, Any]) -> list[str]:
 
 
 def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
-    """The answer of ``cartstiff compare``, for reading."""
+    """Describe the answer of ``cartstiff compare``."""
     unit = "" if answer["unit"] == "1" else f" {answer['unit']}"
     lines = [
         words,
@@ -162,7 +162,7 @@ def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
 
 
 def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> tuple[str, str]:
-    """Title and HTML of a map's quantity, by default its first: picture, range, command.
+    """Return title and HTML of a map's quantity, by default its first: picture, range, command.
 
     Raises
     ------

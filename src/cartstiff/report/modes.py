@@ -25,16 +25,16 @@ from cartstiff.vibration.sensitivities import Accuracy, FrequencyInterval, Sensi
 
 
 def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:
-    """Frequencies with their load, shapes, masses, nodal axes and notes.
+    """Describe frequencies with their load, shapes, masses, nodal axes and notes.
 
     Parameters
     ----------
     modes : Modes
-        Under the load.
+        Modes under the load.
     unloaded : Modes, optional
-        The same without it, which stands beside.
+        Modes without the load, for comparison.
     extra : sequence of str
-        Lines that stand before the notes.
+        Lines before the notes.
     """
     elastic, mechanism, units = modes.elastic, modes.elastic.mechanism, modes.elastic.units
     weighed = modes.as_dict()["weighed"]
@@ -87,27 +87,27 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
             bare = unloaded.frequencies[i] if i < len(unloaded.frequencies) else np.nan
             change = f / bare - 1.0 if bare else None
             if change is not None and abs(change) < numerics.REPORTED_ERROR:
-                change = 0.0  # two eigenvalue problems agree to no more
+                change = 0.0  # accuracy of two eigenvalue problems
             cells += [_hertz(bare), percent(change)]
         if masses is not None and total is not None:
-            cells += [number(m, 4) for m in _clean(masses[i], total[1])]
+            cells += [number(m, 4) for m in _zero_roundoff(masses[i], total[1])]
         rows.append(cells)
     return table(titles, rows)
 
 
-def _clean(masses: np.ndarray, total: float) -> list[float]:
+def _zero_roundoff(masses: np.ndarray, total: float) -> list[float]:
     return [0.0 if abs(m) < numerics.CLOSE * total else float(m) for m in masses]
 
 
-#: Beyond this many coordinates only the largest shares are shown.
-_COLUMNS = 8
+#: Largest number of coordinates whose shares are all shown.
+_MAX_COLUMNS = 8
 
 
 def _participation(modes: Modes) -> list[str]:
     names, shares = modes.elastic.names, modes.participation
     if modes.posture.coordinates_are_pose:
         names = ("rx", "ry", "rz", "x", "y", "z")
-    if len(names) <= _COLUMNS:
+    if len(names) <= _MAX_COLUMNS:
         rows = [
             [str(i + 1), *(f"{100 * s + 0.0:.1f}" for s in row)] for i, row in enumerate(shares)
         ]
@@ -137,7 +137,7 @@ def _axes(modes: Modes) -> list[str]:
 
 
 def describe_comparison(shortcuts: Sequence[Shortcut]) -> list[str]:
-    """Frequencies by matrices at the tip beside the true ones, as lines."""
+    """Compare the frequencies of matrices at the tip with the exact ones."""
     lines = ["", "What 6x6 matrices at the tip make of them, in Hz; largest error"]
     for shortcut in shortcuts:
         if shortcut.all_masses is None:
@@ -168,16 +168,16 @@ def _worst(errors: np.ndarray | None) -> str:
     return percent(float(errors[np.nanargmax(np.abs(errors))]))
 
 
-#: Rows of sensitivities that are shown, those that matter most.
-_ROWS = 20
-#: Characters of what is said about parameters that are left out; the JSON has all of them.
-_LEFT_OUT = 400
+#: Number of parameters listed, those with the largest effect.
+_MAX_PARAMETERS = 20
+#: Largest number of characters about missing parameters; the JSON has all of them.
+_MAX_LEFT_OUT = 400
 
 
 def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
-    """Change of each frequency for one per cent of each stiffness and mass, a mm of each length.
+    """List changes of each frequency for one per cent of stiffnesses and masses, 1 mm of lengths.
 
-    Without frequencies, change of the entries on the diagonal of K^K.
+    Without frequencies the changes are those of the diagonal of K^K.
     """
     millimetre, _ = convert_length(Units("mm"), units)
     slopes, titles = known.frequencies, [f"mode {i + 1}" for i in range(known.frequencies.shape[1])]
@@ -202,18 +202,18 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     sizes = np.nanmax([np.abs(entry[2]) for entry in rows], axis=0, initial=0.0)
     cells = [
         [name, unit, *(number(x, 3, size=size) for x, size in zip(shown, sizes, strict=True))]
-        for name, unit, shown in rows[:_ROWS]
+        for name, unit, shown in rows[:_MAX_PARAMETERS]
     ]
     lines += table(["parameter", "", *titles], cells)
-    if len(rows) > _ROWS:
-        lines.append(f"  {len(rows) - _ROWS} more, which matter less, with --json")
+    if len(rows) > _MAX_PARAMETERS:
+        lines.append(f"  {len(rows) - _MAX_PARAMETERS} more, which matter less, with --json")
     if known.left_out:
-        lines.append(f"  {one_line(known.left_out, _LEFT_OUT)}")
+        lines.append(f"  {one_line(known.left_out, _MAX_LEFT_OUT)}")
     return lines
 
 
 def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
-    """Standard deviations of pose, stiffness and frequencies with the main contributors."""
+    """List standard deviations of pose, stiffness and frequencies with the main contributors."""
     lines = [
         "",
         f"Accuracy to first order: standard deviations ({known.factor:.4g} of them hold "
@@ -247,12 +247,12 @@ def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
             rows.append([name, unit[i], number(nominal[at]), number(sd[at], 3), main])
     lines += table(["", "unit", "nominal", "deviation", "contributors"], rows)
     if known.left_out:
-        lines.append(f"  {one_line(known.left_out, _LEFT_OUT)}")
+        lines.append(f"  {one_line(known.left_out, _MAX_LEFT_OUT)}")
     return lines
 
 
 def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:
-    """Interval of each frequency."""
+    """List the interval of each frequency."""
     lines = ["", f"Intervals that hold {100 * band.level:g} per cent, in Hz, to first order"]
     for i, (f, low, high) in enumerate(zip(modes.frequencies, band.low, band.high, strict=True)):
         lines.append(f"  {i + 1:>3}  {_hertz(f)}  from {low:.6g} to {high:.6g}")
@@ -260,7 +260,7 @@ def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:
 
 
 def describe_response(response: FrequencyResponse, direction: ArrayLike | None) -> list[str]:
-    """Largest values of each curve, and its values at both ends."""
+    """List the largest value of each curve, and its values at both ends."""
     lines = [
         "",
         f"Response: {response.kind} in {response.unit}, "
@@ -306,7 +306,7 @@ def describe_lobes(curve: Lobes, units: Units) -> list[str]:
 
 
 def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units) -> list[str]:
-    """Stiffness and damping as a controller takes them, and what the square-root rule gives."""
+    """Describe stiffness and damping for a controller, and the result of the square-root rule."""
     turning, moving = (
         f"{units.moment}/rad | {units.force}",
         f"{units.force}/rad | {units.stiffness['translation']}",
@@ -348,16 +348,16 @@ def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units
 def draw_response(
     response: FrequencyResponse, direction: ArrayLike | None = None, modes: Modes | None = None
 ) -> Any:
-    """Bode diagram: size and phase of each curve, frequencies of the modes as thin lines.
+    """Draw a Bode diagram: size and phase of each curve, frequencies of the modes as thin lines.
 
     Parameters
     ----------
     response : FrequencyResponse
-        What is drawn.
+        The response.
     direction : array_like (3,), optional
-        One curve along it; default x, y and z.
+        Direction of a single curve; default x, y and z.
     modes : Modes, optional
-        Whose frequencies are marked.
+        Modes whose frequencies are marked.
 
     Returns
     -------
@@ -397,7 +397,7 @@ def draw_response(
 
 
 def draw_lobes(curve: Lobes, unit: str) -> Any:
-    """Limiting depth over the spindle's speed and the depth that is stable at every speed.
+    """Draw the limiting depth over the spindle's speed, and the depth stable at every speed.
 
     Parameters
     ----------
@@ -428,5 +428,5 @@ def draw_lobes(curve: Lobes, unit: str) -> Any:
 
 
 def _is_narrow(frequencies: np.ndarray) -> bool:
-    """Whether a logarithmic axis would have one or two numbers on it."""
+    """Whether a logarithmic axis would have only one or two labels."""
     return bool(frequencies[-1] < 10.0 * frequencies[0])

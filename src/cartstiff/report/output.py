@@ -1,4 +1,4 @@
-"""Results to files, whole or not at all."""
+"""Writing of results to files, completely or not at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that readers see the old one or the new one, never half of it.
+    """Write a file so that readers see the old or the new contents, never a part.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def write_whole(path: Path, data: bytes) -> None:
         If the place cannot be written.
     """
     try:
-        # Opened by the name alone, it has the permissions that the user's umask leaves.
+        # Created by `open`, it has the permissions of the user's umask.
         name = path.parent / f".{path.name}.{secrets.token_hex(8)}"
         handle = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     except OSError as error:
@@ -47,7 +47,7 @@ def write_whole(path: Path, data: bytes) -> None:
 def write_result(
     result: PostureStiffness, path: Path, data: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a result as JSON (.json), NumPy arrays (.npz, with the JSON inside), or for others.
+    """Write a result as JSON (.json), NumPy arrays (.npz, with the JSON inside), or by `EXCHANGE`.
 
     Nastran (.nas, .bdf; legs as springs: .dat), MuJoCo (.xml, platforms on lines), the geometry
     as a table (.csv) or a tree (.urdf, with a mechanism file of the same name that closes its

@@ -25,7 +25,7 @@ _STABLE = {True: "yes", False: "NO", None: "-"}
 
 
 def describe_assembly(modes: AssemblyModes) -> str:
-    """How many modes there are, how completely they are known, and each on a line."""
+    """Describe the number of modes, whether all are known, and each mode on a line."""
     elastic, units = modes.elastic, modes.elastic.units
     held = ", ".join(_held(elastic, name, x) for name, x in modes.given.items())
     count = len(modes)
@@ -91,7 +91,7 @@ def _table(modes: AssemblyModes) -> list[str]:
 
 
 def _held(elastic: ElasticMechanism, name: str, value: float) -> str:
-    """A leg's length, or an actuator's coordinate, with its unit."""
+    """Format a leg's length or an actuator's coordinate with its unit."""
     coordinates = {c.name: c for c in elastic.mechanism.coordinates}
     if name not in coordinates or coordinates[name].is_length:
         return f"{name} {number(value, 6)} {elastic.units.length}"
@@ -106,7 +106,7 @@ def _pose_names(elastic: ElasticMechanism) -> list[str]:
 
 
 def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
-    """Coordinates of a platform, or the pose of M of a chain, as people read it; rounding is 0."""
+    """Return a platform's coordinates or a chain's pose of M in shown units; round-off is 0."""
     if isinstance(elastic.mechanism, Platform):
         q = mode.q
     else:
@@ -121,10 +121,7 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
 
 
 def assembly_csv(modes: AssemblyModes) -> str:
-    """A row a mode: coordinates, residual, smallest eigenvalue, stable, determinant, frequencies.
-
-    A cell is empty where a number does not exist.
-    """
+    """Write one row per mode; a cell is empty if its number does not exist."""
     most = max((0 if m.frequencies is None else len(m.frequencies) for m in modes), default=0)
     units = modes.elastic.units
     head = [
@@ -154,12 +151,12 @@ def assembly_csv(modes: AssemblyModes) -> str:
     return csv_rows(head, rows)
 
 
-# Limits that are listed; the rest is one line.
-_MOST = 12
+# Largest number of limits listed; the others share one line.
+_MAX_LISTED_LIMITS = 12
 
 
 def _angle(reached: Workspace) -> str:
-    """The least turn, as people read angles."""
+    """Format the least turn in the shown unit of angles."""
     angle, turn = reached.elastic.units.shown_angle, reached.least_turn
     if angle == "deg" and turn is not None:
         turn = degrees(turn)
@@ -167,7 +164,7 @@ def _angle(reached: Workspace) -> str:
 
 
 def describe_workspace(reached: Workspace) -> str:
-    """Volume, slices, what cuts where, rotations, what fits inside, singularities, notes."""
+    """Describe volume, slices, limits, rotations, inscribed bodies, singularities and notes."""
     elastic, unit = reached.elastic, reached.elastic.units.length
     units = [unit if name in "xyz" else "rad" for name in reached.axes]
     is_place = reached.axes == ("x", "y", "z")
@@ -241,7 +238,7 @@ def describe_workspace(reached: Workspace) -> str:
 
 
 def _load(load: Mapping[str, Any]) -> str:
-    """What is carried, in words."""
+    """Describe the load."""
     of = "M at the start" if load["axes"] == "body" else "F"
     W = load["wrench"]
     return (
@@ -251,20 +248,20 @@ def _load(load: Mapping[str, Any]) -> str:
 
 
 def _product(units: Sequence[str]) -> str:
-    """A product of units: m^3, or m rad^2."""
+    """Format a product of units: m^3, or m rad^2."""
     powers = ((unit, units.count(unit)) for unit in dict.fromkeys(units))
     return " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers)
 
 
 def _shares(shares: dict[str, float]) -> list[str]:
     listed = list(shares.items())
-    lines = [f"  {percent(share):>6}  {name}" for name, share in listed[:_MOST]]
-    rest = sum(share for _, share in listed[_MOST:])
+    lines = [f"  {percent(share):>6}  {name}" for name, share in listed[:_MAX_LISTED_LIMITS]]
+    rest = sum(share for _, share in listed[_MAX_LISTED_LIMITS:])
     return lines + ([f"  {percent(rest):>6}  others"] if rest else [])
 
 
 def boundary_csv(reached: Workspace) -> str:
-    """A row a boundary position: the axes that are followed, and the limit that cuts."""
+    """Write one row per boundary position: the coordinates, and the limit that is reached."""
     unit = reached.elastic.units.length
     edges = () if reached.positions is None else reached.positions.edges
     rows = ([*xyz, edge[3]] for xyz, edge in zip(reached.boundary.tolist(), edges, strict=True))
@@ -273,7 +270,7 @@ def boundary_csv(reached: Workspace) -> str:
 
 
 def draw_workspace(reached: Workspace) -> Any:
-    """The boundary in space and along three axes, coloured by the limit that cuts, as a figure."""
+    """Draw the boundary in space and along three axes, coloured by the limit that is reached."""
     from cartstiff.figures import new_figure
 
     figure = new_figure(11.0, 8.0)

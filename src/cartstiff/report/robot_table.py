@@ -1,4 +1,4 @@
-"""Postures and poses as robot controllers show them: millimetres and degrees."""
+"""Postures and poses in the conventions of robot controllers: millimetres and degrees."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-#: How controllers write a pose; the first three are millimetres along the base's axes.
+#: Columns of a pose by controller; the first three are millimetres along the base's axes.
 CONTROLLERS = {
     "kuka": ("X [mm]", "Y [mm]", "Z [mm]", "A [deg]", "B [deg]", "C [deg]"),
     "fanuc": ("X [mm]", "Y [mm]", "Z [mm]", "W [deg]", "P [deg]", "R [deg]"),
@@ -22,7 +22,7 @@ CONTROLLERS = {
 
 
 def orientation_of(R: ArrayLike, controller: str) -> Array:
-    """Orientations (m, 3, 3) in a controller's numbers (m, 3 or 4).
+    """Convert orientations (m, 3, 3) to a controller's numbers (m, 3 or 4).
 
     "kuka": A, B, C with ``R = Rz(A) Ry(B) Rx(C)``; "fanuc": W, P, R with
     ``R = Rz(R) Ry(P) Rx(W)``; both in degrees. "abb": the unit quaternion q1 (real part), q2, q3,
@@ -46,7 +46,7 @@ def orientation_of(R: ArrayLike, controller: str) -> Array:
 
 
 def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str:
-    """CSV of joints (deg, mm) and the poses of M in the robot's base, as a controller shows them.
+    """Return a CSV of joints (deg, mm) and poses of M in the robot's base for a controller.
 
     Parameters
     ----------

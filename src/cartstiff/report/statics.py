@@ -32,16 +32,16 @@ _STABLE = {
 
 
 def _sizes(posture: MechanismPosture) -> tuple[float, float]:
-    """Turns (rad) and lengths of which a share of `numerics.BLANK` is rounding of coordinates.
+    """Sizes of turns (rad) and lengths for the round-off of coordinates, a share `numerics.BLANK`.
 
-    Closures are met to more than the digits of single coordinates.
+    Closures are satisfied to more digits than single coordinates.
     """
     share = 1e-2 if posture.closure is None else 1.0
     return share, share * posture.length
 
 
 def describe_equilibrium(state: Equilibrium) -> str:
-    """Where the mechanism rests, and its stiffness there with the loads included."""
+    """Describe an equilibrium, and its stiffness with the loads included."""
     units, (turn, length) = state.elastic.units, _sizes(state.posture)
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
@@ -77,11 +77,11 @@ def describe_equilibrium(state: Equilibrium) -> str:
 
 
 def _reactions(state: Equilibrium) -> list[str]:
-    """What holds the body, the limits and the rigid joints; rounding is shown as 0."""
+    """List the reactions of held components, limits and rigid joints; round-off as 0."""
     units, reactions = state.elastic.units, state.reactions
     lengths = {c.name: c.is_length for c in state.elastic.mechanism.coordinates}
     held = {f"held {name}": (x, not name.startswith("r")) for name, x in reactions.held.items()}
-    # What is no coordinate is a leg.
+    # Names that are no coordinates are legs.
     limits = {f"limit of {n}": (x, lengths.get(n, True)) for n, x in reactions.limits.items()}
     rigid = {f"rigid {n}": (x, lengths.get(n, True)) for n, x in reactions.rigid.items()}
     rows = {**held, **limits, **rigid}
@@ -96,7 +96,7 @@ def _reactions(state: Equilibrium) -> list[str]:
 
 
 def _softest(state: Equilibrium) -> str:
-    """What the verdict on stability rests on, in a line."""
+    """Describe the criterion of stability in one line."""
     values = state.eigenvalues
     if not state.is_conservative:
         if values.size == 0 and state.stable is False:
@@ -114,7 +114,7 @@ def _softest(state: Equilibrium) -> str:
 
 
 def describe_curve(curve: LoadCurve) -> str:
-    """A load-deflection curve in at most twenty lines, with its critical points."""
+    """Describe a load-deflection curve in at most twenty lines, with its critical points."""
     units = curve.elastic.units
     length, (turn, size) = units.length, _sizes(curve.elastic.mechanism.at(curve.q[0]))
     lines = [
@@ -163,7 +163,7 @@ def describe_curve(curve: LoadCurve) -> str:
 
 
 def _carried(path: CompensatedPath) -> str:
-    """Whether the weight is compensated."""
+    """State whether the weight is compensated."""
     if path.weighed.acceleration is None:
         return ""
     return (
@@ -174,7 +174,7 @@ def _carried(path: CompensatedPath) -> str:
 
 
 def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
-    """Errors before and after compensation, and where the commands are unless a file has them."""
+    """Describe errors before and after compensation, and the largest changes of commands."""
     units = path.elastic.units
     summary = path.summary()
     turn, length = _sizes(path.elastic.mechanism.at(path.q[0]))
@@ -215,11 +215,11 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
         lines.append(f"  {name:<28} {'      '.join(shown)} {unit}")
     if not is_written:
         lines.append("(--csv FILE.csv writes the commands.)")
-    return joined([*lines, *_of_points(path.notes)])
+    return joined([*lines, *_notes_by_point(path.notes)])
 
 
-def _of_points(notes: Iterable[Note]) -> list[str]:
-    """Notes; what is said of several points stands once, with all of them."""
+def _notes_by_point(notes: Iterable[Note]) -> list[str]:
+    """Return the notes, equal ones of several points once with all points."""
     passages: dict[tuple[str, str], list[int]] = {}
     for note in notes:
         place, _, words = note.message.partition(": ")
@@ -235,7 +235,7 @@ def _of_points(notes: Iterable[Note]) -> list[str]:
 
 
 def _spans(points: list[int]) -> str:
-    """Ascending numbers as "points 1-3, 7"."""
+    """Format ascending numbers as "points 1-3, 7"."""
     spans: list[list[int]] = []
     for point in points:
         if spans and point == spans[-1][1] + 1:
@@ -247,7 +247,7 @@ def _spans(points: list[int]) -> str:
 
 
 def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
-    """Load factor over displacement, unstable parts dashed, critical loads and linear prediction.
+    """Draw load factor over displacement with stability, critical loads and linear prediction.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
     for verdict, style, label in kinds:
         shown = np.array([s is verdict for s in curve.stable])
-        # A stretch includes the points next to it, so that the line has no gaps.
+        # Each part includes the neighbouring points, so that the line has no gaps.
         near = shown.copy()
         near[1:] |= shown[:-1]
         near[:-1] |= shown[1:]
@@ -293,7 +293,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     linear = float(np.linalg.norm(curve.linear[last, part]))
     linear = np.degrees(linear) if unit == "deg" else linear
     if np.isfinite(linear):
-        # As far as the curve goes: beyond it the prediction says nothing.
+        # Only as far as the curve, to keep its scale.
         share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))
         axes.plot(
             [0.0, share * linear],
@@ -319,7 +319,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
 
 
 def draw_error_along_path(path: CompensatedPath) -> Any:
-    """Translation and rotation error of the loaded end-effector, before and after compensation.
+    """Draw translation and rotation error of the loaded end-effector before and after compensation.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     )
     for axis, (part, unit, name) in zip(axes, parts, strict=True):
         for errors, label in ((path.before, "before"), (path.after, "after")):
-            # A logarithmic axis has no zero: the rounding of poses stands for it.
+            # A logarithmic axis has no zero: the round-off of poses takes its place.
             least = numerics.ROUNDING * (size if unit == units.length else 1.0)
             error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
             error = np.degrees(error) if unit == "deg" else error
@@ -348,12 +348,12 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     return figure
 
 
-# Points and places that are listed one by one.
-_MOST = 24
+# Largest number of points and of places in a list.
+_MAX_LISTED_POINTS = 24
 
 
 def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) -> str:
-    """What was optimised, what it gained, and each point; whether a file has all of them."""
+    """Describe an optimised path: criterion, improvement and each point."""
     facts, units = result.summary(), result.elastic.units
     under = "unloaded"
     if result.loaded:
@@ -396,16 +396,16 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         heads.append("angle [deg]")
     heads.append(result.criterion.name + of_criterion)
     body = []
-    for i, q in enumerate(shown(result.elastic, result.q[:_MOST])):
+    for i, q in enumerate(shown(result.elastic, result.q[:_MAX_LISTED_POINTS])):
         row = [str(i + 1), *(f"{v:.5f}" for v in q)]
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
         row.append(number(float(result.values[i])))
         body.append(tuple(row))
     lines += table(heads, body)
-    if len(result.q) > _MOST:
+    if len(result.q) > _MAX_LISTED_POINTS:
         hint = "" if is_written else " (--csv writes all)"
-        lines.append(f"  ... and {len(result.q) - _MOST} more points{hint}")
+        lines.append(f"  ... and {len(result.q) - _MAX_LISTED_POINTS} more points{hint}")
     lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
     angle = units.shown_angle
     of_ranges = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
@@ -424,7 +424,7 @@ def _free(result: OptimisedPath) -> str:
 
 
 def describe_placement(placement: Placement, *, is_written: bool = False) -> str:
-    """The best place, the places compared, and the path at the best one."""
+    """Describe the best place, the places compared, and the path at the best place."""
     units = placement.path.elastic.units
     unit = {name: "rad" if name == "yaw" else units.length for name in placement.axes}
     shown = ", ".join(f"{n} = {v:.6g} {unit[n]}" for n, v in placement.place.items())
@@ -437,9 +437,9 @@ def describe_placement(placement: Placement, *, is_written: bool = False) -> str
         worst = "" if code else number(float(placement.worst[index]))
         row = [*(number(float(v[i])) for v, i in zip(values, index, strict=True)), worst]
         body.append((*row, f"{code} at point {point}" if code else ""))
-    lines += table(heads, body[:_MOST])
-    if len(body) > _MOST:
-        lines.append(f"  ... and {len(body) - _MOST} more places (--json has all)")
+    lines += table(heads, body[:_MAX_LISTED_POINTS])
+    if len(body) > _MAX_LISTED_POINTS:
+        lines.append(f"  ... and {len(body) - _MAX_LISTED_POINTS} more places (--json has all)")
     unusable = placement.counts()
     if unusable:
         counts = ", ".join(f"{n} {code}" for code, n in unusable.items())
@@ -449,7 +449,7 @@ def describe_placement(placement: Placement, *, is_written: bool = False) -> str
 
 
 def draw_path(result: OptimisedPath) -> Any:
-    """Criterion along the path, optimised and with the best constant choice; the free choice below.
+    """Draw the criterion along the path, optimised and with a constant choice, and the choice.
 
     Returns
     -------
@@ -492,7 +492,7 @@ def draw_path(result: OptimisedPath) -> Any:
 
 
 def _choice(result: OptimisedPath) -> tuple[str, np.ndarray[Any, Any], float | None] | None:
-    """What was free along the path: label, values, and its best constant value."""
+    """Return label, values and best constant value of the free choice along the path."""
     constant = {} if result.constant is None else result.constant.choice
     if result.angles is not None:
         angle = constant.get("angle")
@@ -512,10 +512,10 @@ def _choice(result: OptimisedPath) -> tuple[str, np.ndarray[Any, Any], float | N
 
 
 def draw_placement(placement: Placement) -> Any:
-    """Worst value of the criterion over the places, where one or two coordinates vary.
+    """Draw the worst value of the criterion over one or two coordinates of the places.
 
-    Of more, the slice of the grid nearest to the best place. Places from which the path cannot be
-    followed are crosses.
+    For more coordinates it is the slice of the grid nearest to the best place. Crosses mark places
+    from which the path cannot be followed.
 
     Raises
     ------
