@@ -251,7 +251,7 @@ def _list_quantities(context: click.Context) -> None:
 
 @dataclass(frozen=True)
 class Held(Reading):
-    """What the map holds.
+    """Quantities of the map.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ _Level = Annotated[tuple[float, str] | None, Amount("VALUE[UNIT]")]
 
 @dataclass(frozen=True)
 class Shown:
-    """What is shown of the map.
+    """Results of the map.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ _MOST_PLACES = 10_000
 
 @dataclass(frozen=True)
 class Search:
-    """What is optimised, and how.
+    """Optimisation.
 
     Parameters
     ----------

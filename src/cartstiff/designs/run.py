@@ -25,7 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cartstiff.arrays import checked_number, csv_rows
+from cartstiff.arrays import Array, checked_number, csv_rows
 from cartstiff.batch.kernels import lasting_path
 from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.checked_call import checked
@@ -40,7 +40,6 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.lazily import cached_property
 from cartstiff.loading import file_reader, tool_of

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry.se3 import Array
 from cartstiff.maps.reading import best_branch, quantities_of, quantity_of, state_names
 
 if TYPE_CHECKING:

@@ -10,13 +10,12 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_seed, is_pose
+from cartstiff.arrays import Array, checked_seed, is_pose
 from cartstiff.batch.quick_poses import QuickPoses
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import at_poses
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses

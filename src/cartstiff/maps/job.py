@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff.arrays import Array
 from cartstiff.batch.arguments import with_room
 from cartstiff.batch.following import Assembler, Closed
 from cartstiff.batch.kernels import CLOSED_CHUNK, Backend
@@ -33,7 +34,6 @@ from cartstiff.batch.vibrations import ManyModes
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, checked_kind
-from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.quantities import (
     MapRows,

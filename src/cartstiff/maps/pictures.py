@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff.arrays import Array
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
-from cartstiff.geometry.se3 import Array
 from cartstiff.maps.reading import (
     best_branch,
     each_block,

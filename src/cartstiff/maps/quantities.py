@@ -37,7 +37,7 @@ from cartstiff.analysis.matrices import (
 )
 from cartstiff.analysis.posture import summarise
 from cartstiff.analysis.sections import unit_of
-from cartstiff.arrays import plain
+from cartstiff.arrays import Array, plain
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
     BLOCKS,
@@ -50,7 +50,6 @@ from cartstiff.batch.quantities import (
 )
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry.se3 import Array
 from cartstiff.maps.store import PLACES, MapFile, fact
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def named_states(attributes: Mapping[str, Any]) -> dict[int, str]:
 def each_block(
     dataset: xarray.Dataset, functions: Mapping[str, Callable[[Array], Any]]
 ) -> dict[str, list[Any]]:
-    """Apply one function to every part of each named array; results in the order of `blocks`.
+    """Apply one function to every part of each named array; results in C order.
 
     One Dask graph serves all parts, since a graph for each part takes longer than reading the part.
     """
@@ -56,17 +55,6 @@ def each_block(
     # Given by name or by default, the scheduler would make Dask import `distributed`.
     computed = compute(*parts, scheduler=get)  # type: ignore[no-untyped-call]
     return dict(zip(functions, computed, strict=True))
-
-
-def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
-    """Yield the parts of an array in the order of its file; the whole array if it is not split."""
-    sizes = array.chunks or tuple((n,) for n in array.shape)
-    cuts = []
-    for lengths in sizes:
-        ends = np.cumsum(lengths).tolist()
-        cuts.append([slice(e - n, e) for e, n in zip(ends, lengths, strict=True)])
-    for part in product(*cuts):
-        yield dict(zip((str(d) for d in array.dims), part, strict=True))
 
 
 def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
@@ -138,10 +126,12 @@ def _ranked(
         places = np.transpose(np.unravel_index(valid, values.shape)).tolist()
         return list(zip(flat[valid].tolist(), map(tuple, places), strict=True))
 
+    from dask.array.core import slices_from_chunks
+
     best: list[tuple[float, tuple[int, ...]]] = []
     parts = each_block(dataset, {quantity: least})[quantity]
-    for part, own in zip(blocks(array), parts, strict=True):
-        starts = [s.start for s in part.values()]
+    for box, own in zip(slices_from_chunks(array.chunk().chunks), parts, strict=True):  # type: ignore[no-untyped-call]
+        starts = [s.start for s in box]
         best += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]
         best = heapq.nsmallest(count, best)
     import xarray

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.arrays import checked_input, checked_unit, checked_vector
+from cartstiff.arrays import Array, checked_input, checked_unit, checked_vector
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
 from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.work import timed
@@ -41,7 +41,6 @@ from cartstiff.errors import (
     imported,
     one_line,
 )
-from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob
 from cartstiff.maps.quantities import choose_quantities
@@ -209,13 +208,13 @@ def map_job(
     if told or isinstance(sampling, CommandGrid):
         if best:
             raise InputError(
-                "is chosen before drives are told",
+                "is chosen before the drives move",
                 where="redundancy",
                 expected="the nearest posture",
                 got="best",
             )
         if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
-            raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
+            raise InputError("is commanded twice", where="command", got=", ".join(sorted(both)))
         own = {field.name: getattr(job, field.name) for field in fields(MapJob)}
         return CommandedJob(**own, told=steps)
     return job

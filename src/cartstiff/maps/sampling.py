@@ -18,10 +18,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_number, checked_seed, checked_vector, real_array
+from cartstiff.arrays import (
+    Array,
+    checked_array,
+    checked_number,
+    checked_seed,
+    checked_vector,
+    real_array,
+)
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from zarr.storage import WrapperStore
 
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
-from cartstiff.geometry.se3 import Array
 
 
 def seal(salt: str, key: str, value: bytes | memoryview) -> int:

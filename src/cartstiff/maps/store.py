@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cartstiff.arrays import Array
 from cartstiff.errors import InputError, MissingDependencyError, checked_kind, imported, one_line
-from cartstiff.geometry.se3 import Array
 from cartstiff.maps.sampling import Sampling, dimension_name
 
 if TYPE_CHECKING:

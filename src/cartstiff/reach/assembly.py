@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_seed, checked_vector, plain_dict
+from cartstiff.arrays import Array, checked_flag, checked_seed, checked_vector, plain_dict
 from cartstiff.batch.kernels import Closer
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import Search

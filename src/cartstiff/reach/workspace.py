@@ -51,14 +51,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_flag, checked_input, checked_length, plain
+from cartstiff.arrays import Array, checked_flag, checked_input, checked_length, plain
 from cartstiff.batch.postures import tensions_of_many
 from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.described import described
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of

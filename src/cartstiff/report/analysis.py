@@ -182,7 +182,7 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
         return []
     rank = motions.shape[1]
     if rank == 0:
-        return ["No motion exists: nothing that gives moves the body", ""]
+        return ["No motion exists: no compliant part moves the body", ""]
     loaded = result.is_loaded and not at_rest
     what = "Stiffness K^B" if loaded else "Stiffness"
     lines = [f"{what} on the {rank} motion(s) that exist, as twists (rotation, translation)"]

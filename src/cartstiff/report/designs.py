@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.arrays import Array
 from cartstiff.designs.run import Designs
 from cartstiff.errors import InputError, joined
 from cartstiff.figures import new_figure
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 

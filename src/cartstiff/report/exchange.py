@@ -23,10 +23,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import csv_rows, plain
+from cartstiff.arrays import Array, csv_rows, plain
 from cartstiff.errors import InputError, UndefinedError, joined
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -227,7 +227,7 @@ def _joint_words(joint: Mapping[str, Any], units: Units, angle: str) -> str:
     if joint["actuated"]:
         words.append("actuated")
     if joint["virtual"]:
-        words.append("of a link that gives")
+        words.append("of a compliant link")
     if joint["mass"]:
         words.append(f"{joint['mass']:.6g} kg")
     return ", ".join(words)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 

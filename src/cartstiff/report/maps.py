@@ -36,7 +36,7 @@ def describe_map(
         *_searched(answer.get("branches")),
         *_load(answer),
         *([weighed] if weighed else []),
-        *([f"drives are told to move on: {answer['told']}"] if answer.get("told") else []),
+        *([f"drives are commanded to move: {answer['told']}"] if answer.get("told") else []),
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, csv_line
+from cartstiff.arrays import Array, checked_array, csv_line
 from cartstiff.errors import check_name
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 

@@ -29,14 +29,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_seed, csv_text, plain_dict
+from cartstiff.arrays import Array, checked_seed, csv_text, plain_dict
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name, checked_kind
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses, distinct
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
 from cartstiff.maps.quantities import choose_quantities, evaluate

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.arrays import checked_array, plain_dict
+from cartstiff.arrays import Array, checked_array, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     InputError,
@@ -20,7 +20,6 @@ from cartstiff.errors import (
     imported,
 )
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.toolpaths.optimise import OptimisedPath, optimise_path

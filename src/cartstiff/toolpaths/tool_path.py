@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_pose, is_pose, read_only
+from cartstiff.arrays import Array, checked_array, checked_pose, is_pose, read_only
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.applied_load import wrench_in_body
 
 #: Axes of wrenches and directions: those of the path's poses, of F, or of the body, which also

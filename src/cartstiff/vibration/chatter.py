@@ -341,7 +341,7 @@ def lobes(
             best = np.where(better, depth, best)
             chatter = np.where(better, f[i] + share * (f[i + 1] - f[i]), chatter)
     least = float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
-    return Lobes(fixed(n), fixed(best), fixed(chatter), least, _assumed(modes))
+    return Lobes(n, best, chatter, least, _assumed(modes))
 
 
 def _assumed(modes: Modes | MeasuredReceptance) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, checked_array, checked_matrix, fixed, plain
+from cartstiff.arrays import Array, Result, checked_array, checked_matrix, plain
 from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.connections import NAMED
@@ -150,7 +150,7 @@ _PRINTED = [
 
 
 @dataclass(frozen=True, eq=False)
-class Impedance:
+class Impedance(Result):
     """A controller's stiffness and damping at a posture.
 
     Attributes
@@ -286,17 +286,17 @@ def impedance(
         np.einsum("ki,ij,kj->k", null, modes.full_mass, null) if len(null) else np.zeros(0)
     )
     return Impedance(
-        fixed(K),
-        fixed(D),
-        fixed(other),
-        fixed(achieved),
+        K,
+        D,
+        other,
+        achieved,
         float(np.abs(beside).max()) / size if size else 0.0,
-        fixed(mass),
-        fixed(np.sqrt(squares) / (2 * np.pi)),
-        fixed(J.T @ K @ J),
-        fixed(J.T @ D @ J),
-        fixed(null),
-        fixed(null_masses),
+        mass,
+        np.sqrt(squares) / (2 * np.pi),
+        J.T @ K @ J,
+        J.T @ D @ J,
+        null,
+        null_masses,
         modes,
         dropped,
     )

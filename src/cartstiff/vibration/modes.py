@@ -113,7 +113,7 @@ def _implausible_masses(chain: Chain, bodies: dict[str, Any], metres: float) -> 
         return
     if not _MIN_DENSITY < total / size**3 < _MAX_DENSITY:
         words = (
-            f"{total:.4g} kg on links of {size:.4g} m in all are hardly meant: robots carry 1 to "
+            f"{total:.4g} kg on links of {size:.4g} m in all are implausible: robots carry 1 to "
             "200 kg per cubic metre of that length (grams, or millimetres, in the file?)"
         )
         heavy = max(bodies, key=lambda name: bodies[name].mass)

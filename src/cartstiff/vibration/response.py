@@ -24,12 +24,12 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import (
     Array,
+    Result,
     checked_array,
     checked_number,
     checked_unit,
     checked_vector,
     csv_text,
-    fixed,
     plain_dict,
     real_array,
 )
@@ -169,7 +169,7 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyResponse:
+class FrequencyResponse(Result):
     """A response over frequency.
 
     Attributes
@@ -281,7 +281,7 @@ def frequency_response(
     return FrequencyResponse(
         kind,
         hertz,
-        fixed(H * factor[:, None, None]),
+        H * factor[:, None, None],
         modes.elastic.units,
         damping,
         _notes(modes, damping),
@@ -318,7 +318,7 @@ def transmissibility(
     moved = transfer(modes, hertz, damping, out, A.T)
     T = np.eye(3) + (2 * np.pi * hertz)[:, None, None] ** 2 * moved
     return FrequencyResponse(
-        "transmissibility", hertz, fixed(T), modes.elastic.units, damping, _notes(modes, damping)
+        "transmissibility", hertz, T, modes.elastic.units, damping, _notes(modes, damping)
     )
 
 
