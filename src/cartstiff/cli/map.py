@@ -15,6 +15,7 @@ import click
 from cartstiff.cli.declare import Factors, Overrides, ending
 from cartstiff.cli.options import (
     ANGLE,
+    MAX_COUNT,
     Amount,
     Axis,
     BalancedLoad,
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
     from cartstiff.maps.store import MapFile
 
 
-# Largest number of random postures; a larger map would take years.
-_MAX_POSTURES = 10**12
 _LARGEST_FILE = 2**30
 
 
@@ -101,7 +100,7 @@ class Where:
     RARE: ClassVar = "seed orientation free redundancy branches starts"
 
     grid: Grid = None
-    random: Annotated[int | None, click.IntRange(1, _MAX_POSTURES)] = None
+    random: Annotated[int | None, click.IntRange(1, MAX_COUNT)] = None
     ranges: Annotated[Axis, "--range"] = None
     cartesian: Annotated[Grid, Pairs("x=LOW:HIGH:COUNT", frame=True)] = None
     actuate: Annotated[Grid, Pairs("NAME=LOW:HIGH:COUNT", axes=True, single=True)] = None

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from cartstiff.vibration.response import Damping
 
 
-# Largest count of an axis; a larger map would take years.
-_MAX_COUNT = 10**12
+#: Largest count of an axis, or of postures; a larger map would take years.
+MAX_COUNT = 10**12
 
 
 #: Marks an angle in place of a power of length.
@@ -385,7 +385,7 @@ class Pairs(OptionType):
             return {name: numbers[0] for name, numbers in named.items()}
         named = _named(text, where, self.name, between=r"[,\s]+", single=self.single)
         for name, values in named.items():
-            if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MAX_COUNT):
+            if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= MAX_COUNT):
                 raise InputError(
                     "count cannot be used",
                     where=f"{where} {name}",

@@ -247,12 +247,14 @@ def _cells(
 
 
 def _hatch(axis: Any, x: Array, y: Array, where: Array, name: str) -> None:
+    from matplotlib.colors import ListedColormap
+
     hatch, grey = style_of(name)
     axis.pcolormesh(
         _edges(x),
         _edges(y),
         np.ma.masked_where(~where, np.ones(where.shape)),
-        cmap=_colour_map(grey),
+        cmap=ListedColormap([grey]),
         vmin=0.0,
         vmax=1.0,
         rasterized=True,
@@ -261,12 +263,6 @@ def _hatch(axis: Any, x: Array, y: Array, where: Array, name: str) -> None:
     xx, yy = np.repeat(_edges(x), 2)[1:-1], np.repeat(_edges(y), 2)[1:-1]
     fine = np.repeat(np.repeat(where, 2, axis=0), 2, axis=1).astype(float)
     axis.contourf(xx, yy, fine, levels=[0.5, 1.5], colors="none", hatches=[hatch])
-
-
-def _colour_map(colour: str) -> Any:
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap([colour])
 
 
 def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:

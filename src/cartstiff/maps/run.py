@@ -170,6 +170,8 @@ def map_job(
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
+    if direction is not None:
+        checked_unit(direction)
     if connection is None:
         connection = default_connection(elastic, load)
     if connection not in OF_MANY:
@@ -182,8 +184,10 @@ def map_job(
     }
     settings = Settings(
         connection,
-        default_length(elastic, connection, **acting) if length is None else _positive(length),
-        None if direction is None else _direction(direction),
+        default_length(elastic, connection, **acting)
+        if length is None
+        else characteristic_length(given=length).value,
+        None if direction is None else tuple(np.asarray(direction, float).tolist()),
         None if asked is None else tuple(asked.tolist()),
         world,
         kind,
@@ -426,15 +430,6 @@ def _vibration(settings: Settings) -> dict[str, Any]:
         ratios = np.ravel(np.asarray(own.ratios, float)).tolist()
         damping = [*ratios, own.mass, own.stiffness, float(own.dampers)]
     return {"damping": damping, "milling": None if milling is None else asdict(milling)}
-
-
-def _positive(length: float) -> float:
-    return characteristic_length(given=length).value
-
-
-def _direction(direction: ArrayLike) -> tuple[float, ...]:
-    checked_unit(direction)
-    return tuple(checked_vector(direction, 3, "direction").tolist())
 
 
 def _versions() -> dict[str, str]:

@@ -236,17 +236,17 @@ class LegMargins(PoseMargins):
         """Matrices (N, p, p) of the equations of the module, lengths over `length`; or None."""
         parts = [self._passive(leg, q) for leg in self.legs]
         total = sum(part.shape[2] for part in parts)
-        rows = 6 * (len(parts) - 1)
-        if total != rows or any(leg.hangs or leg.free != "none" for leg in self.legs):
+        if total != 6 * (len(parts) - 1) or any(
+            leg.hangs or leg.free != "none" for leg in self.legs
+        ):
             return None
-        matrix, at = np.zeros((len(q), total, total)), 0
-        for i, part in enumerate(parts):
-            own = slice(at, at + part.shape[2])
-            at = own.stop
-            for k in range(0, rows, 6):
-                if i == 0 or k == 6 * i - 6:
-                    matrix[:, k : k + 6, own] = -part if i else part
-        return matrix
+        first, *others = parts
+        return np.block(
+            [
+                [first, *(-part if i == j else 0.0 * part for j, part in enumerate(others))]
+                for i in range(len(others))
+            ]
+        )
 
     def _passive(self, leg: Leg, q: Array) -> Array:
         """Twists in M (N, 6, p) of a leg's passive joints, in natural sizes."""

@@ -287,8 +287,10 @@ class Choices:
 
     def targets(self, pose: Array) -> Array:
         """Return the required poses (cells, 4, 4) at a point."""
-        turned = _turned_about(pose, self.free, self.angles) if self.turns else pose[None]
-        return np.repeat(turned, len(self.positions), axis=0)
+        twists = np.zeros((len(self.angles), 6))
+        if self.turns:
+            twists[:, "xyz".index(self.free)] = self.angles
+        return np.repeat(pose @ se3.exp(twists), len(self.positions), axis=0)
 
     @property
     def position_spacing(self) -> float:
@@ -304,14 +306,6 @@ class Choices:
         if self.joint is not None or not steps:
             steps.append(self.position_spacing)
         return max(steps)
-
-
-def _turned_about(poses: Array, axis: str, angle: Array) -> Array:
-    """Turn poses about one of their own axes by angles, all broadcast together."""
-    twist = np.zeros((*np.shape(angle), 6))
-    twist[..., "xyz".index(axis)] = angle
-    turned: Array = poses @ se3.exp(twist)
-    return turned
 
 
 def choices_of(
