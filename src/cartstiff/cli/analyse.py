@@ -178,7 +178,7 @@ def command(
     load
         The load there.
     reading
-        What is read from the matrix.
+        Reading of the matrix.
     parameters
         Derivatives by the parameters.
     out

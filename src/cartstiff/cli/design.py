@@ -52,7 +52,7 @@ def command(
     load
         The load instead of the study's.
     out
-        How it is printed.
+        Output.
     output
         Keep every finished design here; go on with a file that exists.
     best : N

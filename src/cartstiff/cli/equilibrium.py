@@ -72,7 +72,7 @@ def command(
     against: Literal["load", "all"] | None = None,
     against_gravity: Vector = None,
 ) -> None:
-    """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
+    """Equilibrium of MECHANISM under load, its stability, and its stiffness there.
 
     Without the load the mechanism rests at the posture: springs without a rest position carry its
     weight there. A dead load keeps its direction in the room while the body moves. A dead moment
@@ -87,7 +87,7 @@ def command(
     parameters
         Derivatives by the parameters, and their deviations.
     out
-        How it is printed.
+        Output.
     follower
         The same as --load-kind follower.
     hold
@@ -102,8 +102,9 @@ def command(
         axes of the body at that posture), under a line of names if wanted; gives the commands that
         put the loaded body there.
     against
-        What --path compensates: the load (the default), as the program was taught under the weight,
-        or all, the weight as well (the default where the file gives all rest positions).
+        Deflection that --path compensates: that by the load (the default), for a program taught
+        under the weight, or all, also that by the weight (the default where the file gives all rest
+        positions).
     against_gravity
         Gravity in F [m/s^2] under which the mechanism rests first, at the posture: the displacement
         is the change from there to the gravity of --gravity or the file.

@@ -26,7 +26,7 @@ def frames_command(
     robot
         The mechanism.
     out
-        How it is printed.
+        Output.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def models_command(out: Printed) -> None:
     Parameters
     ----------
     out
-        How it is printed.
+        Output.
 
     Examples
     --------

@@ -412,11 +412,11 @@ def command(
     table
         How the table is read.
     fit
-        What is estimated, and how.
+        Estimated stiffnesses and method.
     plan
-        What to measure.
+        Plan of measurements.
     out
-        How it is printed.
+        Output.
     data : [DATA.csv]
         The measurements.
     output

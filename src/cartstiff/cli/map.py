@@ -388,13 +388,13 @@ def command(
     where
         The postures.
     reading
-        What the map holds.
+        Quantities of the map.
     vibration
-        What damps and cuts.
+        Damping and milling.
     shown
-        What is shown of the map.
+        Results of the map.
     out
-        How it is printed.
+        Output.
     output : MAP.zarr
         File of the map, or an address such as s3://bucket/map.zarr; if it exists, its missing parts
         are computed.
@@ -612,7 +612,7 @@ def compare_command(
     second : SECOND.zarr
         Another.
     out
-        How it is printed.
+        Output.
     quantity : NAME
         Quantity to compare; default the first that both maps hold.
     difference

@@ -268,13 +268,13 @@ def command(
     response
         The response to a force, and lobes of milling.
     vibration
-        What damps and cuts.
+        Damping and milling.
     controller
         An impedance controller.
     parameters
         Derivatives by the parameters, and their deviations.
     out
-        How it is printed.
+        Output.
     compare : NAMES
         Also print the frequencies computed from a 6x6 stiffness and a mass at the tip: some of
         A,B,K,F,load,energy.

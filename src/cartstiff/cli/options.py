@@ -535,8 +535,8 @@ class Posture:
     pose
         Posture of a platform, or of a body on legs. Position and roll, pitch, yaw about fixed axes.
     pose_of
-        Whose pose --pose is: the body's own frame, or M, which --tcp and the file may put
-        elsewhere. With M at a pivot, other angles are a motion about it.
+        Frame of --pose: the body's own frame, or M, which --tcp and the file may put elsewhere.
+        With M at a pivot, other angles are a motion about it.
     lengths
         Posture of a platform by its six leg lengths, near the file's pose.
     springs

@@ -127,11 +127,11 @@ def command(
     load
         The load at every point.
     search
-        What is optimised, and how.
+        Optimisation.
     vibration
-        What damps and cuts.
+        Damping and milling.
     out
-        How it is printed.
+        Output.
     free_axis
         The body may turn about this axis of its own frame, the tool's axis.
     free_rotation

@@ -71,7 +71,7 @@ def assemble_command(
     search
         How modes are looked for.
     out
-        How it is printed.
+        Output.
     strict
         Exit with code 3 where no mode exists, or some may be missing.
 
@@ -179,7 +179,7 @@ def workspace_command(
     search
         How the boundary is looked for.
     out
-        How it is printed.
+        Output.
     progress
         Bar on standard error; default on a terminal.
     strict

@@ -159,7 +159,7 @@ def command(
     load
         The load there.
     shown
-        What the page shows besides.
+        Further contents of the page.
     others : [OTHER]...
         Other mechanisms.
     port
@@ -219,7 +219,7 @@ def export_command(
     load
         The load there.
     shown
-        What the page shows besides.
+        Further contents of the page.
     output
         File to write.
 
