@@ -203,16 +203,13 @@ def level_of(
 ) -> float | None:
     """Return the value of --below or --above in the unit of the quantity."""
     from cartstiff.maps.quantities import quantity_named
-    from cartstiff.mechanisms.contract import FORCES, LENGTHS
+    from cartstiff.mechanisms.contract import ANGLES, LENGTHS, LINEAR
 
     if limit is None or not limit[1]:
         return None if limit is None else limit[0]
     value, unit = limit
     own = quantity_named(quantity).unit_in(elastic.units)
-    known = {**LENGTHS, "rad": 1.0, "deg": 0.017453292519943295}
-    kinds = [LENGTHS, {k: known[k] for k in ("rad", "deg")}]
-    kinds.append({f"{f}/{x}": a / b for f, a in FORCES.items() for x, b in LENGTHS.items()})
-    for kind in kinds:
+    for kind in (LENGTHS, ANGLES, LINEAR):
         if unit in kind and own in kind:
             return value * kind[unit] / kind[own]
     raise InputError(

@@ -298,13 +298,13 @@ def read_path_file(
 
     from cartstiff.geometry import se3
     from cartstiff.loading.tables import read_rows
-    from cartstiff.mechanisms.contract import SI
+    from cartstiff.mechanisms.contract import ANGLES, SI
     from cartstiff.toolpaths.tool_path import ToolPath
 
     where = one_line(str(file))
-    degree = np.pi / 180.0 if units is not None and units.shown_angle == "deg" else 1.0
-    factors = {**factors, **dict.fromkeys(_ANGLES, degree)}
-    rows = read_rows(file, "points", units=units or SI, factors=factors)
+    units = units or SI
+    factors = {**factors, **dict.fromkeys(_ANGLES, ANGLES[units.shown_angle])}
+    rows = read_rows(file, "points", units=units, factors=factors)
     if rows.names is None:
         names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
     else:

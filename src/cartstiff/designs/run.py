@@ -49,7 +49,7 @@ from cartstiff.maps.quantities import quantity_named
 from cartstiff.maps.run import map_job
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.contract import ANGLES, Units, convert_length
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
     gravity_loads,
@@ -189,9 +189,8 @@ class StudyEvaluator:
         length = units.length or own.length
         factor, _ = convert_length(Units(length), own)
         tcp, payload = self.study.tcp, self.study.payload
-        turn = np.pi / 180.0 if units.angle == "deg" else 1.0
         return tool_of(
-            tcp and [*(x * factor for x in tcp[:3]), *(x * turn for x in tcp[3:])],
+            tcp and [*(x * factor for x in tcp[:3]), *(x * ANGLES[units.angle] for x in tcp[3:])],
             self.study.gravity,
             payload and [payload[0], *(x * factor for x in payload[1:])],
         ), length
@@ -258,8 +257,8 @@ class StudyEvaluator:
             home = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
         shift = dict(zip(names, home.tolist(), strict=True)) if poses.about_home else {}
         angles = shown_factors(elastic)
-        if of_body and elastic.units.shown_angle == "deg":
-            angles = dict.fromkeys(COORDINATES[3:], np.pi / 180.0)
+        if of_body:
+            angles = dict.fromkeys(COORDINATES[3:], ANGLES[elastic.units.shown_angle])
 
         def ends(name: str, low: float, high: float) -> tuple[float, float]:
             size, start = angles.get(name, 1.0), shift.get(name, 0.0)

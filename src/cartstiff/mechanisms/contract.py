@@ -202,6 +202,11 @@ class Units:
         return cls(units["length"], units["force"])
 
     @property
+    def shown_per_radian(self) -> float:
+        """One radian in the unit of shown angles."""
+        return 1.0 / ANGLES[self.shown_angle]
+
+    @property
     def moment(self) -> str:
         """Unit of moments and energies."""
         return f"{self.force} {self.length}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from math import degrees
 from typing import Any
 
 import numpy as np
@@ -498,7 +497,7 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
     if d is None:
         return []
     size = sum(x * x for x in d["displacement"]) ** 0.5
-    angle, turn = (u.angle, 1.0) if u.shown_angle == "rad" else (u.shown_angle, degrees(1.0))
+    angle, turn = u.shown_angle, u.shown_per_radian
     lines = [
         "",
         f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the point "

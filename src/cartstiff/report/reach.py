@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees
 from typing import Any
 
 import numpy as np
@@ -115,8 +114,7 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
     q = np.where(np.abs(q) < numerics.BLANK * sizes, 0.0, q)
     if isinstance(elastic.mechanism, Platform):
         return shown(elastic, q).tolist()
-    if elastic.units.shown_angle == "deg":
-        q[3:] = np.degrees(q[3:])
+    q[3:] *= elastic.units.shown_per_radian
     return q.tolist()
 
 
@@ -155,14 +153,6 @@ def assembly_csv(modes: AssemblyModes) -> str:
 _MAX_LISTED_LIMITS = 12
 
 
-def _angle(reached: Workspace) -> str:
-    """Format the least turn in the shown unit of angles."""
-    angle, turn = reached.elastic.units.shown_angle, reached.least_turn
-    if angle == "deg" and turn is not None:
-        turn = degrees(turn)
-    return f"{number(turn, 4)} {angle}"
-
-
 def describe_workspace(reached: Workspace) -> str:
     """Describe volume, slices, limits, rotations, inscribed bodies, singularities and notes."""
     elastic, unit = reached.elastic, reached.elastic.units.length
@@ -191,11 +181,13 @@ def describe_workspace(reached: Workspace) -> str:
         "The outer boundary is cut by (share of directions)",
         *_shares(reached.positions.shares()),
     ]
-    if reached.turns is not None:
+    if (least := reached.least_turn) is not None and reached.turns is not None:
+        shown = elastic.units
         lines += [
             "",
             "Rotations at this position",
-            f"  about every axis by at least {_angle(reached)}; "
+            f"  about every axis by at least {number(least * shown.shown_per_radian, 4)} "
+            f"{shown.shown_angle}; "
             f"{percent(reached.share_of_rotations)} of all rotations",
             *_shares(reached.turns.shares()),
         ]

@@ -208,10 +208,12 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
     are_joints = path.elastic.spring_names == path.elastic.names
     for i, (name, *values) in enumerate(zip(path.elastic.spring_names, *largest, strict=True)):
         is_length = not are_joints or coordinates[i].is_length
-        size, unit = (length, units.length) if is_length else (turn, units.shown_angle)
-        if not is_length and unit == "deg":
-            values, size = list(np.degrees(values)), np.degrees(size)
-        shown = [wide_row([value], size) for value in values[: 1 + weighs]]
+        size, unit, per = (
+            (length, units.length, 1.0)
+            if is_length
+            else (turn, units.shown_angle, units.shown_per_radian)
+        )
+        shown = [wide_row([per * value], per * size) for value in values[: 1 + weighs]]
         lines.append(f"  {name:<28} {'      '.join(shown)} {unit}")
     if not is_written:
         lines.append("(--csv FILE.csv writes the commands.)")
@@ -269,11 +271,9 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     figure = new_figure()
     axes = figure.subplots()
     part = slice(0, 3) if rotation else slice(3, 6)
-    size = np.linalg.norm(curve.displacement[:, part], axis=1)
-    unit = curve.elastic.units.length
-    if rotation:
-        unit = curve.elastic.units.shown_angle
-        size = np.degrees(size) if unit == "deg" else size
+    units = curve.elastic.units
+    unit, per = (units.shown_angle, units.shown_per_radian) if rotation else (units.length, 1.0)
+    size = per * np.linalg.norm(curve.displacement[:, part], axis=1)
     kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
     for verdict, style, label in kinds:
         shown = np.array([s is verdict for s in curve.stable])
@@ -290,8 +290,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
                 label=label,
             )
     last = int(np.argmax(np.abs(curve.factors)))
-    linear = float(np.linalg.norm(curve.linear[last, part]))
-    linear = np.degrees(linear) if unit == "deg" else linear
+    linear = per * float(np.linalg.norm(curve.linear[last, part]))
     if np.isfinite(linear):
         # Only as far as the curve, to keep its scale.
         share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))
@@ -331,16 +330,15 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     points = np.arange(1, len(path.q) + 1)
     units, size = path.elastic.units, path.elastic.mechanism.at(path.q[0]).length
     parts = (
-        (slice(3, 6), units.length, "translation"),
-        (slice(0, 3), units.shown_angle, "rotation"),
+        (slice(3, 6), units.length, "translation", 1.0),
+        (slice(0, 3), units.shown_angle, "rotation", units.shown_per_radian),
     )
-    for axis, (part, unit, name) in zip(axes, parts, strict=True):
+    for axis, (part, unit, name, per) in zip(axes, parts, strict=True):
         for errors, label in ((path.before, "before"), (path.after, "after")):
             # A logarithmic axis has no zero: the round-off of poses takes its place.
             least = numerics.ROUNDING * (size if unit == units.length else 1.0)
             error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
-            error = np.degrees(error) if unit == "deg" else error
-            axis.semilogy(points, error, "o-", markersize=3, label=label)
+            axis.semilogy(points, per * error, "o-", markersize=3, label=label)
         axis.set_ylabel(f"{name} error [{unit}]")
         axis.legend()
     axes[-1].set_xlabel("point of the path")
@@ -373,9 +371,8 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     rows = [("optimised", number(facts["worst"]), number(facts["mean"]), "varies")]
     if (constant := facts["constant"]) is not None and result.constant is not None:
         words = {"angle": units.shown_angle, "position": result.joint or ""}
-        size = 180 / np.pi if units.shown_angle == "deg" else 1.0
         choice = ", ".join(
-            f"{v * (size if k == 'angle' else 1.0):.4g} {words[k]}"
+            f"{v * (units.shown_per_radian if k == 'angle' else 1.0):.4g} {words[k]}"
             for k, v in result.constant.choice.items()
         )
         rows.append(("best constant", number(constant["worst"]), number(constant["mean"]), choice))

@@ -960,9 +960,8 @@ class OptimisedPath:
             columns.append(W)
             names += [f"{c} [{u}]" for c, u in zip(COMPONENTS["wrench"], units.wrench, strict=True)]
         if self.angles is not None:
-            angle = units.shown_angle
-            columns.append(self.angles[:, None] * (180.0 / np.pi if angle == "deg" else 1.0))
-            names.append(f"free_angle [{angle}]")
+            columns.append(self.angles[:, None] * units.shown_per_radian)
+            names.append(f"free_angle [{units.shown_angle}]")
         columns.append(np.column_stack([self.values, self.ratios]))
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
         names += [f"{self.criterion.name}{unit}", "singular_ratio"]
