@@ -42,7 +42,6 @@ from cartstiff.maps.quantities import (
     needed_outputs,
 )
 from cartstiff.maps.sampling import Axis, Grid, Sampling, usual_chunk
-from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits, force_notes, forces_beyond
 from cartstiff.statics.command import analyse_commanded, checked_command, drives
@@ -247,8 +246,7 @@ class MapJob:
             return None
         wrench = None if self.wrench is None else np.array(self.wrench)
         names = readable(self.elastic, self.names, wrench)
-        length, force = convert_length(Units(), self.elastic.units)
-        hertz = float(np.sqrt(length / force)) / (2.0 * np.pi)
+        hertz = float(1.0 / np.sqrt(self.elastic.units.kilogram)) / (2.0 * np.pi)
         readings = Readings(names, self.settings, hertz)
         # If frequencies take too many operations, the other quantities may still be compiled.
         few = tuple(name for name in names if name not in FREQUENCIES)

@@ -266,6 +266,12 @@ class Units:
         """Newtons in the unit of force; masses are kg and accelerations m/s^2 in all units."""
         return FORCES[self.force]
 
+    @property
+    def kilogram(self) -> float:
+        """One kilogram in the unit of mass that belongs to force, length and second."""
+        length, force = convert_length(SI, self)
+        return force / length
+
     def as_dict(self) -> dict[str, str]:
         """For JSON."""
         return {"length": self.length, "force": self.force, "angle": self.angle}

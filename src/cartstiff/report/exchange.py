@@ -592,8 +592,7 @@ def _mass(result: PostureStiffness) -> Array | None:
     mass = posture.mass_matrix()
     if not mass.any():
         return None
-    length, force = convert_length(Units(), result.elastic.units)
-    return _in_room(result, mass * (force / length))
+    return _in_room(result, mass * result.elastic.units.kilogram)
 
 
 def _header_lines(result: PostureStiffness) -> list[str]:

@@ -18,7 +18,7 @@ from cartstiff.arrays import Array, Result
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.vibration.modes import Modes
 
@@ -88,10 +88,9 @@ def _frequencies(K: Array, mass: Array | None, units: Units) -> Array | None:
     if inverse is None:
         return None
     squares = np.linalg.eigvals(inverse.matrix @ K)
-    length, force = convert_length(Units(), units)
     real = np.abs(squares.imag) <= numerics.REPEATED * np.abs(squares)
     with np.errstate(invalid="ignore"):
-        hertz = np.sqrt(squares.real * length / force) / (2 * np.pi)
+        hertz = np.sqrt(squares.real / units.kilogram) / (2 * np.pi)
     return np.sort(np.where(real, hertz, np.nan))
 
 

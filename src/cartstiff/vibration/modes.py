@@ -26,7 +26,7 @@ from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
+from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
@@ -82,9 +82,7 @@ def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
     for potential in elastic.potentials:
         if isinstance(potential, Beam):
             yield _beam_note(potential)
-    yield from _implausible_masses(
-        mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0]
-    )
+    yield from _implausible_masses(mechanism, bodies, LENGTHS[elastic.units.length])
 
 
 def _beam_note(beam: Beam) -> Note:
@@ -275,8 +273,7 @@ class Modes(Result, ShownInLines):
     @cached_property
     def squares(self) -> Array:
         """omega^2 (k,) in 1/s^2, by increasing real part; complex where motions flutter."""
-        length, force = convert_length(Units(), self.elastic.units)  # F L over kg L^2
-        return fixed(self.spectrum.squares * (length / force))
+        return fixed(self.spectrum.squares / self.elastic.units.kilogram)  # F L over kg L^2
 
     @cached_property
     def frequencies(self) -> Array:

@@ -36,7 +36,7 @@ from cartstiff.arrays import (
 from cartstiff.choices import RESPONSES
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
@@ -127,8 +127,8 @@ def dampers(modes: Modes) -> Array | None:
 
 def damping_matrix(modes: Modes, damping: Damping) -> Array:
     """C (f, f) on the basis, in units of force, length and seconds."""
-    length, force = convert_length(Units(), modes.elastic.units)
-    M = modes.mass * (force / length)
+    kilogram = modes.elastic.units.kilogram
+    M = modes.mass * kilogram
     C = damping.mass * M + damping.stiffness * modes.stiffness
     own = dampers(modes) if damping.dampers else None
     if own is not None:
@@ -138,7 +138,7 @@ def damping_matrix(modes: Modes, damping: Damping) -> Array:
         omega = np.sqrt(np.maximum(modes.squares.real, 0.0))
         carried = M @ modes.spectrum.vectors.real
         left = M.T @ modes.spectrum.left.real
-        C = C + (carried * (2 * only * omega * length / force)) @ left.T
+        C = C + (carried * (2 * only * omega / kilogram)) @ left.T
     return np.asarray(C)
 
 
@@ -155,9 +155,8 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
         raise UndefinedError(
             "a motion without mass is damped in another order", code="massless-motion"
         )
-    length, force = convert_length(Units(), modes.elastic.units)
     T = spectrum.vectors.real if not spectrum.is_complex else np.eye(f)
-    inverse = np.linalg.inv(T.T @ modes.mass @ T * (force / length))
+    inverse = np.linalg.inv(T.T @ modes.mass @ T * modes.elastic.units.kilogram)
     K, C = (inverse @ T.T @ A @ T for A in (modes.stiffness, damping_matrix(modes, damping)))
     # Time in units in which stiffness and inertia are of the same size.
     scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
@@ -312,8 +311,7 @@ def transmissibility(
     momentum = modes._momentum
     if momentum is None:
         raise UndefinedError("the mechanism does not give its momentum", code="no-mass")
-    length, force = convert_length(Units(), modes.elastic.units)
-    A = momentum[0][3:] @ modes.basis * (force / length)
+    A = momentum[0][3:] @ modes.basis * modes.elastic.units.kilogram
     out = modes.posture.pose[:3, :3] @ motion_at(modes, point)[3:]
     moved = transfer(modes, hertz, damping, out, A.T)
     T = np.eye(3) + (2 * np.pi * hertz)[:, None, None] ** 2 * moved
@@ -374,7 +372,6 @@ def transfer(modes: Modes, hertz: Array, damping: Damping, out: Array, into: Arr
 
 
 def _by_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
-    length, force = convert_length(Units(), modes.elastic.units)
     spectrum, ratios = modes.spectrum, damping.of_modes(modes)
     squares = modes.squares
     right, left = out @ spectrum.vectors, spectrum.left.T @ into
@@ -384,7 +381,7 @@ def _by_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Ar
     extra = damping.mass * (own == 0.0)  # Rayleigh's share of free motions
     rates = 2 * ratios * own + extra
     below = squares - omega[:, None] ** 2 + 1j * omega[:, None] * rates
-    total = (1.0 / below) @ (residues * (length / force))
+    total = (1.0 / below) @ (residues / modes.elastic.units.kilogram)
     if spectrum.following.shape[1]:
         static = (out @ spectrum.quick @ into).reshape(1, -1)
         total = total + static / (1 + 1j * omega * damping.stiffness)[:, None]
@@ -392,8 +389,7 @@ def _by_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Ar
 
 
 def _by_matrices(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
-    length, force = convert_length(Units(), modes.elastic.units)
-    M, C = modes.mass * (force / length), damping_matrix(modes, damping)
+    M, C = modes.mass * modes.elastic.units.kilogram, damping_matrix(modes, damping)
     w = omega[:, None, None]
     # Scaled by the stiffness of each motion, so that angles and lengths are comparable.
     size = np.sqrt(np.maximum(np.abs(np.diag(modes.stiffness)), numerics.TINY))

@@ -32,7 +32,6 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, linearised
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
@@ -246,9 +245,8 @@ def change_of_squares(
     modes: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
 ) -> Array:
     """Return d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
-    length, force = convert_length(Units(), modes.elastic.units)
     right, left = modes.basis @ modes.spectrum.vectors, modes.basis @ modes.spectrum.left
-    squares, units = modes.spectrum.squares, length / force
+    squares = modes.spectrum.squares
     carried = None if dC is None or not len(dC) else _constraint_forces(modes, right, left, squares)
     rates = np.empty(squares.size)
     for group in modes.groups:
@@ -261,7 +259,7 @@ def change_of_squares(
             rates[group] = form[0, 0]
         else:
             rates[group] = np.sort(np.linalg.eigvals(form).real)
-    return rates * units
+    return rates / modes.elastic.units.kilogram
 
 
 def _constraint_forces(
