@@ -82,3 +82,32 @@ def test_equilibrium_says_how_far():
         assert value == pytest.approx(moved[arm.names.index(name)], abs=1e-9)
     moved = np.linalg.norm(state.posture.pose[:3, 3] - place(arm, POSTURE))
     assert note.values["moved"] == pytest.approx(moved, rel=1e-9)
+
+
+def test_legs_that_a_load_stretches(tmp_path):
+    """N/mm taken as N/m: by a solution for the tensions; also from the recorded program."""
+    soft = cartstiff.load("hexapod").with_springs(2e3)
+    wrench = np.array([0, 0, 0, 30.0, 0, -900.0])
+    T = soft.mechanism.at(soft.q).pose
+    ends = soft.mechanism.points @ T[:3, :3].T + T[:3, 3]
+    lines = ends - soft.mechanism.anchors
+    L = np.linalg.norm(lines, axis=1)
+    u = lines / L[:, None] @ T[:3, :3]
+    A = np.concatenate([np.cross(soft.mechanism.points, u), u], axis=1).T
+    x = np.linalg.solve(A, wrench) / 2e3
+    assert 0 < (np.abs(x) > 0.1 * L).sum() < 6
+    for _ in range(4):
+        note = doubt(cartstiff.analyse(soft, wrench=wrench))
+        stretch = note.values["stretch"]
+        assert set(stretch) == {f"leg{i + 1}" for i in np.flatnonzero(np.abs(x) > 0.1 * L)}
+        for name, value in stretch.items():
+            assert value == pytest.approx(x[int(name[3:]) - 1], rel=1e-9)
+        assert "N/um" in note.message
+    stiff = soft.with_springs(2e6)
+    for _ in range(4):
+        assert doubt(cartstiff.analyse(stiff, wrench=wrench)) is None
+    assert doubt(cartstiff.analyse(soft)) is None
+    # A given rest length is meant, as in the tables of the bundled platform.
+    assert doubt(cartstiff.analyse(cartstiff.load("stewart-gough"))) is None
+    found = doubt(cartstiff.equilibrium(soft.with_springs(1e4), DeadForce([0, 0, -6000.0])))
+    assert found is not None

@@ -205,9 +205,10 @@ class QuickPosture(PostureStiffness):
 
     @property
     def _deflections(self) -> list[Note]:
-        """Notes on deflections of joints; lines have none."""
+        """Notes on deflections of joints, and of lines under a load, which alone stretches them."""
+        unloaded = not self._load_is_given and self._asked.gravity is None
         lines = isinstance(self._asked.springs, LineSprings)
-        return [] if lines else deflection_notes(self.elastic, self.q)
+        return [] if lines and unloaded else deflection_notes(self.elastic, self.q)
 
     @property
     def _forces(self) -> list[Note]:

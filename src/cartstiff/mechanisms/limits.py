@@ -272,6 +272,9 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
 def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     """Doubts joints that wind up by more than 5 deg, and a tip that moves by a tenth of the reach.
 
+    Also legs and cables that a load stretches by a tenth of their length; where their rest lengths
+    were given, or are springs' without a platform, the stretch is meant.
+
     Parameters
     ----------
     elastic : ElasticMechanism
@@ -280,6 +283,8 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         Where it is.
     """
     springs, chain, units = elastic.springs, elastic.mechanism, elastic.units
+    if isinstance(chain, Platform) and isinstance(springs, LineSprings):
+        return _stretched(elastic, chain, springs, q)
     if not isinstance(springs, JointSprings) or not isinstance(chain, Chain):
         return []
     # Rigid joints and free ones carry no torque of a spring, wherever they are.
@@ -309,6 +314,32 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         return []
     words = f"{'; '.join(parts)}. Is the load meant, and the unit of the springs (1 N m/arcmin is "
     return [Note("implausible-deflection", f"{words}3438 N m/rad)?", values)]
+
+
+def _stretched(
+    elastic: ElasticMechanism, platform: Platform, springs: LineSprings, q: Array
+) -> list[Note]:
+    """Doubts legs of a platform, and cables, as `deflection_notes`."""
+    if springs.balanced_at is None:
+        return []
+    lengths, units = springs.lengths_at(platform.at(q).pose), elastic.units
+    tensions = springs.tensions(lengths)
+    x = tensions / springs.stiffness
+    of_robots = springs.cables | (platform.kind == "stewart-gough")
+    long = np.flatnonzero(of_robots & (np.abs(x) > _MOVED * lengths))
+    if not long.size:
+        return []
+    long = long[np.argsort(-np.abs(x[long]))]
+    names = elastic.spring_names
+    words = "; ".join(
+        f"{names[i]} changes its length of {lengths[i]:.3g} by {abs(x[i]):.3g} {units.length} "
+        f"under {abs(tensions[i]):.3g} {units.force}, at {springs.stiffness[i]:.3g} "
+        f"{units.spring(True)}"
+        for i in long[:3]
+    )
+    values = {"stretch": {names[i]: float(x[i]) for i in long}}
+    question = "Is the load meant, and the unit of the springs (1 N/um is 1e6 N/m)?"
+    return [Note("implausible-deflection", f"{words}. {question}", values)]
 
 
 def _note_beyond(what: str, beyond: list[_Beyond], more: str = "", *, code: str) -> Note:
