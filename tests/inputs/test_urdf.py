@@ -316,7 +316,7 @@ def test_hundred_moving_joints(accepted: Accepted) -> None:
 # -- everything that comes with the library -------------------------------------------------------
 
 MOVES = re.compile(r"type=.(revolute|continuous|prismatic|floating|planar)\b")
-ROBOTS = [name for name, robot in example_robots().items() if robot.path is not None]
+ROBOTS = [name for name, path in example_robots().items() if path is not None]
 
 
 def check_finite(data: dict[str, Any]) -> None:
@@ -345,7 +345,7 @@ def test_bundled_mechanism(name: str, accepted: Accepted) -> None:
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data is not installed")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_example_robot_at_a_random_posture(name: str, accepted: Accepted, refused: Refused) -> None:
-    path = example_robots()[name].path
+    path = example_robots()[name]
     if path is None or not path.is_file():
         refused("analyse", name, words=(name,))
         return
@@ -365,7 +365,7 @@ def test_unknown_example_robot(refused: Refused) -> None:
 
 
 def test_robot_without_description(refused: Refused) -> None:
-    without = [name for name, robot in example_robots().items() if robot.path is None]
+    without = [name for name, path in example_robots().items() if path is None]
     for name in without:
         refused("analyse", name, words=(name,))
 
@@ -437,7 +437,7 @@ def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) 
     from cartstiff.loading.build import default_frame
     from cartstiff.loading.robot_description import read_robot_description
 
-    path = example_robots()[name].path
+    path = example_robots()[name]
     assert path is not None
     assert default_frame(read_robot_description(path).model)[0] == frame
 

@@ -222,9 +222,9 @@ def sources() -> dict[str, str]:
     folder = next(iter(bundled_files().values())).parent
     found |= {p.stem: p.read_text(encoding="utf-8") for p in sorted(folder.glob("*.urdf"))}
     for name in ("ur5", "panda", "tiago"):
-        robot = example_robots().get(name)
-        if robot is not None and robot.path is not None:
-            found[name] = robot.path.read_text(encoding="utf-8")
+        path = example_robots().get(name)
+        if path is not None:
+            found[name] = path.read_text(encoding="utf-8")
     return found
 
 

@@ -201,7 +201,7 @@ def test_table_of_a_catalogue(tmp_path):
         ("a [mm],alpha [mm]\n0,90\n", "column 'alpha [mm]' cannot be used; expected alpha [unit]"),
         ("a [mm],offset [deg]\n0,90\n", "unknown column; expected"),
         ("a [mm],theta [deg]\n0,q1\n", "line 2, column theta"),
-        ("a [mm],type\n0,ball\n", "line 2: cannot be used, got type: "),
+        ("a [mm],type\n0,ball\n", "line 2, key type: cannot be used; expected 'revolute'"),
         ("a [mm],lower [mm],upper [mm]\n1,0,1\n", "limits do not fit the joint"),
         ("a [mm],lower [deg]\n1,0\n", "limits do not fit the joint"),
         ("a [mm],joint\n1,x\n1,x\n", "two rows have one name"),

@@ -122,9 +122,9 @@ def test_what_does_not_give_as_a_spring_is_refused(tmp_path, flexible, words):
         _machine(tmp_path, flexible=flexible)
 
 
-def test_cables_hang_from_what_does_not_give(tmp_path):
+def test_cables_need_a_rigid_mounting(tmp_path):
     ends = np.random.default_rng(1).normal(size=(7, 3)).tolist()
-    with pytest.raises(InputError, match="cables hang"):
+    with pytest.raises(InputError, match="cables need a rigid mounting"):
         load(
             write_file(
                 tmp_path,

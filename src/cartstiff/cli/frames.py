@@ -61,7 +61,7 @@ def models_command(out: Printed) -> None:
 
     bundled = {name: read_yaml(path)[0] for name, path in bundled_files().items()}
     robots = example_robots()
-    names = [n for n, r in robots.items() if r.path is not None]
+    names = [name for name, urdf in robots.items() if urdf is not None]
     data = {
         "bundled": {
             name: {"kind": file.get("kind"), "description": file.get("description")}

@@ -18,8 +18,18 @@ from pydantic import (
 
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.loading.mechanism_file import first_error, known_keys, place_of
-from cartstiff.loading.schema import Number, Pair, Positive, Text, Vector, keyed, only_one
+from cartstiff.loading.schema import (
+    Number,
+    Pair,
+    Positive,
+    Text,
+    Vector,
+    first_error,
+    keyed,
+    known_keys,
+    only_one,
+    place_of,
+)
 from cartstiff.loading.yaml_file import Lines, read_yaml
 
 #: Largest number of poses of one design.

@@ -30,8 +30,8 @@ from cartstiff.identify.models import LinearModel, Model
 from cartstiff.identify.offsets import OffsetEstimate
 from cartstiff.identify.unknowns import Unknown, Unknowns
 from cartstiff.loading.catalogue import bundled
-from cartstiff.loading.mechanism_file import place_of, with_parameters
-from cartstiff.loading.schema import FlexibleModel
+from cartstiff.loading.mechanism_file import with_parameters
+from cartstiff.loading.schema import FlexibleModel, place_of
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.contract import SI
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -1,4 +1,4 @@
-"""From a name or a file to an elastic mechanism."""
+"""Load elastic mechanisms from names, files and Pinocchio models."""
 
 from __future__ import annotations
 
@@ -50,33 +50,33 @@ def load(
     source : str, Path, pinocchio.Model, pinocchio.RobotWrapper or tuple
         A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro or MJCF file,
         XML text, or the name of a robot of example-robot-data ("panda") or of
-        robot_descriptions ("ur5e_description"), looked up in this order; or what Pinocchio has in
-        hand: a model, a wrapper, or a tuple (model, collision model, visual model).
+        robot_descriptions ("ur5e_description"), looked up in this order; or an object of
+        Pinocchio: a model, a wrapper, or a tuple (model, collision model, visual model).
     frame : str, optional
         The frame of interest, instead of the file's.
     locked : mapping of str to float, optional
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     springs : str, optional
-        Published joint springs by name ("kuka-kr270/klimchik-2013", see `cartstiff models`), a
-        table of one's own (.csv: joint, stiffness [N m/arcmin]), or "actuators": the kp of an MJCF
-        file's position actuators.
+        Published joint springs by name ("kuka-kr270/klimchik-2013", see `cartstiff models`), your
+        own table (.csv: joint, stiffness [N m/arcmin]), or "actuators": the kp of an MJCF file's
+        position actuators.
     stiffness, rest : float, mapping of str to float, or array_like, optional
         Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`;
-        they go before `springs`.
+        they replace those of `springs`.
     tcp : array_like (3,), (6,) or (4, 4), optional
         M in the frame of interest: x, y, z[, roll, pitch, yaw] about fixed axes, or the pose.
     gravity : array_like (3,), optional
         Acceleration of the uniform field in F, m/s^2, instead of the file's.
     payload : array_like (1,) or (4,), optional
-        A mass [kg] on the body, and its centre in M; beside that of the file. Where nobody names
-        a gravity it brings that of the earth along, along -z of F, and a note says so.
+        A mass [kg] on the body, and its centre in M; added to that of the file. Without any gravity
+        that of the earth is assumed, along -z of F, and a note says so.
     xacro_args : mapping of str to str, optional
         Arguments of a xacro file, such as ``{"ur_type": "ur5e"}``.
     package_path : sequence of str or Path, optional
-        Folders in or under which ROS packages are looked for, before ROS_PACKAGE_PATH,
+        Folders in or under which ROS packages are searched, before ROS_PACKAGE_PATH,
         AMENT_PREFIX_PATH and the folders above the file.
     parameters : mapping of str to float, optional
-        Values of the mechanism file's parameters, instead of those that stand in it; in its units.
+        Values that replace those of the mechanism file's parameters; in its units.
     **of_model
         For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
         `q`, `closures`, `actuated`, `name`.
@@ -89,7 +89,7 @@ def load(
     Raises
     ------
     InputError
-        What is wrong, where, what was expected, what was got.
+        With what is wrong, where, what was expected and what was got.
     """
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
@@ -121,9 +121,9 @@ def load(
             )
         loaded = from_pinocchio(source, overrides=overrides, **of_model)
     if tcp is not None and np.size(tcp) == 6:
-        from cartstiff.loading.plausible import turned
+        from cartstiff.loading.plausible import large_angles
 
-        angles = turned({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
+        angles = large_angles({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
         loaded = replace(loaded, notes=(*loaded.notes, *angles))
     if payload is not None and gravity is None:
         from cartstiff.mechanisms.elastic import with_default_gravity
@@ -142,7 +142,7 @@ def load(
 
 
 def _positions(locked: Any) -> dict[str, float]:
-    """Positions of joints that are held, checked."""
+    """Check the positions of locked joints."""
     from cartstiff.arrays import checked_number
 
     named = dict(locked or {})
@@ -150,7 +150,7 @@ def _positions(locked: Any) -> dict[str, float]:
 
 
 def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
-    """What hangs on the robot and pulls at it, checked; as `build.with_overrides` takes it."""
+    """Check tool, gravity and payload; return them as `build.with_overrides` takes them."""
     from cartstiff.arrays import checked_pose, checked_reach, checked_vector
     from cartstiff.geometry import se3
     from cartstiff.mechanisms.contract import checked_gravity
@@ -175,16 +175,16 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     return keys
 
 
-def _padded(value: Any, few: int, most: int, name: str) -> list[float]:
-    """So many numbers: the first few of them at least, the others zero."""
+def _padded(value: Any, least: int, full: int, name: str) -> list[float]:
+    """Check `least` or `full` numbers; the missing ones are zero."""
     from cartstiff.arrays import checked_vector
 
-    numbers = checked_vector(value, few if np.size(value) == few else most, name)
-    return [*numbers.tolist(), *[0.0] * (most - numbers.size)]
+    numbers = checked_vector(value, least if np.size(value) == least else full, name)
+    return [*numbers.tolist(), *[0.0] * (full - numbers.size)]
 
 
 def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
-    """Keys of a mechanism file that say the same."""
+    """Check xacro arguments and package folders; return the keys of a mechanism file for them."""
     folders = [folders] if isinstance(folders, (str, Path)) else list(folders)
     keys: dict[str, Any] = {}
     if arguments:
@@ -206,8 +206,9 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
 
 
 def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanism:
-    """A mechanism by its name or path, or XML text."""
+    """Load a mechanism by its name or path, or from XML text."""
     from cartstiff.loading.ros import ROBOT_FILES, is_description_name
+    from cartstiff.loading.yaml_file import read_yaml
 
     text = str(source)
     if not text.strip() or "\0" in text:
@@ -223,10 +224,10 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
         raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
     file = bundled(text)
     if file is not None:
-        return _from_file(file, overrides)
+        return from_data(*read_yaml(file), file, overrides)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
-        return _from_file(path, overrides)
+        return from_data(*read_yaml(path), path, overrides)
     if overrides.get("parameters"):
         raise InputError(
             "parameters belong to mechanism files",
@@ -246,7 +247,7 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
             expected=".yaml, .urdf, .xacro or MJCF .xml",
         )
     if not robots and text.isidentifier():
-        example_robot(text)  # says how to install the robots that this name may be one of
+        example_robot(text)  # its error says how to install the robots that may have this name
     raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
 
 
@@ -267,11 +268,11 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
             shown = ", ".join(f"{g:g}" for g in gravity)
             words = f"gravity ({shown}) m/s^2 acts, as the file says"
             notes.append(Note("gravity-of-file", words, {"gravity": gravity}))
-        return chain_of(description, serial, name, said=notes, alone=True)
+        return chain_of(description, serial, name, reader_notes=notes, alone=True)
 
 
 def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechanism] | None:
-    """Reads a mechanism file once: gives the mechanism for values of parameters, and so on.
+    """Read a mechanism file once; return a function that builds its mechanism for overrides.
 
     None where the name is not that of a mechanism file.
     """
@@ -291,17 +292,12 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
     return mechanism
 
 
-def _from_file(path: Path, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.yaml_file import read_yaml
-
-    return from_data(*read_yaml(path), path, overrides)
-
-
 def from_data(
     data: dict[str, Any], lines: Lines, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
-    """The mechanism of a file's data, with what was given beside it."""
-    from cartstiff.loading.mechanism_file import checked_file, mechanism_of, place_of, places_in
+    """Build the mechanism of a file's data with overrides."""
+    from cartstiff.loading.mechanism_file import checked_file, mechanism_of, places_in
+    from cartstiff.loading.schema import place_of
 
     file, parameters = checked_file(data, lines, path, overrides.get("parameters"))
     with places_in(one_line(str(path)), lambda at: place_of(path, lines, at)):
@@ -321,10 +317,10 @@ def hexapod(
     name: str = "hexapod",
     **keys: Any,
 ) -> ElasticMechanism:
-    """A Stewart-Gough platform by radii and angles, or in a cube.
+    """Build a Stewart-Gough platform from radii and angles, or in a cube.
 
-    The same as a mechanism file of kind stewart-gough with a ``layout``: every key means there
-    what it means here, and is checked in the same way.
+    The arguments are the keys of a mechanism file of kind stewart-gough with a ``layout``, with the
+    same meanings and checks.
 
     Parameters
     ----------
@@ -332,18 +328,18 @@ def hexapod(
         The joints' circles: ``radius``, ``half_angle`` (rad) of the pairs or ``angles`` (rad) of
         the joints, ``height``.
     height : float
-        Of the platform's frame P over F; without it 0 for a cube.
+        Height of the platform's frame P over F; default 0 for a cube.
     turn : float, optional
-        Of the platform's pairs against the base's; default pi/3.
+        Turn [rad] of the platform's pairs against the base's; default pi/3.
     symmetry : {1, 2, 3, 6}, optional
-        `angles` are given for one part of so many.
+        Number of equal parts; `angles` are those of one part.
     cubic : mapping, optional
         ``edge`` or ``size`` of a cube, and its ``centre``.
     legs : float or mapping
         The stiffness of every leg, or the file's key: ``stiffness`` or ``strut``, ``rest_length``,
         ``preload``, ``limits``, ``mass``, ``damping``.
     name : str
-        For people.
+        Name for people.
     **keys
         Any other key of the file: ``units``, ``frame``, ``body``, ``flexible``, ``payload``,
         ``gravity``.
@@ -351,7 +347,7 @@ def hexapod(
     Returns
     -------
     ElasticMechanism
-        As `load` gives it.
+        The mechanism, as from `load`.
 
     Raises
     ------
@@ -388,7 +384,7 @@ def parallel(
     name: str = "parallel",
     **keys: Any,
 ) -> ElasticMechanism:
-    """A body carried by several legs, from the keys of a mechanism file of ``kind: parallel``.
+    """Build a body carried by several legs, from the keys of a file of ``kind: parallel``.
 
     Parameters
     ----------
@@ -399,19 +395,19 @@ def parallel(
         ``T_F_P`` where the legs are put together: the pose, or x, y, z, roll, pitch, yaw about
         fixed axes (lengths, rad). Legs by name need it.
     name : str
-        For people.
+        Name for people.
     **keys
         Any other key of the file: gravity, payload, actuated, lines, source, ...
 
     Returns
     -------
     ElasticMechanism
-        As `cartstiff.load` gives it.
+        The mechanism, as from `cartstiff.load`.
 
     Raises
     ------
     InputError
-        For what is wrong, with its key.
+        With the key that cannot be used.
 
     Examples
     --------
@@ -444,7 +440,7 @@ def _numbers(pose: ArrayLike) -> list[float]:
 
 
 def plain(value: Any) -> Any:
-    """The same as a file has it: mappings, lists and numbers."""
+    """Return values as a file holds them: mappings, lists and numbers."""
     if isinstance(value, Mapping):
         return {key: plain(inner) for key, inner in value.items()}
     if isinstance(value, np.ndarray):

@@ -1,8 +1,7 @@
-"""From a mechanism file's model, or a robot description alone, to an elastic mechanism.
+"""Build elastic mechanisms from checked mechanism files and from robot descriptions.
 
-What is taken where a file names nothing: the frame of interest, and the posture.
-
-Parts that every kind of mechanism is built from: trees, springs, lines, payloads, postures.
+This module chooses the frame of interest and the posture where a file names none, and makes the
+parts that every kind of mechanism has: trees, springs, lines, payloads, postures.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,10 +29,9 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import SWAP
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.plausible import stretched
+from cartstiff.loading.plausible import large_strains
 from cartstiff.loading.robot_description import (
     RobotDescription,
     described_text,
@@ -41,6 +40,7 @@ from cartstiff.loading.robot_description import (
 from cartstiff.loading.robot_facts import (
     FileClosure,
     FileSpring,
+    Followers,
     Obstacle,
     RobotFacts,
     on_leaders,
@@ -97,8 +97,8 @@ if TYPE_CHECKING:
     from cartstiff.loading.leg_schema import LegModel, ParallelFile
     from cartstiff.loading.platform_schema import LegJointsModel, PlatformFile, SpringsFile
 
-# Last parts of the names that tools' frames have, the surest first.
-_TOOLS = tuple(
+# Endings of names of tool frames, the most reliable first.
+_TOOL_NAMES = tuple(
     re.compile(rf"(^|[^a-z0-9])({words})$", re.IGNORECASE)
     for words in (
         "tool0",
@@ -108,8 +108,9 @@ _TOOLS = tuple(
         "flange|flange_link|link_flange",
     )
 )
-# What carries no tool: fingers by the joints on the way, sensors and linkages' rods by the frame's
-# own name. Names in small letters: a pattern that ignores case takes twice the time.
+# Frames that carry no tool: fingers are found by the joints on the way, sensors and rods of
+# linkages by the frame's own name. Names are matched in lower case: a pattern that ignores case
+# takes twice the time.
 _FINGERS = re.compile(
     r"finger|thumb|knuckle|pinky|(?<![^_])(?:index|middle|ring|little)(?![^_])|jointgripper|"
     r"(?<![^_])gripper_.*(?:jaw|pad|tip|joint|inner|outer|motor)|(?<![^_])(?:jaw|claw)"
@@ -121,94 +122,94 @@ _SENSORS = re.compile(
 )
 
 
-# Who loads a model again and again asks for the same names.
-_remembered = lru_cache(4096)
-
-
-@_remembered
+# The results are cached: a model that is loaded repeatedly has the same names.
+@lru_cache(4096)
 def _is_finger(name: str) -> bool:
     return _FINGERS.search(name.lower()) is not None
 
 
-@_remembered
+@lru_cache(4096)
 def _is_sensor(name: str) -> bool:
     return _SENSORS.search(name.lower().replace("-", "_")) is not None
 
 
-@_remembered
-def _rank(name: str) -> int:
-    """Place among `_TOOLS`; their number for other names."""
-    return next((i for i, words in enumerate(_TOOLS) if words.search(name)), len(_TOOLS))
+@lru_cache(4096)
+def _tool_rank(name: str) -> int:
+    """Index of a name in `_TOOL_NAMES`; their number for other names."""
+    return next((i for i, words in enumerate(_TOOL_NAMES) if words.search(name)), len(_TOOL_NAMES))
 
 
-# A link so many joints from the ground that branches into chains of at most so many is a hand, if
-# it is no ankle.
-_WRIST, _FINGER = 4, 4
+# A link with at least so many joints before it is a hand if it branches into chains that are all at
+# most so long and have no foot's name.
+_MIN_WRIST_DEPTH, _MAX_FINGER_JOINTS = 4, 4
 _FEET = re.compile("foot|toe", re.IGNORECASE)
 
 
-def _hand_joints(model: Any, loose: Collection[str]) -> set[str]:
+def _hand_joints(model: Any, free_joints: Collection[str]) -> set[str]:
     """Joints of fingers by the tree alone: all chains from one link at an arm's end are short."""
     names = list(model.names)
-    depths = [sum(names[j] not in loose for j in support) - 1 for support in model.supports]
+    depths = [sum(names[j] not in free_joints for j in support) - 1 for support in model.supports]
     found: set[str] = set()
     for wrist, depth in enumerate(depths):
         beyond = [j for j, support in enumerate(model.supports) if j > wrist and wrist in support]
         branches = sum(model.parents[j] == wrist for j in beyond)
-        if branches > 1 and depth >= _WRIST and max(depths[j] for j in beyond) - depth <= _FINGER:
-            ends = {names[j] for j in beyond}
-            if not any(map(_FEET.search, ends)):
-                found |= ends
+        if branches < 2 or depth < _MIN_WRIST_DEPTH:
+            continue
+        ends = {names[j] for j in beyond}
+        is_short = max(depths[j] for j in beyond) - depth <= _MAX_FINGER_JOINTS
+        if is_short and not any(map(_FEET.search, ends)):
+            found |= ends
     return found
 
 
 def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str]:
-    """Frame of interest where none is named, and the words that say so.
+    """Return the frame of interest of a robot for which none is named, and the words of a note.
 
-    A frame that is named as tools' frames are, on a chain at least half as long as the longest
-    whose joints can be used; else the leaf frame at the end of the longest chain, fingers and
-    sensors last. Things that only free bodies carry are left out where there is anything else.
+    The first choice is a frame with the name of a tool frame, on a chain at least half as long as
+    the longest whose joints can be used; the second the leaf frame at the end of the longest chain,
+    fingers and sensors last. Frames that only free bodies carry are the last choice.
     """
     facts = facts or RobotFacts()
-    loose, barred = facts.loose, frozenset[str]().union(*(o.joints for o in facts.obstacles))
+    free_joints, barred = facts.loose, frozenset[str]().union(*(o.joints for o in facts.obstacles))
     names, kinds = list(model.names), {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
-    ways = [[names[int(j)] for j in support if j] for support in model.supports]
-    every = [(f.name, ways[f.parentJoint]) for f in model.frames if f.type in kinds]
-    moving = [end for end in every if not loose.issuperset(end[1])] or every
-    longest = max((len(way) for _, way in moving), default=0)
+    chains = [[names[int(j)] for j in support if j] for support in model.supports]
+    every = [(f.name, chains[f.parentJoint]) for f in model.frames if f.type in kinds]
+    moving = [end for end in every if not free_joints.issuperset(end[1])] or every
+    longest = max((len(chain) for _, chain in moving), default=0)
     if longest == 0:
         raise InputError("robot has no movable joints")
 
-    hands = _hand_joints(model, loose)
-    free = [
-        (name, way)
-        for name, way in moving
-        if way
-        and hands.isdisjoint(way)
-        and not any(map(_is_finger, [*way, name]))
+    hands = _hand_joints(model, free_joints)
+    arms = [
+        (name, chain)
+        for name, chain in moving
+        if chain
+        and hands.isdisjoint(chain)
+        and not any(map(_is_finger, [*chain, name]))
         and not _is_sensor(name)
     ]
-    reach = max((len(way) for _, way in free), default=0)
-    usable = max((len(way) for _, way in free if barred.isdisjoint(way)), default=reach)
-    named = [
-        (rank, -len(way), i)
-        for i, (name, way) in enumerate(free)
-        if 2 * len(way) >= usable and (rank := _rank(name)) < len(_TOOLS)
+    longest_arm = max((len(chain) for _, chain in arms), default=0)
+    usable = max((len(chain) for _, chain in arms if barred.isdisjoint(chain)), default=longest_arm)
+    tools = [
+        (rank, -len(chain), i)
+        for i, (name, chain) in enumerate(arms)
+        if 2 * len(chain) >= usable and (rank := _tool_rank(name)) < len(_TOOL_NAMES)
     ]
-    if named:
-        chosen, end = free[min(named)[2]]
+    if tools:
+        chosen, end = arms[min(tools)[2]]
         why = f"named as tools' frames are ({len(end)} joints)"
     else:
-        # A hand is all fingers; on the last joint the frame deepest in the tree of fixed joints.
-        ends, joints = (free, reach) if free else (moving, longest)
-        end = next(way for _, way in ends if len(way) == joints)
-        beside = (way for name, way in ends if way[:-1] == end[:-1] and _FEET.search(name))
-        end = next(beside, end)
-        chosen = [name for name, way in ends if way == end][-1]
+        # A hand alone has nothing but fingers. Of the frames on the last joint the last is taken:
+        # it is the deepest in the tree of fixed joints.
+        ends, joints = (arms, longest_arm) if arms else (moving, longest)
+        end = next(chain for _, chain in ends if len(chain) == joints)
+        feet = (chain for name, chain in ends if chain[:-1] == end[:-1] and _FEET.search(name))
+        end = next(feet, end)
+        chosen = [name for name, chain in ends if chain == end][-1]
         why = f"a frame at the end of the longest chain ({joints} joints)"
         if joints < longest:
             why += " that is no finger"
-    others = ", ".join(name for name, way in moving if way == end and name != chosen) or "none"
+    others = ", ".join(name for name, chain in moving if chain == end and name != chosen) or "none"
     return chosen, (
         f"no frame was named: {chosen!r} is taken, {why}; others on the same link: {others}"
     )
@@ -217,23 +218,23 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
 def chosen_frame(
     description: RobotDescription, frame: str | None, notes: list[Note], leg: str = ""
 ) -> str:
-    """The frame that was named, or the default one; with a note where something was assumed."""
-    model, who = description.model, f"{leg}: " if leg else ""
+    """Return the named frame or the default one, and add a note on what was assumed."""
+    model, prefix = description.model, f"{leg}: " if leg else ""
     if frame is None:
         try:
             frame, words = default_frame(model, description.facts)
         except InputError as error:
             raise error.moved_to(leg) from None
-        notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
+        notes.append(Note("default-frame", f"{prefix}{words}", {"frame": frame}))
         return frame
     named = [f for f in model.frames if f.name == frame]
     if not named:
         raise UnknownNameError("frame", frame, [f.name for f in model.frames], where=leg)
     taken = find_frame(model, frame)
     for other in named:
-        apart = not other.placement.isApprox(taken.placement)
-        if other.parentJoint != taken.parentJoint or apart:
-            words = f"{who}a link and a joint elsewhere are named {frame!r}: the link is taken"
+        is_elsewhere = not other.placement.isApprox(taken.placement)
+        if other.parentJoint != taken.parentJoint or is_elsewhere:
+            words = f"{prefix}a link and a joint elsewhere are named {frame!r}: the link is taken"
             notes.append(Note("ambiguous-frame", words, {"frame": frame}))
             break
     return frame
@@ -245,15 +246,15 @@ def default_posture(
     otherwise: Mapping[str, float] | None = None,
     facts: RobotFacts | None = None,
 ) -> Array:
-    """Given positions; the others as `otherwise`, as a keyframe, or as the file is drawn.
+    """Default coordinates (n,): given values, then `otherwise`, a keyframe, the file's own posture.
 
-    A URDF is drawn at zero. Limits that exclude that position are met in their middle. Names of
-    `otherwise` need not be coordinates of the tree.
+    The own posture of a URDF is zero; where the limits exclude it, the middle of the limits is
+    taken. Names in `otherwise` need not be coordinates of the tree.
     """
-    names = _names(tree)
+    names = tree.names
     _check_joints(values, names, "key q")
-    drawn = {} if facts is None else facts.posture
-    q = np.array([drawn.get(name, 0.0) for name in names])
+    own = {} if facts is None else facts.posture
+    q = np.array([own.get(name, 0.0) for name in names])
     if facts is None or facts.keyframe is None:
         for j, c in enumerate(tree.coordinates):
             if not c.lower <= q[j] <= c.upper:
@@ -264,33 +265,35 @@ def default_posture(
     return q
 
 
-# A posture for an arm whose file names none: zero is singular for nearly every industrial arm.
+# An arm whose file names no posture needs a regular one: zero is singular for nearly every
+# industrial arm.
 #
-# Candidates are points of a low-discrepancy sequence (Kronecker's with the generalised golden
-# ratio: the same every time) around zero, in a quarter, half and all of the joints' ranges. Each
-# is judged by the ratio of the smallest to the largest singular value of the body Jacobian,
-# lengths in units of the characteristic length at zero.
+# The candidates are points of a low-discrepancy sequence (Kronecker's with the generalised golden
+# ratio: the same every time) around zero, in a quarter, half and all of the joints' ranges. The
+# measure is the ratio of the smallest to the largest singular value of the body Jacobian, lengths
+# in units of the characteristic length at zero.
 
-# Candidates of each size, and the shares of the joints' ranges that they are spread over: a larger
-# one only where the smaller have none that will do.
-_COUNT, _SHARES = 32, (0.25, 0.5, 1.0)
-# So many are looked at together, the nearest first: mostly one of the first will do.
-_LOOKS = 16
-# Of the candidates with twice the ratio that counts as near a singularity the one closest to zero
-# is taken.
-_ENOUGH = 2.0 * NEAR
-# An arm no deeper below its base at zero, in characteristic lengths, stands on a floor.
-_SUNK = 0.1
+# Number of candidates per share of the joints' ranges. A larger share is searched only where the
+# smaller ones have no candidate that is regular enough.
+_CANDIDATES_PER_SHARE, _RANGE_SHARES = 32, (0.25, 0.5, 1.0)
+# Number of candidates that are computed at once, the nearest to zero first.
+_CANDIDATES_AT_ONCE = 16
+# The candidate closest to zero with at least this ratio is taken: twice the ratio that counts as
+# near a singularity.
+_REGULAR_RATIO = 2.0 * NEAR
+# An arm that at zero is at most this far below its base, in characteristic lengths, is taken to
+# stand on a floor.
+_MAX_DEPTH_ON_FLOOR = 0.1
 # Candidates are rounded so that they can be typed (rad; lengths in shares of their range).
-_STEP = 0.05
+_ROUNDING_STEP = 0.05
 
 
 def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list[Note]]:
-    """A regular posture (n,) in place of q where q is near a singularity, and a note that says so.
+    """Return a regular posture (n,) in place of a nearly singular q, with a note that says so.
 
-    q stays where none of the candidates is better, and where there are fewer than six joints: the
-    note names a regular posture then. An arm that does not sink below its base at q
-    stays above it, as does one whose joints rise from the base before it reaches below.
+    q is returned where no candidate is better, and for arms with fewer than six joints: the note
+    names a regular posture then. An arm that is not below its base at q, or whose joints rise from
+    the base before they are below it, stays above the base.
 
     Parameters
     ----------
@@ -299,7 +302,7 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
     q : ndarray (n,)
         Zero, or as near to it as the limits allow.
     alone : bool
-        Whether the robot is this arm, so that its base is on the floor and no torso's.
+        Whether the robot has no other arm, so that its base is on the floor and not on a torso.
     """
     free = np.array([j not in chain.virtual for j in range(q.size)], bool)
     if free.sum() < 2:
@@ -314,26 +317,27 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
     at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR:
         return q, []
-    candidates = _candidates(chain, q, sizes, free).reshape(-1, _LOOKS, q.size)
+    candidates = _candidates(chain, q, sizes, free).reshape(-1, _CANDIDATES_AT_ONCE, q.size)
 
     def search(floor: float) -> tuple[Array, float]:
-        best, largest = q, max(NEAR, float(at_zero))
+        best, largest = q, max(NEAR, at_zero)
         for few in candidates:
-            ratio = ratios(_jacobians(chain, few))
+            ratio = ratios(np.array([chain.at(one).motion.jacobian for one in few]))
             if np.isfinite(floor):
                 ratio = ratio * [_heights(chain, one).min() > floor for one in few]
-            i = int(np.argmax(ratio >= _ENOUGH if ratio.max() >= _ENOUGH else ratio))
+            enough = ratio >= _REGULAR_RATIO
+            i = int(np.argmax(enough if enough.any() else ratio))
             if ratio[i] > largest:
                 best, largest = few[i], float(ratio[i])
-            if largest >= _ENOUGH:
+            if largest >= _REGULAR_RATIO:
                 break
         return best, largest
 
     best, largest = q, NEAR
-    heights, sunk = _heights(chain, q), _SUNK * posture.length
-    lowest, first = heights.min(), next((z for z in heights if abs(z) > sunk), 0.0)
-    if lowest > -sunk or (alone and first > 0.0):  # it stands on a floor
-        floor = min(lowest, 0.0) if lowest > -sunk else 0.0
+    heights, depth = _heights(chain, q), _MAX_DEPTH_ON_FLOOR * posture.length
+    lowest, first = heights.min(), next((z for z in heights if abs(z) > depth), 0.0)
+    if lowest > -depth or (alone and first > 0.0):  # the arm stands on a floor
+        floor = min(lowest, 0.0) if lowest > -depth else 0.0
         best, largest = search(floor - numerics.CLOSE)
     if best is q:
         best, largest = search(-np.inf)
@@ -343,13 +347,12 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
         f"{c.name} {value:.4g}" for c, value in zip(chain.coordinates, best, strict=True)
     )
     if free.sum() < 6:
-        said = f"no posture was given, and zero is singular: a regular one is {words}"
-        return q, [] if is_regular([1.0, at_zero]) else [
-            Note("zero-singular", said, {"q": best.tolist()})
-        ]
+        words = f"no posture was given, and zero is singular: a regular one is {words}"
+        note = Note("zero-singular", words, {"q": best.tolist()})
+        return q, [] if is_regular([1.0, at_zero]) else [note]
     conditions = {
         "condition": 1.0 / largest,
-        "condition_at_zero": 1.0 / float(at_zero) if is_regular([1.0, at_zero]) else None,
+        "condition_at_zero": 1.0 / at_zero if is_regular([1.0, at_zero]) else None,
     }
     zero = "singular" if conditions["condition_at_zero"] is None else "near a singularity"
     return best, [
@@ -363,60 +366,44 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
 
 
 def _heights(chain: Chain, q: Array) -> Array:
-    """Heights of the joints, and of the body, over the base."""
-    tree, body = chain.tree, chain.body
-    with tree.workspace() as data:
-        pin.forwardKinematics(
-            tree.model, data, q if tree.mimic is None else tree.mimic @ q + tree.offset
-        )
-        ways = [data.oMi[int(j)] for j in tree.model.supports[body.joint] if j]
-    tip = ways[-1] * pin.SE3(body.T_j_f)
-    return np.array([T.translation[2] for T in [*ways, tip]])
-
-
-def _jacobians(chain: Chain, postures: Array) -> Array:
-    """Body Jacobians (k, 6, n) at postures (k, n): those of `Chain.at`, and nothing else."""
-    tree, body = chain.tree, chain.body
-    joints = postures if tree.mimic is None else postures @ tree.mimic.T + tree.offset
-    with tree.workspace() as data:
-        local = [pin.computeJointJacobian(tree.model, data, row, body.joint) for row in joints]
-    jacobian: Array = (pin.SE3(body.T_j_f).toActionMatrixInverse() @ np.array(local))[:, SWAP]
-    return jacobian if tree.mimic is None else jacobian @ tree.mimic
+    """Heights of the joints on the way to the body, and of the body, over the base."""
+    state, joints = chain.tree.at(q), chain.tree.support(chain.body.joint)
+    return np.append(state.joint_poses(joints)[:, 2, 3], state.pose(chain.body)[2, 3])
 
 
 @cache
-def _spread(n: int) -> Array:
-    """Points (`_COUNT`, n) of the sequence, from -1 to 1."""
-    # The root g > 1 of g^(n+1) = g + 1: its powers are as badly approximated as can be.
+def _sequence(n: int) -> Array:
+    """Points (`_CANDIDATES_PER_SHARE`, n) of the sequence, from -1 to 1."""
+    # The root g > 1 of g^(n+1) = g + 1: its powers are the hardest to approximate by fractions.
     g = 2.0
     for _ in range(60):
         g = (1.0 + g) ** (1.0 / (n + 1))
-    steps = np.outer(np.arange(1, _COUNT + 1), g ** -np.arange(1.0, n + 1))
+    steps = np.outer(np.arange(1, _CANDIDATES_PER_SHARE + 1), g ** -np.arange(1.0, n + 1))
     points: Array = 2.0 * np.mod(0.5 + steps, 1.0) - 1.0
     return points
 
 
 def _candidates(chain: Chain, q: Array, sizes: Array, free: Array) -> Array:
-    """Postures (k, n) within the limits, by share and distance; what gives stays where it is."""
+    """Postures (k, n) within the limits, by share and distance; virtual joints do not move."""
     n = q.size
     lower, upper, lengths = map(
         np.array, zip(*((c.lower, c.upper, c.is_length) for c in chain.coordinates), strict=True)
     )
     reach = np.where(lengths, sizes, np.pi)
     low, high = np.maximum(lower, q - reach), np.minimum(upper, q + reach)
-    u = _spread(n)
+    u = _sequence(n)
     sides = np.where(u < 0, q - low, high - q)
-    steps = np.concatenate([share * u * sides for share in _SHARES])
-    step = np.where(lengths, _STEP * (high - low), _STEP)
+    steps = np.concatenate([share * u * sides for share in _RANGE_SHARES])
+    step = np.where(lengths, _ROUNDING_STEP * (high - low), _ROUNDING_STEP)
     rounded = np.round(steps / np.where(step > 0, step, 1.0)) * step
-    # Twelve digits: 0.15, and not 0.15000000000000002.
+    # Rounding to twelve digits makes 0.15 of 0.15000000000000002.
     postures: Array = np.clip(np.round(q + rounded, 12), low, high)
     postures = np.where(free, postures, q)
-    away = np.linalg.norm((postures - q) / sizes, axis=1)
-    return postures[np.lexsort((away, np.repeat(_SHARES, _COUNT)))]
+    distances = np.linalg.norm((postures - q) / sizes, axis=1)
+    return postures[np.lexsort((distances, np.repeat(_RANGE_SHARES, _CANDIDATES_PER_SHARE)))]
 
 
-#: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
+#: N m/rad (N/m): the joint stiffness that is assumed where none was given; a note says so.
 ASSUMED_STIFFNESS = 1.0e4
 
 
@@ -429,14 +416,14 @@ def springs_of(
     virtual: Sequence[str] = (),
     actuated: Sequence[str] | None = None,
 ) -> tuple[JointSprings, list[Note]]:
-    """Joint springs of a file's entries, and notes on what was assumed.
+    """Return the joint springs of a file's entries, and notes on what was assumed.
 
-    A joint without an entry has the spring that the robot's own file gives it. Of the others those
-    that are actuated get an assumed one: in a serial arm all but the `passive` ones, in a closed
+    A joint without an entry has the spring of the robot's own file. Of the other joints the
+    actuated ones get an assumed spring: in a serial arm all but the `passive` ones, in a closed
     chain (`actuated` is a sequence) those that are named there, or all but the passive ones where
     only these are named. Joints without a spring are free, as virtual joints of links are.
     """
-    names = _names(tree)
+    names = tree.names
     passive = [*passive, *(n for n in virtual if n not in passive)]
     driven = set(names) - set(passive) - set(facts.passive)
     if actuated is not None and (actuated or springs or not set(passive) - set(virtual)):
@@ -496,7 +483,7 @@ def springs_of(
 
 
 def softening(springs: Mapping[str, JointSpringModel]) -> list[Note]:
-    """Names springs of joints whose torque falls while they turn."""
+    """Return a note on the springs whose torque decreases while their joints turn."""
     soft = []
     for name, entry in springs.items():
         if entry.table is not None:
@@ -517,7 +504,7 @@ def _negative(names: Sequence[str]) -> list[Note]:
 
 
 def negative_links(springs: Sequence[Potential]) -> list[Note]:
-    """Names links whose 6x6 spring has a motion along which it pushes on."""
+    """Return a note on the links whose 6x6 spring has a negative eigenvalue."""
     notes = []
     for spring in springs:
         if isinstance(spring, CoupledSprings):
@@ -527,8 +514,8 @@ def negative_links(springs: Sequence[Potential]) -> list[Note]:
     return _negative(notes)
 
 
-def give_of(entry: FlexibleModel) -> Give:
-    """Virtual joints of a flexible link."""
+def link_joints(entry: FlexibleModel) -> Give:
+    """Virtual joints of a compliant link."""
     start = pose_of(entry.offset)
     if entry.beam is None:
         return Give(start, mass=entry.mass)
@@ -540,22 +527,22 @@ def give_of(entry: FlexibleModel) -> Give:
 
 
 def virtual_joints(flexible: Mapping[str, FlexibleModel], prefix: str = "") -> list[str]:
-    """Names of the virtual joints of flexible links."""
+    """Names of the virtual joints of compliant links."""
     return [
         f"{prefix}{link}.{suffix}"
         for link, entry in flexible.items()
-        for suffix, _, _ in give_of(entry).joints
+        for suffix, _, _ in link_joints(entry).joints
     ]
 
 
 def link_springs(
     flexible: Mapping[str, FlexibleModel], tree: KinematicTree, prefix: str = ""
 ) -> list[Potential]:
-    """Springs over the virtual joints of flexible links, and beams."""
-    names = _names(tree)
+    """Springs over the virtual joints of compliant links, and beams."""
     springs: list[Potential] = []
     for link, entry in flexible.items():
-        indices = np.array([names.index(name) for name in virtual_joints({link: entry}, prefix)])
+        virtual = virtual_joints({link: entry}, prefix)
+        indices = np.array([tree.names.index(name) for name in virtual])
         if entry.beam is not None:
             springs.append(_beam(entry.beam, indices, prefix + link))
             continue
@@ -581,7 +568,7 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
 
 
 def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
-    """Line springs and cables between points of named frames."""
+    """Return line springs and cables between points of named frames."""
     springs = []
     for line in lines:
         a, b = line.frames
@@ -617,22 +604,22 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
 def described(
     file: SerialFile | LegModel | ClosedChainFile, beside: Path | None, floating: bool = False
 ) -> RobotDescription:
-    """The robot of a `model:` or `dh:` entry; paths are relative to the mechanism file."""
-    if file.dh is not None or file.model is None:
-        if file.dh is None or file.xacro or file.package_path:
+    """Read the robot of a `model:` or `dh:` entry; paths are relative to the mechanism file."""
+    if file.dh is not None:
+        if file.xacro or file.package_path:
             raise InputError("xacro arguments and package paths belong to robots by model")
         from cartstiff.loading.dh import dh_description
 
         return dh_description(file.dh, beside or Path(), floating)
-    for folder in file.package_path:
-        if not _from(beside, folder).is_dir():
+    packages = tuple(_resolved(beside, folder) for folder in file.package_path)
+    for folder, package in zip(file.package_path, packages, strict=True):
+        if not package.is_dir():
             raise InputError("no such folder", where="package_path", got=one_line(folder))
-    packages = tuple(_from(beside, p) for p in file.package_path)
     named = tuple(map(Path, file.named_folders))
-    model, ros = file.model, Ros(packages, dict(file.xacro), named)
+    model, ros = file.model or "", Ros(packages, dict(file.xacro), named)
     if model.lstrip().startswith("<"):
         return described_text(model, floating, ros)
-    path = _from(beside, model)
+    path = _resolved(beside, model)
     if path.suffix.lower() not in ROBOT_FILES and not path.is_file():
         if is_description_name(model):
             path, more = described_robot(model)
@@ -646,30 +633,29 @@ def described(
     return read_robot_description(path, floating, ros, joint_types=getattr(file, "joint_types", {}))
 
 
-def _from(beside: Path | None, name: str) -> Path:
-    path = Path(name).expanduser()
-    return path if beside is None or path.is_absolute() else beside / path
+def _resolved(beside: Path | None, name: str) -> Path:
+    return (beside or Path()) / Path(name).expanduser()
 
 
 class _Part(NamedTuple):
-    """One of the robots that a chain is built of: its names get the prefix in front."""
+    """One of the robots that a chain is built from, with the prefix of its names in the chain."""
 
     prefix: str
     entry: SerialFile | ClosedChainFile | LegModel
     description: RobotDescription
 
 
-def _of_all(parts: Sequence[_Part], values: Callable[[_Part], Any]) -> dict[str, Any]:
-    """What is known of joints of all parts, by their names in the chain."""
-    of_part: dict[str, Any] = {}
+def _prefixed(parts: Sequence[_Part], key: str) -> dict[str, Any]:
+    """Values (or names alone) of all parts at a key, by the joints' names in the chain."""
+    prefixed: dict[str, Any] = {}
     for part in parts:
-        known = values(part)
-        pairs = known if isinstance(known, Mapping) else dict.fromkeys(known)
-        of_part |= {part.prefix + name: value for name, value in pairs.items()}
-    return of_part
+        own = attrgetter(key)(part)
+        pairs = own if isinstance(own, Mapping) else dict.fromkeys(own)
+        prefixed |= {part.prefix + name: value for name, value in pairs.items()}
+    return prefixed
 
 
-def _finished(
+def _elastic_chain(
     file: SerialFile | ParallelFile | ClosedChainFile,
     name: str,
     notes: list[Note],
@@ -683,38 +669,39 @@ def _finished(
     closures: Sequence[Closure] = (),
     actuated: Sequence[str] = (),
     driven: Sequence[str] | None = None,
-    rests: bool = True,
+    is_given: bool = True,
     contacts: Sequence[str] = (),
     edit: Callable[[Chain], None],
 ) -> ElasticMechanism:
-    """A chain of some robots' joints with its springs, soft links, and what else is put on it.
+    """Build the chain of some robots' joints, with its springs, loads, dampers and notes.
 
     Parameters
     ----------
     file, name
-        What is known about it, and the mechanism's name.
+        The mechanism file's model, and the mechanism's name.
     notes : list of Note
-        Of the reader; more are added.
+        Notes of the reader; more are added.
     tree, frame : KinematicTree, str
-        All joints, and the frame of interest, moved by `offset`.
+        All joints, and the frame to which M is fixed, with M at `offset`.
     parts : sequence of _Part
         The robots.
     facts : RobotFacts
-        What their files say.
+        Facts of the robots' files.
     q : ndarray (n,)
-        Where closures are closed from; a regular posture instead where it `rests` on nothing.
+        Posture from which closures are closed; without closures a regular one replaces it, unless
+        it `is_given`.
     closures, actuated
         Loops, and the joints that drive them.
     driven : sequence of str, optional
         Joints that get an assumed spring in a closed chain.
     contacts : sequence of str
-        Joints that are free by themselves.
+        Joints that are free unless they have a spring.
     edit : callable
         Changes the chain before it is used.
     """
-    entries: dict[str, JointSpringModel] = _of_all(parts, lambda part: part.entry.springs)
-    passive = list(_of_all(parts, lambda part: part.entry.passive))
-    posture = _of_all(parts, lambda part: part.entry.q)
+    entries: dict[str, JointSpringModel] = _prefixed(parts, "entry.springs")
+    passive = list(_prefixed(parts, "entry.passive"))
+    posture = _prefixed(parts, "entry.q")
     virtual = [n for part in parts for n in virtual_joints(part.entry.flexible, part.prefix)]
     chain = Chain(
         tree,
@@ -722,19 +709,17 @@ def _finished(
         offset=offset,
         closures=closures,
         actuated=_actuated(actuated, tree),
-        virtual=[c for c, n in enumerate(_names(tree)) if n in virtual],
+        virtual=[c for c, n in enumerate(tree.names) if n in virtual],
         kind=file.kind,
         descriptions=[part.description.shown(part.prefix) for part in parts],
     )
     edit(chain)
-    if (payload := file.payload) is not None and payload.mass > 0 and chain.body.joint > 0:
-        centre = chain.body.T_j_f @ np.append(payload.com, 1.0)
-        chain.payload = payload.mass, float(tree.model.inertias[chain.body.joint].mass)
-        inertia = pin.Inertia(payload.mass, centre[:3], np.zeros((3, 3)))
-        tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
+    if (payload := file.payload) is not None and payload.mass > 0:
+        chain = chain.with_mass(payload.mass, np.array(payload.com))
+        tree = chain.tree
     if chain.kind != "serial":
         q = _assembled(chain, q, posture, notes)
-    elif not rests:
+    elif not is_given:
         supports = parts[0].description.model.supports
         alone = len({int(support[1]) for support in supports if len(support) > 1}) == 1
         q, chosen = regular_posture(chain, q, alone=alone)
@@ -752,7 +737,7 @@ def _finished(
     ]
     notes[:0] = assumed[:1]
     notes += [*assumed[1:], *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
-    notes += _idle_links(soft, chain, file.lines)
+    notes += _links_without_effect(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where="key gravity")
     chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
@@ -781,36 +766,36 @@ def _finished(
     return elastic.with_potential(*potentials)
 
 
-def _idle_links(soft: Sequence[Potential], chain: Chain, lines: Sequence[LineModel]) -> list[Note]:
-    """Names links that give and carry neither the body nor anything that holds it."""
+def _links_without_effect(
+    soft: Sequence[Potential], chain: Chain, lines: Sequence[LineModel]
+) -> list[Note]:
+    """Return a note on compliant links that carry neither the body nor anything that holds it."""
     frames = [f for line in lines for f in line.frames]
     frames += [f for closure in chain.closures for f in (closure.frame_a, closure.frame_b)]
     model, tree = chain.tree.model, chain.tree
     ends = {chain.body.joint, *(tree.placement(f).joint for f in frames)}
-    felt = {model.names[int(j)] for end in ends for j in model.supports[end] if j}
-    idle = [
+    carrying = {model.names[int(j)] for end in ends for j in model.supports[end] if j}
+    without = [
         spring.link
         for spring in soft
         if isinstance(spring, (Beam, CoupledSprings))
-        and felt.isdisjoint(tree.coordinates[i].name for i in np.ravel(spring.indices))
+        and carrying.isdisjoint(tree.names[i] for i in np.ravel(spring.indices))
     ]
-    if not idle:
+    if not without:
         return []
     words = (
-        f"links that give and do not move frame {chain.frame!r}: {', '.join(idle)} (what hangs on "
-        "such a link gives, its own frame stands before its spring)"
+        f"compliant links that do not move frame {chain.frame!r}: {', '.join(without)} (the spring "
+        "of such a link moves what hangs on it, but not the link's own frame)"
     )
-    return [Note("idle-link", words, {"links": idle})]
+    return [Note("idle-link", words, {"links": without})]
 
 
-# Limits of a joint [rad] that look like degrees; larger ones stand for "none".
-_DEGREES = (40.0, 1000.0)
-# What is this near to the end of a beam, over its length, is there.
-_THERE = numerics.NEARBY
+# Limits of a joint [rad] that look like degrees; larger ones mean that there is no limit.
+_LIMITS_LIKE_DEGREES = (40.0, 1000.0)
 
 
 def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[Note]:
-    """Beams at whose far end nothing hangs: perhaps their link does not lie along its x axis."""
+    """Return notes on beams with nothing at their far end: their link may not lie along its x."""
     model, notes = chain.tree.model, []
     for beam in soft:
         if not isinstance(beam, Beam):
@@ -824,9 +809,9 @@ def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[No
         ]
         hung += [place.T_j_f[:3, 3] for place in frames.values() if place.joint == last]
         length = beam.length * len(beam.indices)
-        if not hung or min(np.linalg.norm(x) for x in hung) <= _THERE * length:
+        nearest = min(hung, key=np.linalg.norm, default=np.zeros(3))
+        if np.linalg.norm(nearest) <= numerics.NEARBY * length:
             continue
-        nearest = min(hung, key=np.linalg.norm)
         x, y, z = nearest + np.array([length, 0.0, 0.0])
         notes.append(
             Note(
@@ -841,7 +826,7 @@ def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[No
 
 
 def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
-    """Joints on the way to a frame, and those that closures and couplings tie to them."""
+    """Return the joints on the way to a frame, and those that loops and couplings tie to them."""
     model, facts = description.model, description.facts
     names = list(model.names)
     joint = int(find_frame(model, frame).parentJoint)
@@ -858,7 +843,7 @@ def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
 def with_base_held(
     description: RobotDescription, frame: str, notes: list[Note], springs: Collection[str]
 ) -> RobotDescription:
-    """The robot with the free-flying joint held that carries its frame, unless that has springs."""
+    """Hold the free-flying joint that carries the frame, unless it has springs."""
     moving = joints_that_move(description, frame)
     free = description.facts.loose & moving
     named = {part for n in springs for part in (n, n.rpartition(".")[0])}
@@ -875,7 +860,7 @@ def with_base_held(
 
 
 def with_actuator_springs(description: RobotDescription, notes: list[Note]) -> RobotDescription:
-    """The robot with the springs of its position actuators, beside those that its joints have.
+    """Add the springs of a robot's position actuators to those of its joints.
 
     Raises
     ------
@@ -911,16 +896,16 @@ def description_notes(
     keys: Collection[str],
     closed: bool = False,
 ) -> list[Note]:
-    """What a file says that plays no part, and where its posture and masses come from.
+    """Return notes on what a robot's file has without effect, its posture, masses and limits.
 
     Parameters
     ----------
     description : RobotDescription
         The robot as its file says.
     tree : KinematicTree
-        The joints that were kept of it.
+        The joints of it that were kept.
     keys : collection of str
-        Keys that the mechanism file gives.
+        Keys of the mechanism file.
     closed : bool
         Whether the closures of the robot's file are kept.
 
@@ -939,13 +924,13 @@ def description_notes(
             words = f"the {tie.type} tie of bodies {tie.body_a!r} and {tie.body_b!r}"
             obstacles.append(Obstacle(words, tie.joints))
     for obstacle in obstacles:
-        felt = sorted(obstacle.joints & moving)
-        if not felt or not set(keys).isdisjoint(obstacle.keys):
+        affected = sorted(obstacle.joints & moving)
+        if not affected or not set(keys).isdisjoint(obstacle.keys):
             continue
         if obstacle.error is not None:
             raise obstacle.error
         raise InputError(
-            f"{obstacle.what} acts on joint {felt[0]!r} and cannot be expressed here",
+            f"{obstacle.what} acts on joint {affected[0]!r} and cannot be expressed here",
             where="XML text" if description.path is None else one_line(str(description.path)),
             expected=obstacle.expected,
         )
@@ -962,7 +947,8 @@ def description_notes(
     wide = {
         c.name: [c.lower, c.upper]
         for c in tree.coordinates
-        if not c.is_length and _DEGREES[0] < max(-c.lower, c.upper) < _DEGREES[1]
+        if not c.is_length
+        and _LIMITS_LIKE_DEGREES[0] < max(-c.lower, c.upper) < _LIMITS_LIKE_DEGREES[1]
     }
     if wide:
         words = ", ".join(f"{name} {low:g} ... {high:g}" for name, (low, high) in wide.items())
@@ -974,7 +960,7 @@ def description_notes(
 def gravity_left_out(
     file: SerialFile | ClosedChainFile, description: RobotDescription
 ) -> list[Note]:
-    """That a mechanism file, which says itself what acts, leaves an MJCF file's gravity out."""
+    """Return a note where a mechanism file has no gravity and its MJCF file has one."""
     gravity = description.facts.gravity
     if gravity is None or file.gravity is not None:
         return []
@@ -984,7 +970,7 @@ def gravity_left_out(
 
 
 def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[int, float]:
-    """Pinocchio's indices of named joints."""
+    """Values by Pinocchio's indices of the named joints."""
     known = list(model.names)[1:]
     indices = {}
     for name, value in names.items():
@@ -1002,7 +988,7 @@ def tree_to(
     flexible: Mapping[str, FlexibleModel] | None = None,
     joints: Collection[str] = (),
 ) -> KinematicTree:
-    """Plain tree of the joints that move some frames (all joints if None), mimics resolved.
+    """Return the plain tree of the joints that move some frames (all if None), mimics resolved.
 
     The named `joints` are kept as well.
     """
@@ -1017,7 +1003,7 @@ def tree_to(
             keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
     names = list(model.names)
     keep -= {names.index(name) for name in description.held}
-    follows = {}
+    follows: Followers = {}
     for follower in facts.followers:
         index = names.index(follower) if follower in names else 0
         leader, factor, offset = to_root(follower, facts.followers)
@@ -1039,30 +1025,29 @@ def tree_to(
         if index in fixed:  # a locked leader locks its followers
             fixed[names.index(follower)] = factor * fixed[index] + offset
             del follows[follower]
-    # Joints off the way stand where the file's posture has them: their masses are carried.
+    # Other joints are fixed where the file's posture has them: their masses are carried.
     for index, joint in enumerate(names):
         if index not in keep and joint in facts.posture:
             fixed.setdefault(index, facts.posture[joint])
-    soft = {name: give_of(entry) for name, entry in (flexible or {}).items()}
+    soft = {name: link_joints(entry) for name, entry in (flexible or {}).items()}
     tree = plain_tree(model, keep, fixed, soft, facts.planar_axes)
     if not follows:
         return tree
-    all_names = _names(tree)
     free = [c for c in tree.coordinates if c.name not in follows]
-    matrix, offsets = np.zeros((len(all_names), len(free))), np.zeros(len(all_names))
-    for i, name in enumerate(all_names):
-        leader, factor, offset = follows.get(name, (name, 1.0, 0.0))
-        matrix[i, [c.name for c in free].index(leader)] = factor
-        offsets[i] = offset
+    column = {c.name: i for i, c in enumerate(free)}
+    matrix, offsets = np.zeros((tree.n, len(free))), np.zeros(tree.n)
+    for i, name in enumerate(tree.names):
+        leader, factor, offsets[i] = follows.get(name, (name, 1.0, 0.0))
+        matrix[i, column[leader]] = factor
     if tree.mimic is not None:
         matrix, offsets = tree.mimic @ matrix, tree.mimic @ offsets
     return KinematicTree(tree.model, tuple(free), tree.given_frames, matrix, offsets)
 
 
-def on_springs(
+def mounted_on_springs(
     springs: LineSprings, file: PlatformFile | SpringsFile, T_F_M: Array
 ) -> MountedStruts:
-    """The legs between what the file's `flexible` says of base and platform.
+    """Mount the legs on the compliant base and platform of the file's `flexible`.
 
     Raises
     ------
@@ -1072,9 +1057,7 @@ def on_springs(
     """
     where = "key flexible"
     if springs.unilateral:
-        raise InputError(
-            "cables hang from what does not give", where=where, expected="no key flexible"
-        )
+        raise InputError("cables need a rigid mounting", where=where, expected="no key flexible")
     if not isinstance(springs, FlexureStruts):
         ball = Flexure(math.inf, math.inf, 0.0, 0.0)
         springs = FlexureStruts.between(
@@ -1093,13 +1076,13 @@ def on_springs(
 
 
 def _mount(entry: FlexibleModel | None, T: Array, where: str) -> Mount | None:
-    """A spring, its place moved by T; None where nothing gives."""
+    """Spring of a mounting with its place moved by T; None for a rigid mounting."""
     if entry is None:
         return None
     if entry.stiffness is None or entry.mass is not None:
         got = "a beam" if entry.stiffness is None else "a superelement with M"
         raise InputError(
-            "base and platform give as a spring without mass",
+            "base and platform are mounted on springs without mass",
             where=where,
             expected="stiffness, or superelement without M",
             got=got,
@@ -1120,7 +1103,7 @@ def _mount(entry: FlexibleModel | None, T: Array, where: str) -> Mount | None:
 
 
 def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array) -> LegLimits | None:
-    """Limits of joint angles, distances and forces; None without any.
+    """Return the limits of joint angles, distances and forces; None without any.
 
     Raises
     ------
@@ -1148,7 +1131,7 @@ def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array) -> LegLimits |
 
 
 def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
-    """Limits (m, 2) from one pair for all legs or one each; None without any.
+    """Return limits (m, 2) from one pair for all legs or one each; None without any.
 
     Raises
     ------
@@ -1179,8 +1162,8 @@ def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | N
     return axes / sizes[:, None], _per_leg(model.angle, m, f"{where}.angle")
 
 
-# Starts of a leg besides the file's posture, and the seed that makes them the same every time.
-_STARTS, _SEED = 16, 0
+# Number of random start postures of a leg, and the seed that makes them the same every time.
+_RANDOM_STARTS, _SEED = 16, 0
 
 
 def leg_at_pose(
@@ -1192,10 +1175,10 @@ def leg_at_pose(
     virtual: Sequence[int],
     leg: str,
 ) -> Array:
-    """Coordinates (n,) of one leg at which the body has a pose.
+    """Return the coordinates (n,) of one leg at which the body has a pose.
 
-    Looked for from `q` and then from postures spread over the limits; the first solution within the
-    limits is taken, or the first at all. Virtual joints of links that give stay where they are.
+    The search starts from `q` and then from random postures within the limits; the first solution
+    within the limits is taken, else the first of all. Virtual joints of compliant links are held.
 
     Parameters
     ----------
@@ -1204,7 +1187,7 @@ def leg_at_pose(
     end : str
         Its last frame.
     T_end_B, T_root_B : ndarray (4, 4)
-        Pose of the body in that frame, and where it shall be in the leg's root.
+        Pose of the body in that frame, and the wanted pose of the body in the leg's root.
     q : ndarray (n,)
         Posture to start from.
     virtual : sequence of int
@@ -1219,8 +1202,8 @@ def leg_at_pose(
     """
     elastic = ElasticMechanism(leg, Chain(tree, end, offset=T_end_B, virtual=virtual), q)
     limited, free = JointPoses(elastic), JointPoses(elastic, limits=False)
-    spread = limited.random_starts(_STARTS, np.random.default_rng(_SEED))
-    starts = np.concatenate([q[None], spread])
+    random = limited.random_starts(_RANDOM_STARTS, np.random.default_rng(_SEED))
+    starts = np.concatenate([q[None], random])
     poses = np.broadcast_to(T_root_B, (len(starts), 4, 4))
     for solver in (limited, free):
         postures, reached = solver.unwound().solve(poses, starts)
@@ -1235,27 +1218,20 @@ def leg_at_pose(
     )
 
 
-# What a robot description alone may be given, whether it has loops or none.
-_SHARED = (
-    "model",
-    "frame",
-    "locked",
-    "offset",
-    "actuator_springs",
-    "gravity",
-    "payload",
-    "xacro",
-    "package_path",
-)
+def as_closed_chain(file: SerialFile, **keys: Any) -> ClosedChainFile:
+    """Return the file of a serial arm as that of a closed chain, with more keys."""
+    shared = SerialFile.model_fields.keys() & ClosedChainFile.model_fields.keys()
+    own = {key: getattr(file, key) for key in shared} | {"kind": "closed-chain"}
+    return ClosedChainFile.model_construct(**(own | keys))
 
 
 def build_chain(
     file: SerialFile | ClosedChainFile, beside: Path | None, name: str
 ) -> ElasticMechanism:
-    """A serial arm, or a tree whose frames are tied by closures, of a mechanism file."""
+    """Build a serial arm, or a tree whose frames are tied by closures, from a mechanism file."""
     description = described(file, beside, floating=file.kind == "closed-chain" and file.floating)
     notes = gravity_left_out(file, description)
-    return chain_of(description, file, name, said=notes)
+    return chain_of(description, file, name, reader_notes=notes)
 
 
 def chain_of(
@@ -1263,44 +1239,41 @@ def chain_of(
     file: SerialFile | ClosedChainFile,
     name: str,
     posture: Mapping[str, float] | None = None,
-    said: Sequence[Note] = (),
+    reader_notes: Sequence[Note] = (),
     alone: bool = False,
 ) -> ElasticMechanism:
-    """A serial arm or a closed chain whose robot description has been read.
+    """Build a serial arm or a closed chain from a robot description that has been read.
 
     Parameters
     ----------
     description : RobotDescription
         The robot.
     file : SerialFile or ClosedChainFile
-        What else is known about it.
+        Its frame, springs, loads and so on.
     name : str
         The mechanism's name.
     posture : mapping of str to float, optional
-        Default positions by coordinate, for those that `file` does not give; names that are no
-        coordinates of the chain play no part.
-    said : sequence of Note
-        Notes of the reader.
+        Default positions by coordinate, for those that are not in `file`; other names are ignored.
+    reader_notes : sequence of Note
+        Notes that come before all others.
     alone : bool
-        Whether there is only the description: its loops are closed where they move the frame,
-        joints that do not move it are left out, and its own actuators drive the chain.
+        Whether there is no mechanism file: the description's loops are closed where they move the
+        frame, joints that do not move it are left out, and its own actuators drive the chain.
     """
-    notes, facts, given = [*said], description.facts, file.model_fields_set
+    notes, facts, given = [*reader_notes], description.facts, file.model_fields_set
     frame = chosen_frame(description, file.frame, notes)
     moved = joints_that_move(description, frame)
     lines = [*file.lines, *(line for line, joints in facts.lines if joints & moved)]
     if not (lines or getattr(file, "floating", False)):
         description = with_base_held(description, frame, notes, file.springs)
-    # Springs with rest positions are at home where these are.
-    homed = bool(facts.springs) or any(e.rest is not None for e in file.springs.values())
+    has_rest = bool(facts.springs) or any(e.rest is not None for e in file.springs.values())
     if file.actuator_springs:
         description = with_actuator_springs(description, notes)
         facts = description.facts
     moving = joints_that_move(description, frame) if alone else set(description.model.names)
     ties = [tie for tie in facts.closures if tie.joints & moving]
-    if alone and ties:
-        keys = {key: getattr(file, key) for key in _SHARED}
-        file = ClosedChainFile.model_construct(kind="closed-chain", **keys)
+    if alone and ties and isinstance(file, SerialFile):
+        file = as_closed_chain(file)
     file = file.model_copy(update={"lines": lines})
     closed = isinstance(file, ClosedChainFile)
     held_by = [f for line in file.lines for f in line.frames if f != "world"]
@@ -1320,27 +1293,29 @@ def chain_of(
     driven = None
     base = np.eye(4)
     if isinstance(file, ClosedChainFile):
-        own = [n for n in facts.actuated if n in _names(tree)]
+        own = [n for n in facts.actuated if n in tree.names]
         actuated, driven = (own, None) if alone else (file.actuated, file.actuated or own)
     else:
         base = pose_of(file.base)
         tree = merged([("", tree, base)])
-    beside = {name: x for name, x in file.q.items() if closed and _OF_CLOSURE.fullmatch(name)}
-    named = {name: x for name, x in file.q.items() if name not in beside}
-    closing = _Closing(tree, default_posture(tree, named, posture, facts), beside)
+    in_closures = {
+        name: x for name, x in file.q.items() if closed and _CLOSURE_COORDINATE.fullmatch(name)
+    }
+    named = {name: x for name, x in file.q.items() if name not in in_closures}
+    closing = _ClosureBuilder(tree, default_posture(tree, named, posture, facts), in_closures)
     if isinstance(file, ClosedChainFile):
         for i, tie in enumerate(ties):
             closing.add_tie(tie, i)
         for i, entry in enumerate(file.closures):
             closing.add_entry(entry, i)
     tree = closing.tree
-    _check_joints(beside, _names(tree), "key q")
+    _check_joints(in_closures, tree.names, "key q")
     notes += description_notes(description, tree, given, closed)
 
     def at_base(chain: Chain) -> None:
         chain.base_pose = fixed(base)
 
-    elastic = _finished(
+    elastic = _elastic_chain(
         file,
         name,
         notes,
@@ -1354,14 +1329,14 @@ def chain_of(
         actuated=actuated,
         driven=driven,
         contacts=closing.joints,
-        rests=bool(file.q or posture or facts.keyframe is not None or homed),
+        is_given=bool(file.q or posture or facts.keyframe is not None or has_rest),
         edit=at_base,
     )
-    return elastic.with_notes(*_repeated(elastic, len(closing.joints)))
+    return elastic.with_notes(*_repeated_conditions(elastic, len(closing.joints)))
 
 
-def _repeated(elastic: ElasticMechanism, own: int) -> list[Note]:
-    """That closures with `own` coordinates hold more than they need, as hinges in a plane do."""
+def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:
+    """Return a note where closures with `own` coordinates have dependent conditions."""
     at = elastic.mechanism.at(elastic.q)
     closure, residual = at.closure, at.residual
     if not own or closure is None or residual is None or closure.sizes is None:
@@ -1380,12 +1355,13 @@ def _repeated(elastic: ElasticMechanism, own: int) -> list[Note]:
 
 
 def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechanism:
-    """Elastic mechanism of a body held by lines."""
+    """Build the elastic mechanism of a body held by lines."""
     m = len(one_each(file.platform, len(file.base), "key platform"))
     limits = pair_per_leg(file.legs.limits, m, "key legs.limits", "[shortest, longest]")
-    T_F_P = pose_of(file.pose)
+    from cartstiff.loading.platform_schema import BodyModel
+
     T_P_M = pose_of(file.frame)
-    mass, centre, inertia = _body(file, T_P_M)
+    body, payload = file.body or BodyModel(mass=0.0), file.payload
     platform = Platform(
         file.base,
         file.platform,
@@ -1393,13 +1369,15 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
         units=Units(file.units.length, file.units.force),
         kind=file.kind,
         limits=None if limits is None else [(a, b) for a, b in limits],
-        mass=mass,
-        mass_centre=centre,
-        inertia=inertia,
+        mass=body.mass,
+        mass_centre=body.com,
+        inertia=_checked_inertia(body.inertia),
         struts=_struts(file, m),
         leg_limits=leg_limits_of(file, T_P_M),
     )
-    T_F_M = T_F_P @ T_P_M
+    if payload is not None:
+        platform = platform.with_mass(payload.mass, np.array(payload.com))
+    T_F_M = pose_of(file.pose) @ T_P_M
     try:
         geometry = line_geometry(T_F_M, platform.anchors, platform.points)
     except UndefinedError as error:
@@ -1414,8 +1392,8 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
     notes = []
     if rest is not None:
         strains = (geometry.lengths - rest) / geometry.lengths
-        # A rest length of nought is meant: such springs balance weights.
-        notes = stretched(
+        # A rest length of zero is intended: such springs balance weights.
+        notes = large_strains(
             {f"stretch of leg {i + 1}": float(x) for i, x in enumerate(strains) if rest[i]}
         )
     elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
@@ -1425,7 +1403,7 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
 def _legs(
     file: PlatformFile | SpringsFile, platform: Platform, T_F_M: Array, lengths: Array
 ) -> LineSprings:
-    """Springs of the legs: lines, or struts between flexures."""
+    """Return the springs of the legs: lines, or struts between flexures."""
     legs, m = file.legs, len(lengths)
     strut = legs.strut
     value, key = (legs.stiffness, "stiffness") if strut is None else (strut.axial, "strut.axial")
@@ -1454,18 +1432,15 @@ def _legs(
             platform.anchors, platform.points, T_F_M, stiffness, lower, upper, rests
         )
     if file.flexible:
-        springs = on_springs(springs, file, T_F_M)
+        springs = mounted_on_springs(springs, file, T_F_M)
     if preload is None:
         return springs
     return springs.replaced(springs.stiffness, lengths - preload / springs.stiffness)
 
 
-def _body(file: PlatformFile | SpringsFile, T_P_M: Array) -> tuple[float, Array, Array]:
-    """Mass, centre and inertia about it, in P, of the body with its payload."""
-    body, payload = file.body, file.payload
-    inertia = np.zeros((3, 3))
-    if body is not None and body.inertia is not None:
-        inertia = np.array(body.inertia, float)
+def _checked_inertia(rows: list[list[float]] | None) -> Array:
+    """Return the 3x3 inertia of a body, zero by default; refuse one that no body has."""
+    inertia = np.zeros((3, 3)) if rows is None else np.array(rows, float)
     if np.abs(inertia - inertia.T).max() > numerics.SYMMETRY * np.abs(inertia).max():
         raise InputError("inertia is not symmetric", where="key body.inertia", got=inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)
@@ -1479,21 +1454,11 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array) -> tuple[float, Array,
             expected="each at most the sum of the other two",
             got=moments.tolist(),
         )
-    mass, com = (0.0, [0.0] * 3) if body is None else (body.mass, body.com)
-    hung, at = (0.0, [0.0] * 3) if payload is None else (payload.mass, payload.com)
-    parts = [(mass, np.array(com)), (hung, (T_P_M @ [*at, 1.0])[:3])]
-    mass = sum(m for m, _ in parts)
-    if not mass:
-        return 0.0, parts[1][1], inertia
-    centre = np.sum([m * c for m, c in parts], axis=0) / mass
-    for m, c in parts:
-        arm = se3.skew(c - centre)
-        inertia = inertia - m * arm @ arm
-    return mass, centre, inertia
+    return inertia
 
 
 def _struts(file: PlatformFile | SpringsFile, m: int) -> Struts | None:
-    """Masses of the legs, checked."""
+    """Return the masses of the legs; None without any."""
     strut = file.legs.strut
     mass = file.legs.mass if strut is None or strut.mass is None else strut.mass
     if mass is None:
@@ -1504,7 +1469,7 @@ def _struts(file: PlatformFile | SpringsFile, m: int) -> Struts | None:
 
 
 def _check_bars(struts: Struts, lengths: np.ndarray) -> None:
-    """Refuse bars of legs whose centre lies beyond the leg's other end."""
+    """Refuse bars of legs whose mass centre lies beyond the leg's other end."""
     for key, masses in (("fixed_com", struts.fixed), ("moving_com", struts.moving)):
         for i in np.flatnonzero((masses > 0.0) & (getattr(struts, key) > lengths)):
             raise InputError(
@@ -1516,15 +1481,15 @@ def _check_bars(struts: Struts, lengths: np.ndarray) -> None:
 
 
 def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
-    """A file with what was given beside it, which counts before what it says itself.
+    """Return the file with overrides, which replace its own values.
 
     Parameters
     ----------
     file : a model of the schema
-        What the file says.
+        The mechanism file.
     overrides : mapping
-        "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass, centre in
-        M; added to the file's), "actuator_springs", "xacro", "package_path"; as many as there are.
+        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass,
+        centre in M; added to the file's), "actuator_springs", "xacro", "package_path".
 
     Raises
     ------
@@ -1559,11 +1524,8 @@ def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
         mass, centre = more
         own, at = (0.0, centre) if payload is None else (payload.mass, payload.com)
         total = own + mass
-        com = (
-            np.array(centre)
-            if total == 0
-            else ((own * np.array(at) + mass * np.array(centre)) / total)
-        )
+        share = mass / total if total else 1.0
+        com = (1.0 - share) * np.array(at) + share * np.array(centre)
         payload = PayloadModel.model_construct(mass=total, com=com.tolist())
     if (gravity := overrides.get("gravity")) is not None:
         keys["gravity"] = list(gravity)
@@ -1578,7 +1540,7 @@ def _model_of(T: Array) -> PoseModel:
 
 
 def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
-    """A file whose robots get more xacro arguments, and more folders for packages."""
+    """Return the file with more xacro arguments and package folders for its robots."""
     if hasattr(file, "model"):
         return file.with_ros(overrides.get("xacro", {}), overrides.get("package_path", ()))
     if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
@@ -1591,7 +1553,7 @@ def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
 
 
 def _with_frame(file: Any, frame: str) -> Any:
-    """File with another frame of interest."""
+    """Return the file with another frame of interest."""
     only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(file.kind)
     if only is not None:
         check_name("frame", frame, [only])
@@ -1606,10 +1568,6 @@ _CONTACTS = {
 }
 
 
-def _names(tree: KinematicTree) -> list[str]:
-    return [c.name for c in tree.coordinates]
-
-
 def _check_joints(names: Iterable[str], known: Collection[str], where: str) -> None:
     for name in names:
         check_name("joint", name, known, where)
@@ -1621,15 +1579,14 @@ def _add_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
 
 
 def _actuated(names: Sequence[str], tree: KinematicTree) -> list[int] | None:
-    known = _names(tree)
-    _check_joints(names, known, "key actuated")
+    _check_joints(names, tree.names, "key actuated")
     if len(set(names)) != len(names):
         raise InputError("a joint stands twice under actuated")
-    return [known.index(name) for name in names] or None
+    return [tree.names.index(name) for name in names] or None
 
 
 def _assembled(chain: Chain, q: Array, posture: Mapping[str, float], notes: list[Note]) -> Array:
-    """Closed coordinates near q; where no joint is actuated, those that the file names are held."""
+    """Closed coordinates near q; without actuated joints, those of `posture` are held."""
     named = [] if chain.actuated else [chain.names.index(name) for name in posture]
     try:
         at = chain.closed(q, named=named)
@@ -1642,9 +1599,9 @@ def _assembled(chain: Chain, q: Array, posture: Mapping[str, float], notes: list
 
 
 def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> ElasticMechanism:
-    """One body carried by several chains: the end frames of all chains are welded together.
+    """Build a body carried by several chains: the end frames of all chains are welded together.
 
-    The body frame hangs on the first chain; every other chain's end is welded to it.
+    The body frame is fixed to the first chain's end; every other chain's end is welded to it.
     """
     notes: list[Note] = []
     trees: list[tuple[str, KinematicTree, Array]] = []
@@ -1669,7 +1626,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
             end = "contact"
             contacts += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
-        names = _names(tree)
+        names = tree.names
         for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
             _check_joints(entries, names, f"{place}, key {key}")
         driven += [prefix + joint for joint in description.facts.actuated if joint in names]
@@ -1677,9 +1634,9 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         parts.append(_Part(prefix, leg, description))
         ends.append(end)
     facts = RobotFacts(
-        _of_all(parts, lambda part: part.description.facts.springs),
-        tuple(_of_all(parts, lambda part: part.description.facts.passive)),
-        posture=_of_all(parts, lambda part: part.description.facts.posture),
+        _prefixed(parts, "description.facts.springs"),
+        tuple(_prefixed(parts, "description.facts.passive")),
+        posture=_prefixed(parts, "description.facts.posture"),
         lifted=tuple(
             replace(lifted, body=part.prefix + lifted.body)
             for part in parts
@@ -1692,13 +1649,13 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
     for frame, part, end, grip in zip(body, parts, ends, grips, strict=True):
         _add_frame(tree, frame, part.prefix + end, se3.inverse(grip))
-    q = default_posture(tree, _of_all(parts, lambda part: part.entry.q), facts=facts)
+    q = default_posture(tree, _prefixed(parts, "entry.q"), facts=facts)
     start = 0
     for i, (leg, (_, arm, T_F_root)) in enumerate(zip(legs, trees, strict=True)):
         own = slice(start, start + arm.n)
         start += arm.n
         if file.pose is None or leg.drawing is not None:
-            continue  # it was drawn there
+            continue  # a leg by name is drawn at the pose
         virtual = virtual_joints(leg.flexible)
         q[own] = leg_at_pose(
             arm,
@@ -1706,15 +1663,15 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
             se3.inverse(grips[i]),
             se3.inverse(T_F_root) @ pose_of(file.pose) @ offset,
             q[own],
-            [j for j, n in enumerate(_names(arm)) if n in virtual],
+            [j for j, n in enumerate(arm.names) if n in virtual],
             f"leg {i + 1}",
         )
 
     def with_body(chain: Chain) -> None:
         chain.frame, chain.frame_offset = "body", fixed(offset)
-        chain.legs = _placed(legs, grips, _names(tree))
+        chain.legs = _placed_legs(legs, grips, tree.names)
 
-    return _finished(
+    return _elastic_chain(
         file,
         name,
         notes,
@@ -1731,42 +1688,35 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     )
 
 
-def _placed(
+def _placed_legs(
     legs: Sequence[LegModel], grips: Sequence[Array], names: Sequence[str]
 ) -> tuple[PlacedLeg, ...]:
-    """The legs that have been drawn from their names, among a chain's coordinates."""
+    """Legs by name with the indices of their joints among a chain's coordinates."""
     placed = []
     for i, leg in enumerate(legs):
         if (drawing := leg.drawing) is not None:
             at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
-            placed.append(
-                PlacedLeg(
-                    drawing.shape,
-                    tuple(at.values()),
-                    at[drawing.driven],
-                    grips[i],
-                    drawing.diameter,
-                )
-            )
+            columns, driven = tuple(at.values()), at[drawing.driven]
+            placed.append(PlacedLeg(drawing.shape, columns, driven, grips[i], drawing.diameter))
     return tuple(placed)
 
 
-_OF_CLOSURE = re.compile(r"(closure|equality)\d+\.[xy]")
-#: Joints about axes of frame a that a closure leaves free; other words for closures without any.
-_FREE = {"hinge": ("RX",), "universal": ("RX", "RY")}
-_SAME = {"ball": "point", "rigid": "weld"}
+_CLOSURE_COORDINATE = re.compile(r"(closure|equality)\d+\.[xy]")
+#: Axes of frame a about which a closure leaves joints free; synonyms of the other closures.
+_FREE_AXES = {"hinge": ("RX",), "universal": ("RX", "RY")}
+_SYNONYMS = {"ball": "point", "rigid": "weld"}
 
 
-class _Closing:
-    """Closures that are added to a tree, with the joints that they have of their own.
+class _ClosureBuilder:
+    """Adds closures to a tree, with the joints of hinges and universal joints.
 
     A hinge is a weld at the end of one more joint about x of frame a, a universal joint of two
-    more, about x of frame a and y of frame b: five and four rows on what moved before.
+    more, about x of frame a and y of frame b: five and four conditions on the other joints.
 
     Attributes
     ----------
     tree, q : KinematicTree, ndarray (n,)
-        With the joints added so far; these stand where they nearly close at q.
+        The tree with the joints added so far, and coordinates at which they nearly close.
     closures : list of Closure
     joints : list of str
         Names of the added joints.
@@ -1779,8 +1729,9 @@ class _Closing:
 
     def add(self, name: str, a: str, b: str, kind: str) -> None:
         """Tie frame b to frame a by a joint; its own coordinates are named after the closure."""
-        if kind in _FREE:
-            tree, joints = self.tree, [(f"{name}.{turn[1].lower()}", turn) for turn in _FREE[kind]]
+        if kind in _FREE_AXES:
+            tree = self.tree
+            joints = [(f"{name}.{axis[1].lower()}", axis) for axis in _FREE_AXES[kind]]
             R = tree.at(self.q).relative(tree.placement(a), tree.placement(b))[0]
             turns = math.atan2(R[2, 1], R[1, 1]), math.atan2(R[0, 2], R[0, 0])
             self.tree = extended(tree, a, joints, name)
@@ -1788,10 +1739,10 @@ class _Closing:
                 self.q = np.append(self.q, self._positions.get(joint, turn))
                 self.joints.append(joint)
             a, kind = name, "weld"
-        self.closures.append(Closure(a, b, _SAME.get(kind, kind)))  # type: ignore[arg-type]
+        self.closures.append(Closure(a, b, _SYNONYMS.get(kind, kind)))  # type: ignore[arg-type]
 
     def add_entry(self, entry: ClosureModel, i: int) -> None:
-        """A file's entry; without points a frame is tied to "world" where it is at q."""
+        """Add a file's entry; without points a frame is tied to "world" where it is at q."""
         place, tree = f"closure {i + 1}", self.tree
         for frame in entry.frames:
             check_name("frame", frame, tree.frames, place)
@@ -1803,7 +1754,7 @@ class _Closing:
             tied = f"world (closure {i + 1})"
             tree.frames[tied] = FixedFrame(0, tree.at(self.q).pose(tree.placement(other)))
             a, b = (tied, other) if a == "world" else (other, tied)
-        if entry.points is not None or entry.type in _FREE:
+        if entry.points is not None or entry.type in _FREE_AXES:
             names = []
             points = entry.points or [[0.0] * 3] * 2
             turns = turned_axes(entry.type, entry.axes, place)
@@ -1815,7 +1766,7 @@ class _Closing:
         self.add(f"closure{i + 1}", a, b, entry.type)
 
     def add_tie(self, tie: FileClosure, i: int) -> None:
-        """What the robot's own file ties."""
+        """Add a closure of the robot's own file."""
         a, b = f"{tie.body_a} (equality {i + 1})", f"{tie.body_b} (equality {i + 1})"
         _add_frame(self.tree, a, tie.body_a, tie.T_a)
         _add_frame(self.tree, b, tie.body_b, tie.T_b)

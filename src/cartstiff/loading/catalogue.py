@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from cartstiff.errors import InputError, MissingDependencyError, check_name
 
 @cache
 def bundled_folder() -> Path:
-    """Folder of the bundled mechanism files."""
+    """Return the folder of the bundled mechanism files."""
     package = Path(__file__).parents[1] / "robots"
     # In a checkout the files are beside src/, in a wheel inside the package.
     return package if package.is_dir() else Path(__file__).parents[3] / "robots"
@@ -21,29 +20,13 @@ def bundled_folder() -> Path:
 
 @cache
 def bundled_files() -> dict[str, Path]:
-    """Bundled mechanism files by their stem."""
+    """Return the bundled mechanism files by their stem."""
     return {path.stem: path for path in sorted(bundled_folder().glob("*.yaml"))}
 
 
 def bundled(name: str) -> Path | None:
-    """Bundled file of a name, or None."""
+    """Return the bundled file of a name, or None."""
     return bundled_files().get(name)
-
-
-@dataclass(frozen=True)
-class ExampleRobot:
-    """An entry of example-robot-data.
-
-    Attributes
-    ----------
-    name : str
-        Its name in that package.
-    path : Path or None
-        The URDF; None where the data has no URDF.
-    """
-
-    name: str
-    path: Path | None
 
 
 @cache
@@ -60,8 +43,8 @@ def _data_directory() -> Path | None:
 
 
 @cache
-def example_robots() -> dict[str, ExampleRobot]:
-    """Robots of example-robot-data by name; empty if the package is not installed."""
+def example_robots() -> dict[str, Path | None]:
+    """Return the URDF (None without one) of each robot of example-robot-data, if installed."""
     data = _data_directory()
     if data is None or importlib.util.find_spec("example_robot_data") is None:
         return {}
@@ -71,15 +54,16 @@ def example_robots() -> dict[str, ExampleRobot]:
     # In release 5.0.0 the name ur3 is bound to the UR5's loader.
     if hasattr(robots_loader, "UR3Loader"):
         loaders["ur3"] = robots_loader.UR3Loader
-    robots = {}
-    for name, loader in sorted(loaders.items()):
-        path = data / loader.path / loader.urdf_subpath / (loader.urdf_filename or "-")
-        robots[name] = ExampleRobot(name, path if loader.urdf_filename else None)
-    return robots
+    return {
+        name: data / loader.path / loader.urdf_subpath / loader.urdf_filename
+        if loader.urdf_filename
+        else None
+        for name, loader in sorted(loaders.items())
+    }
 
 
 def example_robot(name: str) -> Path:
-    """URDF of an example robot.
+    """Return the URDF of an example robot.
 
     Raises
     ------
@@ -94,7 +78,7 @@ def example_robot(name: str) -> Path:
             "example-robot-data-loaders", f"the example robot {name!r}", "robots"
         )
     check_name("model", name, robots)
-    path = robots[name].path
+    path = robots[name]
     if path is None or not path.is_file():
         raise InputError(
             f"example robot {name!r} has no URDF and cannot be loaded", expected="a URDF robot"

@@ -1,7 +1,7 @@
-"""Postures of an arm at which its links collide: Pinocchio's collision pairs, tested by coal.
+"""Find postures of an arm at which its links collide: Pinocchio's pairs, tested by coal.
 
 All pairs of links are tested, except those on one joint or on neighbouring joints, and those that
-touch at the mechanism's default posture. The surroundings of the arm and a workpiece are not known.
+touch at the mechanism's default posture. The arm's surroundings and a workpiece are not tested.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape, Sphere
 
-#: Printed where collisions were not asked for.
+#: Message where collisions are not tested.
 NOT_CHECKED = "collisions are not checked: neither of links with each other nor with anything else"
 
 
 class Collisions:
-    """The links of one arm, prepared for many postures.
+    """Collision test of one arm's links at many postures.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ class Collisions:
     Attributes
     ----------
     pairs : int
-        Pairs of shapes that are tested.
+        Number of pairs of shapes that are tested.
     left_out : tuple of str
-        Pairs of links on joints further apart that touch at the default posture, "a - b".
+        Pairs "a - b" of links on other than neighbouring joints that touch at the default posture.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class Collisions:
             )
             links.append(piece.link)
         joints, parents = [piece.at.joint for piece in shapes], list(self._tree.model.parents)
-        near = [
+        pairs = [
             (a, b)
             for b in range(len(shapes))
             for a in range(b)
@@ -82,28 +82,20 @@ class Collisions:
             and parents[joints[a]] != joints[b]
             and parents[joints[b]] != joints[a]
         ]
-        self._use(near)
-        touching = self._touching(elastic.q)
-        self._use([pair for pair, touch in zip(near, touching, strict=True) if not touch])
+        self._use(pairs)
+        self._collide(elastic.q, first=False)
+        touching = [bool(result.isCollision()) for result in self._data.collisionResults]
+        self._use([pair for pair, touch in zip(pairs, touching, strict=True) if not touch])
         self.pairs = len(self._geometry.collisionPairs)
-        self.left_out = tuple(
-            dict.fromkeys(
-                f"{links[a]} - {links[b]}"
-                for (a, b), touch in zip(near, touching, strict=True)
-                if touch
-            )
-        )
+        touching_pairs = [pair for pair, touch in zip(pairs, touching, strict=True) if touch]
+        names = [f"{links[a]} - {links[b]}" for a, b in touching_pairs]
+        self.left_out = tuple(dict.fromkeys(names))
 
     def _use(self, pairs: Sequence[tuple[int, int]]) -> None:
         self._geometry.removeAllCollisionPairs()
         for a, b in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(a, b))
         self._data = pin.GeometryData(self._geometry)
-
-    def _touching(self, q: Array) -> list[bool]:
-        """Of every pair, whether it collides."""
-        self._collide(q, first=False)
-        return [bool(r.isCollision()) for r in self._data.collisionResults]
 
     def _collide(self, q: Array, first: bool) -> bool:
         tree = self._tree
@@ -114,7 +106,7 @@ class Collisions:
             )
 
     def __call__(self, q: Array) -> Array:
-        """Whether links collide, at each of N postures (N, n): (N,) of bool."""
+        """Whether links collide at N postures (N, n): bool (N,)."""
         return np.array([self._collide(row, first=True) for row in q], bool)
 
     def as_dict(self) -> dict[str, Any]:
@@ -128,7 +120,7 @@ class Collisions:
 
     @property
     def message(self) -> str:
-        """The tested pairs, in words."""
+        """Description of the tested pairs."""
         words = (
             f"collisions of links with each other are excluded ({self.pairs} pairs of shapes); "
             "with anything else they are not checked"
@@ -139,7 +131,7 @@ class Collisions:
 
 
 def _solid(shape: Shape, meshes: Mapping[Path, Mesh | InputError]) -> Any:
-    """The shape as coal has it."""
+    """Shape of coal."""
     if isinstance(shape, MeshFile):
         mesh = meshes[shape.path]
         if isinstance(mesh, InputError):

@@ -1,4 +1,4 @@
-r"""Denavit-Hartenberg tables, standard and modified, as robots.
+r"""Build robots from Denavit-Hartenberg tables, standard and modified.
 
 Row i places frame i in frame i-1 by turns R about, and displacements T along, the axes x and z:
 
@@ -19,12 +19,13 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, check_name, one_line
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import RobotFacts
-from cartstiff.loading.schema import DHJoint, DHModel
+from cartstiff.loading.schema import DHJoint, DHModel, first_error
 from cartstiff.loading.tables import UNITS, head_of, read_cells
+from cartstiff.mechanisms.tree import add_joint
 from cartstiff.parsing import parse_numbers
 
 #: Columns of a table, and the kinds of their units.
@@ -41,11 +42,11 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
 
 
 def read_dh_table(path: Path) -> list[DHJoint]:
-    """Rows of a table, in m and rad.
+    """Read the rows of a table, in m and rad.
 
     Columns are joint, type, a, alpha, d, theta, lower and upper, with their units in the heads;
-    lower and upper may stand there twice, in degrees for revolute and in mm for prismatic joints.
-    Of a joint without one of them that cell is empty; an empty number is zero.
+    lower and upper may occur twice, in degrees for revolute and in mm for prismatic joints. An
+    empty cell of a number is zero, an empty cell of a limit is no limit.
 
     Raises
     ------
@@ -89,14 +90,12 @@ def read_dh_table(path: Path) -> list[DHJoint]:
         try:
             rows.append(DHJoint.model_validate({k: v for k, v in row.items() if v is not None}))
         except ValidationError as error:
-            problem = error.errors(include_url=False)[0]
-            words = f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
-            raise InputError("cannot be used", where=place, got=one_line(words)) from None
+            raise first_error(error, row, {}, place, ("row",)) from None
     return rows
 
 
 def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescription:
-    """The robot of a table: joints j1, j2, ... and links link1, link2, ... unless they have names.
+    """Build a table's robot: joints j1, j2, ... and links link1, ... unless they have names.
 
     Raises
     ------
@@ -111,7 +110,6 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
     joint = (
         model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root") if floating else 0
     )
-    lower, upper = (list(x) for x in (model.lowerPositionLimit, model.upperPositionLimit))
     model.addFrame(_frame("base", joint, np.eye(4)))
     T, links = np.eye(4), ["world", "base"]
     length, angle = UNITS["length"][table.units.length], UNITS["angle"][table.units.angle]
@@ -122,8 +120,8 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
         if link in links or name in model.names:
             raise InputError("two rows have one name", where=f"key dh.joints.{i}", got=repr(name))
         links.append(link)
-        across = _screw([1, 0, 0], row.alpha * angle, row.a * length)
-        along = _screw([0, 0, 1], row.theta * angle, row.d * length)
+        across = se3.from_roll_pitch_yaw([row.a * length, 0, 0], [row.alpha * angle, 0, 0])
+        along = se3.from_roll_pitch_yaw([0, 0, row.d * length], [0, 0, row.theta * angle])
         before, after = (
             (across @ along, np.eye(4)) if table.convention == "modified" else (along, across)
         )
@@ -131,22 +129,15 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
         if moves:
             slides = row.type == "prismatic"
             kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
-            joint = model.addJoint(joint, kind, pin.SE3(T), name)
-            low, high = row.limits or (-np.inf, np.inf)
-            lower.append(low * (length if slides else angle))
-            upper.append(high * (length if slides else angle))
+            limits = np.array(row.limits or [-np.inf, np.inf]) * (length if slides else angle)
+            joint = add_joint(model, joint, kind, T, name, limits)
             T = np.eye(4)
         T = T @ after
         model.addFrame(_frame(link, joint, T))
     if not any(row.type != "fixed" for row in rows):
         raise InputError("robot has no movable joints", where="key dh.joints")
-    model.lowerPositionLimit, model.upperPositionLimit = np.array(lower), np.array(upper)
-    facts = RobotFacts(weightless=("masses of the links, which a DH table does not give",))
+    facts = RobotFacts(weightless=("masses of the links, which a DH table does not have",))
     return RobotDescription(None, model, facts, ())
-
-
-def _screw(axis: list[int], turn: float, shift: float) -> Array:
-    return se3.exp(np.concatenate([np.multiply(axis, turn), np.multiply(axis, shift)]))
 
 
 def _frame(name: str, joint: int, T: Array) -> Any:

@@ -1,4 +1,4 @@
-"""Files of bodies on chains: legs by name or by description."""
+"""Classes of files of bodies on chains: legs by name or by description."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_len
 _PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
 _Mode = Literal["plus", "minus"]
 
-#: What can be drawn: struts, then rails and cranks; a rod between two balls spins in vain.
-_KNOWN = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
-KNOWN = (
+#: Chains that can be drawn: struts, then rails and cranks; a rod between two balls spins freely.
+_KNOWN_CHAINS = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
+_CHAIN_EXAMPLES = (
     "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such "
     "as RUS, RUU, RSS, RRR"
 )
@@ -134,22 +134,21 @@ class NamedLegs(FileModel):
 
     @model_validator(mode="after")
     def _fits(self) -> NamedLegs:
-        if not _KNOWN.fullmatch(self.chain):
-            raise ValueError(f"unknown chain {self.chain!r} (expected {KNOWN})")
+        if not _KNOWN_CHAINS.fullmatch(self.chain):
+            raise ValueError(f"unknown chain {self.chain!r} (expected {_CHAIN_EXAMPLES})")
         strut = self.chain[1] in "PC"
         if self.turn is not None and self.platform.half_angle is None:
             raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
-        for key, wanted in (
+        for key, belongs in (
             ("rail", self.chain[0] == "P"),
+            ("mode", not strut),
             ("rod", not strut),
             ("crank", self.chain[0] == "R" and not strut),
-            ("mode", not strut),
         ):
-            if not wanted and getattr(self, key) is not None:
+            is_given = getattr(self, key) is not None
+            if is_given and not belongs:
                 raise ValueError(f"a leg {self.chain} has no {key}")
-        for key in ("rod", "crank"):
-            wanted = not strut and (key == "rod" or self.chain[0] == "R")
-            if wanted and getattr(self, key) is None:
+            if belongs and not is_given and key in ("rod", "crank"):
                 raise ValueError(f"a leg {self.chain} needs {key}: its length")
         if self.actuated == [] and self.stiffness is not None:
             raise ValueError("stiffness is of driven joints, and actuated is empty")
@@ -169,34 +168,34 @@ class LegModel(Joints):
 
     @property
     def drawing(self) -> Any:
-        """What a leg by name has been drawn as; None for a leg that is described."""
+        """Drawing of a leg by name; None for a leg with a robot description."""
         return self._drawing
 
     def drawn(self, drawing: Any) -> LegModel:
-        """The same leg with its drawing, which stands for a description."""
+        """Return the leg with its drawing, which replaces a robot description."""
         leg = self.model_copy()
         leg._drawing = drawing
         return leg
 
 
-def _is_meant(leg: Any) -> str:
-    """Which kind of leg is meant: errors are told for that one alone. No tag is a key."""
+def _kind_of_leg(leg: Any) -> str:
+    """Tag of the kind of leg to which errors refer; no tag is a key of the file."""
     is_named = isinstance(leg, NamedLegs) or (isinstance(leg, dict) and "chain" in leg)
     return "<by name>" if is_named else "<described>"
 
 
-def _are_meant(legs: Any) -> str:
+def _kind_of_legs(legs: Any) -> str:
     return "<by name>" if isinstance(legs, (dict, NamedLegs)) else "<list>"
 
 
 _Leg = Annotated[
     Annotated[LegModel, Tag("<described>")] | Annotated[NamedLegs, Tag("<by name>")],
-    Discriminator(_is_meant),
+    Discriminator(_kind_of_leg),
 ]
 _Legs = Annotated[
     Annotated[NamedLegs, Tag("<by name>")]
     | Annotated[list[_Leg], Field(min_length=1, max_length=100), Tag("<list>")],
-    Discriminator(_are_meant),
+    Discriminator(_kind_of_legs),
 ]
 
 

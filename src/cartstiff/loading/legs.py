@@ -1,4 +1,4 @@
-"""Legs by name: their numbers, their shapes, and the joints that they become."""
+"""Legs by name: their shapes, and their joints as Pinocchio models."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 
 def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
-    """Shape of each leg, with the body at a pose.
+    """Return the shape of each leg, with the body at a pose.
 
     Parameters
     ----------
     entry : NamedLegs
-        What the file says.
+        The file's entry.
     T_F_P : ndarray (4, 4)
-        The file's pose: there all passive joints are at zero.
+        The file's pose, at which all passive joints are zero.
     leg : str
-        The file's entry with a comma, for messages, where it has several.
+        Place of the entry with a comma, for messages, where the file has several.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
         legs could not be put together.
     """
     base, mirrored = _points(entry, entry.base)
-    # The two legs of a pair of the base go to the neighbouring pairs of the platform.
+    # The two legs of a pair of the base end at the neighbouring pairs of the platform.
     turn = np.pi / 3.0 if entry.turn is None else entry.turn
     platform, _ = _points(entry, entry.platform, (turn - 2.0 * np.pi / 3.0, turn))
     m = len(base)
@@ -51,7 +51,7 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
             expected=f"{m} joints as on the base",
             got=len(platform),
         )
-    letters = _without_idle_spin(entry.chain)
+    letters = _without_free_spin(entry.chain)
     family: Family = "strut" if letters[1] in "PC" else "rail" if letters[0] == "P" else "crank"
     middle = letters[0] if family == "strut" else letters[1]
     frames = _frames(entry, base)
@@ -72,14 +72,13 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
     shapes = []
     for k in range(m):
         B = R @ platform[k] + T_F_P[:3, 3]
-        axis = axes[k]
-        along = rails[k]
+        axis, along = axes[k], rails[k]
         if family == "crank":
             level = np.cross(_Z, axis)
             size = float(np.linalg.norm(level))
             along = level / size if size > numerics.NEARBY else frames[k][:, 0]
             if along @ (base[k] * [1.0, 1.0, 0.0]) < -numerics.NEARBY * float(np.abs(base).max()):
-                along = -along  # zero points outwards, whichever way the axis does
+                along = -along  # at zero a crank points outwards
         shape = LegShape(
             family,
             middle,
@@ -99,10 +98,10 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
 
 
 def _root(shape: LegShape, mode: str | None) -> int:
-    """Sign of the root at home that gives the smaller ("minus") or larger coordinate ("plus").
+    """Sign of the root with the smaller ("minus") or larger ("plus") coordinate at home.
 
-    Angles of cranks are compared between -pi and pi. Default: the smaller slide, and the crank that
-    points outwards the more.
+    Angles of cranks are compared between -pi and pi. The default is the smaller slide, and the
+    crank that points outwards more.
     """
     B = shape.end_home[None, :3, 3]
     values = {float(shape.driven(B, sign)[0][0]): sign for sign in shape.modes}
@@ -112,7 +111,7 @@ def _root(shape: LegShape, mode: str | None) -> int:
 
 
 def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
-    """The same with its driven coordinate where the end is at home, checked."""
+    """Set the driven coordinate at home; refuse joints that cannot be assembled there."""
     B = shape.end_home[:3, 3]
     value = float(shape.driven(B[None], sign)[0][0])
     if not np.isfinite(value):
@@ -133,27 +132,27 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
         raise InputError(
             f"{error.what} ({name})", where=f"{leg}key legs.axis", expected=error.expected
         ) from None
-    # What cannot turn to fit is not drawn askew: another machine would come of it.
-    askew = 0.0
+    # Joints that do not fit are not drawn with other axes: that would be another machine.
+    sines = [0.0]
     if shape.middle == "R":
-        askew = abs(float(n @ shape.axis))
+        sines.append(abs(float(n @ shape.axis)))
     if shape.end == "R":
-        askew = max(askew, abs(float(n @ shape.end_axis)))
+        sines.append(abs(float(n @ shape.end_axis)))
     if shape.middle == shape.end and not shape.spins:  # two hinges, or two universal joints
-        askew = max(askew, float(np.linalg.norm(np.cross(inner, end_inner))))
-    if askew > numerics.NEARBY:
+        sines.append(float(np.linalg.norm(np.cross(inner, end_inner))))
+    if (largest := max(sines)) > numerics.NEARBY:
         raise InputError(
             f"the joints of {name} do not fit together at the pose",
             where="key pose",
             expected="a pose at which hinges are across the rod, and the axes at both its ends "
             "parallel",
-            got=f"{np.arcsin(min(1.0, askew)):.3g} rad askew",
+            got=f"{np.arcsin(min(1.0, largest)):.3g} rad askew",
         )
     return shape
 
 
-def _without_idle_spin(chain: str) -> str:
-    """The chain with one ball of a rod that has two as a universal joint."""
+def _without_free_spin(chain: str) -> str:
+    """Chain in which a universal joint replaces one of the two balls of a rod."""
     i = 0 if chain[1] == "P" else 1
     return chain[:i] + "U" + chain[i + 1 :] if chain[i] == "S" and chain.endswith("S") else chain
 
@@ -161,9 +160,9 @@ def _without_idle_spin(chain: str) -> str:
 def _points(
     entry: NamedLegs, ring: LegEndsModel, middles: tuple[float, float] | None = None
 ) -> tuple[list[Array], list[bool]]:
-    """Points of base or platform, and whether a leg is the mirror image of the next one.
+    """Points of base or platform, and whether each leg is the mirror image of the next one.
 
-    The first two legs stand on one pair, or on two whose middles are given.
+    The first two legs belong to one pair, or to two pairs with given middles.
     """
     own: list[Array]
     flips = [False]
@@ -178,26 +177,24 @@ def _points(
             angles = [-half, half] if middles is None else [middles[0] + half, middles[1] - half]
         radius = ring.radius or 0.0
         own = [np.array([radius * np.cos(a), radius * np.sin(a), ring.height]) for a in angles]
-    count = _symmetry(entry)
-    steps = turns(_Z, 2.0 * np.pi * np.arange(count) / count)
-    return [T @ p for T in steps for p in own], flips * count
+    steps = _symmetry_turns(entry)
+    return [R @ p for R in steps for p in own], flips * len(steps)
 
 
-def _symmetry(entry: NamedLegs) -> int:
-    is_drawn = any(
-        r.points is not None or r.angles is not None for r in (entry.base, entry.platform)
-    )
-    return entry.symmetry or (1 if is_drawn else 3)
+def _symmetry_turns(entry: NamedLegs) -> Array:
+    """Rotations (n, 3, 3) about z of the n equal parts."""
+    rings = (entry.base, entry.platform)
+    is_drawn = any(ring.points is not None or ring.angles is not None for ring in rings)
+    count = entry.symmetry or (1 if is_drawn else 3)
+    return turns(_Z, 2.0 * np.pi * np.arange(count) / count)
 
 
 def _frames(entry: NamedLegs, base: list[Array]) -> list[Array]:
     """Frame of each leg: x radial on a circle; else the axes of F, turned with the symmetry."""
     if entry.base.points is None:
         return [turns(_Z, np.asarray(np.arctan2(p[1], p[0]))) for p in base]
-    count = _symmetry(entry)
-    own = len(base) // count
-    steps = turns(_Z, 2.0 * np.pi * np.arange(count) / count)
-    return [steps[k // own] for k in range(len(base))]
+    steps = _symmetry_turns(entry)
+    return list(np.repeat(steps, len(base) // len(steps), axis=0))
 
 
 def _directions(
@@ -209,7 +206,7 @@ def _directions(
         words = {"radial": [1, 0, 0], "tangential": [0, 1, 0], "vertical": [0, 0, 1]}
         if value != "vertical":
             frames = [_radial(p, base, f"{leg}key legs.{key}") for p in base]
-        # About it a positive angle raises a crank that points outwards.
+        # With -y as its axis a positive angle raises a crank that points outwards.
         value = [0, -1, 0] if (key, value) == ("axis", "tangential") else words[value]
     one = is_word or not isinstance(value[0], list)
     directions = []
@@ -219,14 +216,14 @@ def _directions(
         if size < numerics.TINY:
             raise InputError("a direction has no length", where=f"{leg}key legs.{key}")
         v = v / size
-        if one and mirrored[k]:  # axes turn the other way in a mirror
+        if one and mirrored[k]:  # an axis of rotation is reversed in a mirror
             v = v * (np.array([-1.0, 1.0, -1.0]) if key == "axis" else np.array([1.0, -1.0, 1.0]))
         directions.append(frames[k] @ v if one else v)
     return directions
 
 
 def _radial(p: Array, base: list[Array], where: str) -> Array:
-    """Frame at a point: x away from the z axis, z up."""
+    """Frame at a point with x away from the z axis."""
     if np.hypot(p[0], p[1]) <= numerics.NEARBY * float(np.abs(base).max()):
         raise InputError(
             "a joint on the z axis has no radial and no tangential direction",
@@ -236,26 +233,26 @@ def _radial(p: Array, base: list[Array], where: str) -> Array:
     return turns(_Z, np.arctan2(p[1], p[0]))
 
 
-#: Where a leg ends: on the body, in its directions at home.
+#: Frame at the end of a leg, with the body's directions at home.
 END = "end"
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnLeg:
-    """What a leg by name has been drawn as.
+    """Drawing of a leg by name.
 
     Attributes
     ----------
     description : RobotDescription
         Its joints.
     shape : LegShape
-        Its numbers.
+        Its dimensions.
     joints : tuple of str
         Names of its joints, from the ground to the body.
     driven : str
         The joint whose coordinate is the shape's.
     diameter : float or None
-        Of its rod.
+        Diameter of its rod.
     """
 
     description: RobotDescription
@@ -266,7 +263,7 @@ class DrawnLeg:
 
 
 class _Drawing:
-    """A leg's joints, one by one, each with its frame in F at home."""
+    """Model of a leg to which joints are added one by one, each with its frame in F at home."""
 
     def __init__(self) -> None:
         self.model = pin.Model()
@@ -278,7 +275,7 @@ class _Drawing:
     def turn(
         self, letter: str, axis: Array, T_home: Array, at_home: float = 0.0, name: str | None = None
     ) -> None:
-        """A revolute joint about an axis in F; at `at_home` it stands in a frame."""
+        """Add a revolute joint about an axis in F whose angle in a frame is `at_home`."""
         own = T_home[:3, :3].T @ axis
         own = own / np.linalg.norm(own)
         back = se3.exp(np.concatenate([-at_home * own, np.zeros(3)]))
@@ -286,7 +283,7 @@ class _Drawing:
         self._add(name, pin.JointModelRevoluteUnaligned(own), T_home, back)
 
     def slide(self, T_home: Array, at_home: float) -> None:
-        """A prismatic joint along x of a frame, in which it stands at `at_home`."""
+        """Add a prismatic joint along x of a frame, in which its position is `at_home`."""
         self._add("slide", pin.JointModelPX(), T_home, se3.pose(translation=(-at_home, 0.0, 0.0)))
 
     def _add(self, name: str, joint: Any, T_home: Array, back: Array) -> None:
@@ -297,27 +294,19 @@ class _Drawing:
         self.T = T_home
 
     def link(self, name: str, T_home: Array | None = None) -> None:
-        """A link's frame, fixed to the last joint."""
+        """Add a link's frame, fixed to the last joint."""
         T = np.eye(4) if T_home is None else se3.inverse(self.T) @ T_home
-        self.frame = int(
-            self.model.addFrame(
-                pin.Frame(name, self.joint, self.frame, pin.SE3(T), pin.FrameType.BODY)
-            )
-        )
+        frame = pin.Frame(name, self.joint, self.frame, pin.SE3(T), pin.FrameType.BODY)
+        self.frame = int(self.model.addFrame(frame))
 
-
-def _universal(
-    drawing: _Drawing, letter: str, T: Array, axes: tuple[Array, ...], frame: Array
-) -> None:
-    """A hinge, a universal joint or a ball at a point."""
-    if letter == "S":
-        axes = (frame[:, 0], frame[:, 1], frame[:, 2])
-    for axis in axes:
-        drawing.turn(letter.lower(), axis, T)
+    def turns(self, letter: str, T: Array, axes: tuple[Array, ...], frame: Array) -> None:
+        """Add a hinge, a universal joint or a ball at a point."""
+        for axis in frame.T if letter == "S" else axes:
+            self.turn(letter.lower(), axis, T)
 
 
 def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
-    """Pinocchio's model of a leg whose shape is at home, and the names of its joints."""
+    """Return Pinocchio's model of a leg at home, and the names of its joints."""
     drawing = _Drawing()
     T_rod = se3.pose(shape.rod_frame, shape.centre)
     if shape.family == "rail":
@@ -329,7 +318,7 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
         drawing.turn("", shape.axis, se3.pose(arm, shape.anchor), shape.home, "crank")
         drawing.link("crank")
     axes = (shape.axis, shape.universal[1]) if shape.middle == "U" else (shape.axis,)
-    _universal(drawing, shape.middle, T_rod, axes, shape.rod_frame)
+    drawing.turns(shape.middle, T_rod, axes, shape.rod_frame)
     B = shape.end_home[:3, 3]
     if shape.family == "strut":
         drawing.link("lower")
@@ -342,13 +331,13 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
         drawing.link("rod")
     if shape.end:
         axes = (shape.end_inner, shape.end_axis) if shape.end == "U" else (shape.end_axis,)
-        _universal(drawing, shape.end, se3.pose(shape.rod_frame, B), axes, shape.end_home[:3, :3])
+        drawing.turns(shape.end, se3.pose(shape.rod_frame, B), axes, shape.end_home[:3, :3])
     drawing.link(END, shape.end_home)
     return drawing.model, drawing.names
 
 
 def with_drawn_legs(file: ParallelFile) -> ParallelFile:
-    """The file with its legs by name drawn, one entry for each; itself where it has none."""
+    """Return the file with a drawn leg for each leg by name; itself where it has none."""
     entries = file.legs if isinstance(file.legs, list) else [file.legs]
     if not any(isinstance(entry, NamedLegs) for entry in entries):
         return file
@@ -371,13 +360,13 @@ def with_drawn_legs(file: ParallelFile) -> ParallelFile:
 
 
 def drawn_legs(file: ParallelFile) -> list[LegModel]:
-    """The legs of a file in which all have been drawn."""
+    """Return the legs of a file in which all legs by name have been drawn."""
     entries = file.legs if isinstance(file.legs, list) else []
     return [entry for entry in entries if isinstance(entry, LegModel)]
 
 
 def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list[str]]]:
-    """Entries of the legs that a name stands for, with their driven joints."""
+    """Drawn legs of an entry by name, with their driven joints."""
     shapes = drawn(entry, T_F_P, leg)
     m = len(shapes)
     stiffness, limits, diameters = (

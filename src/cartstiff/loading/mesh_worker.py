@@ -1,7 +1,7 @@
 """Reads mesh files; run as a script in a process of its own (`cartstiff.loading.meshes`).
 
-A mesh file comes from a stranger: it may be packed, refer to others, or count what it does not
-hold. trimesh reads its triangles here from its bytes alone, without images, and each file becomes
+A mesh file from an unknown source may be packed, refer to other files, or have wrong counts in its
+header. trimesh reads its triangles here from its bytes alone, without images, and each file becomes
 one mesh with normals and a colour per vertex. (The viewer's own reader loses parts of a Collada
 file with several geometries and materials.)
 """
@@ -22,30 +22,30 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.child_process import read_regular, serve
 
-#: Bytes of a mesh and of an OBJ's list of materials; corners of triangles; seconds for one mesh.
+#: Limits: bytes of a mesh and of an OBJ's materials; corners of triangles; seconds for one mesh.
 LARGEST = 64 * 1024 * 1024
-_LARGEST_MATERIALS = 1024 * 1024
+_MAX_MATERIAL_BYTES = 1024 * 1024
 MOST_CORNERS = 6_000_000
 _SECONDS_FOR_ONE = 15
 _MEGABYTES, _SECONDS = 3072, 60
-#: Metres; no robot is larger.
-_FARTHEST = 1e6
-# Edges sharper than this stay sharp; the surface is smooth across the others.
-_SMOOTH = np.cos(np.radians(35.0))
+#: Largest coordinate in metres.
+_MAX_COORDINATE = 1e6
+# Cosine of the largest angle between normals across an edge that is smoothed.
+_SMOOTH_COSINE = np.cos(np.radians(35.0))
 _GREY = (200, 200, 200, 255)
-# What a header may count: an element of a PLY, the first line of numbers of an OFF file.
-_COUNTED = {
+# Counts in a header: of elements of a PLY, in the first line of numbers of an OFF file.
+_COUNTS = {
     ".ply": re.compile(rb"^\s*element\s+\w+\s+(\d+)", re.MULTILINE),
     ".off": re.compile(rb"^(?:\s*(?:#.*|C?O?N?OFF))*\s*(\d+)\s+(\d+)", re.MULTILINE),
 }
 
 
 class RefusedError(Exception):
-    """Why a file is not a usable mesh."""
+    """A fault of a mesh file."""
 
 
 def meshes(paths: list[str]) -> dict[str, Any]:
-    """For each file the sizes of its arrays or an error; the arrays one after the other."""
+    """Return for each file the sizes of its arrays or an error, and all arrays in sequence."""
     _refuse_images()
     entries: list[dict[str, Any]] = []
     arrays: list[bytes] = []
@@ -66,7 +66,7 @@ def meshes(paths: list[str]) -> dict[str, Any]:
             raise
         except OSError as error:
             entry, own = {"error": error.strerror or "it cannot be read"}, []
-        except Exception as error:  # its words may quote the file
+        except Exception as error:  # its message may quote the file
             entry, own = {"error": type(error).__name__}, []
         entries.append(entry)
         arrays += [array.tobytes() for array in own]
@@ -90,7 +90,7 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
         )
         parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     parts = [part for part in parts if len(part.faces)]
-    if not parts:  # a scene may be empty: it shows nothing, as it says
+    if not parts:  # a scene may be empty
         if kind != ".dae":
             raise RefusedError("no triangles")
         return {"vertices": 0, "faces": 0, "coloured": False, "colour": None}, []
@@ -109,8 +109,8 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
             np.broadcast_to(np.array(colour or _GREY, np.uint8)[:3], (len(corners[-1]), 3))
         )
     positions = np.concatenate(corners)
-    if not np.abs(positions).max() < _FARTHEST:  # or not a number
-        raise RefusedError(f"coordinates that are not below {_FARTHEST:g} m")
+    if not np.abs(positions).max() < _MAX_COORDINATE:  # or not a number
+        raise RefusedError(f"coordinates that are not below {_MAX_COORDINATE:g} m")
     positions = positions.astype(np.float32)
     normals = corner_normals(positions.astype(float))
     several = single is None and any(c is not None for c in colours)
@@ -118,7 +118,7 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     if several:
         alike.append(np.concatenate(shades))
     first, faces = _distinct(np.concatenate(alike, axis=1, dtype=np.int64))
-    order = np.argsort(first)  # neighbours in the file stay neighbours, which packs better
+    order = np.argsort(first)  # the order of the file compresses better
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     first, faces = first[order], rank[faces.reshape(-1)].reshape(-1, 3)
@@ -135,7 +135,7 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
 
 
 def _refuse_images() -> None:
-    """No image is opened, whatever a file refers to."""
+    """Replace the function that opens images by one that refuses them."""
     try:
         from PIL import Image
     except ImportError:
@@ -148,7 +148,7 @@ def _refuse_images() -> None:
 
 
 class _Materials:
-    """What an OBJ may refer to: a list of colours beside it, and nothing else."""
+    """Resolver of an OBJ's references: a list of materials beside it, and nothing else."""
 
     def __init__(self, path: Path) -> None:
         self.folder = path.parent
@@ -157,14 +157,14 @@ class _Materials:
         return self.get(name)
 
     def get(self, name: str) -> bytes:
-        """Contents of a file of materials."""
+        """Read a file of materials."""
         if not name.lower().endswith(".mtl"):
             raise KeyError(name)
-        return read_regular(str(self.folder / name), _LARGEST_MATERIALS)
+        return read_regular(str(self.folder / name), _MAX_MATERIAL_BYTES)
 
 
 def _check_contents(kind: str, data: bytes) -> None:
-    """Refuse what could become more than its bytes say."""
+    """Refuse contents that could expand to more than the file's bytes."""
     if kind == ".dae":
         head = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
         plain = re.match(rb"<\?xml[^>]*encoding\s*=\s*.(utf-8|us-ascii|iso-8859-1|ascii)", head)
@@ -174,10 +174,10 @@ def _check_contents(kind: str, data: bytes) -> None:
             raise RefusedError("XML document types and entities are not supported")
     if data[:2] == b"PK" or zipfile.is_zipfile(io.BytesIO(data)):
         raise RefusedError("an archive")
-    if kind in _COUNTED:
+    if kind in _COUNTS:
         counts = [
             int(n)
-            for match in _COUNTED[kind].findall(data[:65536])
+            for match in _COUNTS[kind].findall(data[:65536])
             for n in (match if isinstance(match, tuple) else (match,))
         ]
         if sum(counts) > len(data):
@@ -185,7 +185,7 @@ def _check_contents(kind: str, data: bytes) -> None:
 
 
 def _metres(scene: Any, path: Path) -> float:
-    """Metres per unit of a file that names its unit; others are taken as they are."""
+    """Metres per unit of a file; 1 without a unit."""
     if path.suffix.lower() != ".dae" or not scene.units:
         return 1.0
     import trimesh
@@ -197,7 +197,7 @@ def _metres(scene: Any, path: Path) -> float:
 
 
 def _colour(part: Any) -> tuple[int, int, int, int] | None:
-    """The one colour of a part; the mean where its vertices differ."""
+    """Colour of a part; the mean where its vertices differ."""
     visual = part.visual
     if not visual.defined:
         return None
@@ -208,9 +208,9 @@ def _colour(part: Any) -> tuple[int, int, int, int] | None:
 
 
 def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
-    """Normals of triangle corners (3 m, 3), times 127: averaged across edges that are not sharp.
+    """Return normals (3 m, 3), times 127, of triangle corners, averaged across smooth edges.
 
-    At each corner over the triangles that meet there and whose own normals are within 35 degrees.
+    The average at each corner is over the triangles there with normals within 35 degrees.
     """
     triangles = corners.reshape(-1, 3, 3)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -221,19 +221,19 @@ def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     order = np.argsort(at, kind="stable")
     counts = np.bincount(at)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    # Corner by corner around each point: as many rounds as triangles meet in the busiest one. What
-    # follows is in the order of the points; `take` is twice as fast as an index.
+    # One round for each triangle at the point with the most triangles. The arrays are in the order
+    # of the points; `take` is twice as fast as an index.
     face, size, start = order // 3, counts[at[order]], starts[at[order]]
     left, place = np.arange(len(order)), np.arange(len(order)) - start
     own, sums = units.take(face, axis=0), np.zeros_like(corners)
-    for step in range(min(int(counts.max()), _MOST_AROUND)):
+    for step in range(min(int(counts.max()), _MAX_AVERAGED)):
         if not (busy := size > step).all():
             size, start, place, left = size[busy], start[busy], place[busy], left[busy]
             own = own.compress(busy, axis=0)
         around = place + step
         around -= np.where(around >= size, size, 0)
         b = face.take(start + around)
-        close = np.flatnonzero(np.einsum("ij,ij->i", own, units.take(b, axis=0)) > _SMOOTH)
+        close = np.flatnonzero(np.einsum("ij,ij->i", own, units.take(b, axis=0)) > _SMOOTH_COSINE)
         sums[left.take(close)] += areas.take(b.take(close), axis=0)
     total = np.empty_like(sums)
     total[order] = sums
@@ -244,22 +244,22 @@ def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
 
 
 def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Index of the first of each kind of row, and each row's kind.
+    """Index of the first of each distinct row, and the distinct row of each row.
 
-    By a 64-bit number mixed from each row, which sorts ten times as fast as rows do.
+    Rows are hashed to 64-bit numbers, which sort ten times as fast.
     """
     mixed = np.zeros(len(rows), np.uint64)
     for column in rows.T:
         mixed = (mixed ^ column.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
         mixed ^= mixed >> np.uint64(29)
     _, first, kind = np.unique(mixed, return_index=True, return_inverse=True)
-    if not np.array_equal(rows[first][kind], rows):  # two kinds got the same number
+    if not np.array_equal(rows[first][kind], rows):  # two distinct rows have the same hash
         _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return first, kind.reshape(-1)
 
 
-# A fan with more triangles than this around one point is not averaged whole.
-_MOST_AROUND = 64
+# Largest number of triangles around a point that are averaged.
+_MAX_AVERAGED = 64
 
 
 if __name__ == "__main__":

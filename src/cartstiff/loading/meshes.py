@@ -1,9 +1,8 @@
-"""Mesh files as arrays, read by a process of its own: vertices, triangles, normals, colours."""
+"""Read mesh files to arrays in a process of its own: vertices, triangles, normals, colours."""
 
 from __future__ import annotations
 
 import importlib.util
-import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +13,13 @@ from numpy.typing import NDArray
 
 from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, one_line
+from cartstiff.loading.yaml_file import checked_status
 
-#: Formats whose numbers are all in the file. Of the others some are packed, and some say how much
-#: there is and leave it out.
+#: Formats whose numbers are all in the file; others are packed, or may have wrong counts.
 _PLAIN = (".dae", ".stl", ".obj", ".ply", ".off")
 _LARGEST = 64 * 1024 * 1024
-# Meshes that are kept after their first reading.
-_MOST_KEPT = 256
+# Largest number of cached meshes.
+_MAX_CACHED = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,15 +29,15 @@ class Mesh:
     Attributes
     ----------
     positions : ndarray (n, 3) of float32
-        In the file's unit as metres, unscaled.
+        Unscaled numbers of the file, in metres.
     faces : ndarray (m, 3) of int32
         Indices of positions.
     normals : ndarray (n, 3) of int8
         Unit normals times 127.
     colours : ndarray (n, 3) of uint8, or None
-        None where the whole mesh has `colour`, or the file says nothing.
+        None where the whole mesh has `colour`, or the file has no colours.
     colour : tuple of 4 int, or None
-        The one colour with opacity, 0 to 255; None where the file names none.
+        Colour of the whole mesh with opacity, 0 to 255; None without one.
     """
 
     positions: NDArray[np.float32]
@@ -48,8 +47,8 @@ class Mesh:
     colour: tuple[int, int, int, int] | None
 
 
-# By path, time of the last change, and size: a file that was changed is read again.
-_KEPT: dict[tuple[Path, int, int], Mesh] = {}
+# Meshes by path, time of the last change, and size, so that changed files are read again.
+_CACHE: dict[tuple[Path, int, int], Mesh] = {}
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -69,7 +68,7 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
-    """Read several files at once: each as a mesh, or why it is none.
+    """Read several files at once: each as a mesh or an error.
 
     Raises
     ------
@@ -84,8 +83,8 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
         except InputError as error:
             read[path] = error
             continue
-        if key in _KEPT:
-            read[path] = _KEPT[key]
+        if key in _CACHE:
+            read[path] = _CACHE[key]
         else:
             wanted.append(key)
     if not wanted:
@@ -112,14 +111,14 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
             continue
         read[key[0]] = mesh = _mesh(entry, answer.get("payload", b""), start)
         start += sum(array.nbytes for array in vars(mesh).values() if hasattr(array, "nbytes"))
-        _KEPT[key] = mesh
-    while len(_KEPT) > _MOST_KEPT:
-        _KEPT.pop(next(iter(_KEPT)), None)
+        _CACHE[key] = mesh
+    while len(_CACHE) > _MAX_CACHED:
+        _CACHE.pop(next(iter(_CACHE)), None)
     return read
 
 
 def _checked(path: Path) -> tuple[Path, int, int]:
-    """What identifies a file that may be read as a mesh."""
+    """Identity of a file that may be read as a mesh: path, time of the last change, size."""
     place, kind = one_line(path.name), path.suffix.lower()
     for package, name in (("trimesh", "trimesh"), ("collada", "pycollada")):
         if (package == "trimesh" or kind == ".dae") and not importlib.util.find_spec(package):
@@ -131,24 +130,12 @@ def _checked(path: Path) -> tuple[Path, int, int]:
             expected=f"one of {', '.join(_PLAIN)}",
             got=kind,
         )
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise InputError("file cannot be read", where=place, got=error.strerror) from None
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError("is not a regular file", where=place, expected="a file")
-    if status.st_size > _LARGEST:
-        raise InputError(
-            "file is too large",
-            where=place,
-            expected=f"at most {_LARGEST} bytes",
-            got=str(status.st_size),
-        )
+    status = checked_status(path, _LARGEST, place)
     return path, status.st_mtime_ns, status.st_size
 
 
 def _mesh(entry: dict[str, Any], payload: bytes, start: int) -> Mesh:
-    """A mesh from its sizes, and its arrays in the bytes from `start` on."""
+    """Mesh from its sizes, and its arrays in the bytes from `start` on."""
 
     def array(count: int, kind: Any) -> NDArray[Any]:
         nonlocal start

@@ -1,6 +1,6 @@
-"""A Pinocchio model in hand becomes an elastic mechanism.
+"""Build elastic mechanisms from Pinocchio models.
 
-The model is copied and never changed; the order of its joints and their names are kept.
+The model is copied and not changed; the order of its joints and their names are kept.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from cartstiff.arrays import Array, checked_vector
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.loading.build import chain_of, with_overrides
+from cartstiff.loading.build import as_closed_chain, chain_of, with_overrides
 from cartstiff.loading.mechanism_file import places_in
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.robot_facts import Followers, RobotFacts
-from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
+from cartstiff.loading.schema import ClosureModel, SerialFile
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import expansion, standing
 from cartstiff.notes import Note
 
 _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld"}
-#: Reference configurations that are taken for the posture where none is given, in this order.
-_HOMES = ("home", "half_sitting", "standing", "default")
-#: How near to the closure a configuration of Pinocchio has to be a rotation (unit quaternion).
-_UNIT = numerics.NEARBY
+#: Reference configurations that are the default posture, in this order of preference.
+_HOME_NAMES = ("home", "half_sitting", "standing", "default")
+#: Largest deviation of a quaternion's norm from 1, and of a follower's turn from zero.
+_TOLERANCE = numerics.NEARBY
 
 
 def is_pinocchio(source: object) -> bool:
-    """Whether this is what `from_pinocchio` takes as its first argument."""
+    """Whether `from_pinocchio` accepts an object as its first argument."""
     if isinstance(source, tuple):
         return bool(source) and isinstance(source[0], pin.Model)
     return isinstance(source, (pin.Model, pin.RobotWrapper))
@@ -56,7 +56,7 @@ def from_pinocchio(
     name: str | None = None,
     overrides: Mapping[str, Any] | None = None,
 ) -> ElasticMechanism:
-    """Elastic mechanism of a Pinocchio model.
+    """Build the elastic mechanism of a Pinocchio model.
 
     Joint stiffnesses are assumed, as for a URDF; give them with `ElasticMechanism.with_springs`.
 
@@ -66,7 +66,7 @@ def from_pinocchio(
         A tuple is (model, collision model, visual model), as Pinocchio's loaders return it,
         or (model, visual model). Not changed.
     visual : pinocchio.GeometryModel, optional
-        What the links look like; default that of the wrapper or the tuple.
+        Shapes of the links; default those of the wrapper or the tuple.
     frame : str, optional
         Frame of interest M, by the name of a frame of the model; default the one at the end of
         the longest chain.
@@ -84,7 +84,7 @@ def from_pinocchio(
     name : str, optional
         Name of the mechanism; default the model's.
     overrides : mapping, optional
-        More of what `cartstiff.loading.build.with_overrides` takes: "tcp", "gravity", "payload".
+        Other keys of `cartstiff.loading.build.with_overrides`: "tcp", "gravity", "payload".
 
     Raises
     ------
@@ -127,29 +127,23 @@ def from_pinocchio(
             expected="closures=[pinocchio.RigidConstraintModel(...)]",
         )
     with places_in(where):
-        file: Any = with_overrides(_unsaid().model_copy(update={"model": name}), keys)
+        file: Any = with_overrides(_empty_file().model_copy(update={"model": name}), keys)
         if ties:
-            common = {
-                key: getattr(file, key)
-                for key in ("frame", "locked", "offset", "gravity", "payload")
-            }
-            file = ClosedChainFile.model_construct(
-                kind="closed-chain", model=name, closures=ties, actuated=list(actuated), **common
-            )
+            file = as_closed_chain(file, closures=ties, actuated=list(actuated))
         return chain_of(description, file, name, posture, notes)
 
 
 def _configuration(
     model: Any, wrapper: Any, q: ArrayLike | None
 ) -> tuple[Array | None, list[Note]]:
-    """The posture that was given, or that comes with the model, and a note that says which."""
+    """The given posture, or that of the model with a note on it."""
     if q is not None:
         return checked_vector(q, model.nq, "q (a configuration of the Pinocchio model)"), []
     if wrapper is not None and np.asarray(wrapper.q0).shape == (model.nq,):
         note = Note("default-posture", "no posture was given: the wrapper's q0 is taken")
         return np.array(wrapper.q0, float), [note]
     kept = {entry.key(): np.array(entry.data(), float) for entry in model.referenceConfigurations}
-    chosen = next((home for home in _HOMES if home in kept), None)
+    chosen = next((home for home in _HOME_NAMES if home in kept), None)
     if chosen is None and len(kept) == 1:
         chosen = next(iter(kept))
     if chosen is None or kept[chosen].shape != (model.nq,):
@@ -159,13 +153,13 @@ def _configuration(
 
 
 @cache
-def _unsaid() -> SerialFile:
-    """A file that says nothing: its defaults take long to make."""
+def _empty_file() -> SerialFile:
+    """File with defaults only, which take long to make."""
     return SerialFile.model_construct(kind="serial", model="")
 
 
 def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> frozenset[str]:
-    """Put a free-flying root where the configuration has it, and name it as held."""
+    """Place a free-flying root as in the configuration; return its name among the held joints."""
     roots = [
         i
         for i, parent in enumerate(model.parents)
@@ -180,7 +174,7 @@ def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> froz
 
 
 def _with_plain_joints(model: Any) -> tuple[Any, Followers]:
-    """Copy of a model in which following joints are joints of their own, and whom they follow."""
+    """Copy of a model with plain joints in place of mimic joints, and the couplings of these."""
     followers = [int(j) for j in model.mimicking_joints]
     if not followers:
         return model.copy(), {}
@@ -191,32 +185,19 @@ def _with_plain_joints(model: Any) -> tuple[Any, Followers]:
     data = pin.Data(model)
     for i in range(1, model.njoints):
         joint = model.joints[i]
-        lower, upper = -np.inf, np.inf
+        limits: list[Array] = []
         if i in followers:
             concrete = joint.extract()
             leader = leaders[followers.index(i)]
             factor, offset = float(concrete.scaling), float(concrete.offset)
             joint = _follower(model, data, i, leader, factor, offset)
             mimics[model.names[i]] = model.names[leader], factor, offset
-            index = plain.addJoint(
-                int(model.parents[i]), joint, model.jointPlacements[i], model.names[i]
-            )
         else:
-            start, end = joint.idx_q, joint.idx_q + joint.nq
-            lower, upper = (
-                m[start:end] for m in (model.lowerPositionLimit, model.upperPositionLimit)
-            )
-            effort = np.full(joint.nv, np.inf)
-            index = plain.addJoint(
-                int(model.parents[i]),
-                joint,
-                model.jointPlacements[i],
-                model.names[i],
-                effort,
-                effort,
-                lower,
-                upper,
-            )
+            own = slice(joint.idx_q, joint.idx_q + joint.nq)
+            limits = [np.full(joint.nv, np.inf)] * 2  # of efforts and velocities
+            limits += [model.lowerPositionLimit[own], model.upperPositionLimit[own]]
+        parent, placement = int(model.parents[i]), model.jointPlacements[i]
+        index = plain.addJoint(parent, joint, placement, model.names[i], *limits)
         plain.appendBodyToJoint(index, model.inertias[i], pin.SE3.Identity())
     for entry in list(model.frames)[1:]:
         plain.addFrame(entry, False)
@@ -224,7 +205,7 @@ def _with_plain_joints(model: Any) -> tuple[Any, Followers]:
 
 
 def _follower(model: Any, data: Any, i: int, leader: int, factor: float, offset: float) -> Any:
-    """The joint inside a mimic joint, which has no attribute for it: seen from how it moves."""
+    """Joint inside a mimic joint, which has no attribute for it, from its motion."""
     if factor == 0.0:
         raise InputError(
             f"joint {model.names[i]!r} follows {model.names[leader]!r} with the factor zero",
@@ -237,13 +218,13 @@ def _follower(model: Any, data: Any, i: int, leader: int, factor: float, offset:
         pin.forwardKinematics(model, data, q)
         poses.append((model.jointPlacements[i].inverse() * data.liMi[i]).homogeneous)
     twist = se3.log(se3.inverse(poses[0]) @ poses[1])
-    if np.abs(twist[:3]).max() > _UNIT:
+    if np.abs(twist[:3]).max() > _TOLERANCE:
         return pin.JointModelRevoluteUnaligned(twist[:3] / np.linalg.norm(twist[:3]))
     return pin.JointModelPrismaticUnaligned(twist[3:] / np.linalg.norm(twist[3:]))
 
 
 def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
-    """A constraint as two frames of the model that are tied; the frames are added to the model."""
+    """Closure of two frames that are added to the model for a constraint."""
     if not isinstance(closure, pin.RigidConstraintModel) or closure.type not in _TYPES:
         raise InputError(
             f"closure {i + 1} cannot be used",
@@ -270,7 +251,7 @@ def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
 
 
 def _positions(model: Any, q: Array, mimics: Followers) -> dict[str, float]:
-    """Positions of the coordinates that a configuration means, by the names they get here."""
+    """Positions in a configuration by the names of the coordinates."""
     positions: dict[str, float] = {}
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.names[i]
@@ -285,7 +266,7 @@ def _positions(model: Any, q: Array, mimics: Followers) -> dict[str, float]:
 
 
 def _split(joint: Any, q: Array) -> list[float]:
-    """Positions of the one-coordinate joints that stand for a joint at a configuration."""
+    """Positions in a configuration of the one-coordinate joints that replace a joint."""
     kind = joint.shortname()
     if kind == "JointModelComposite":
         values = []
@@ -296,7 +277,7 @@ def _split(joint: Any, q: Array) -> list[float]:
     if kind == "JointModelPlanar":
         return [q[0], q[1], np.arctan2(q[3], q[2])]
     if kind in ("JointModelSpherical", "JointModelFreeFlyer"):
-        if abs(np.linalg.norm(q[-4:]) - 1.0) > _UNIT:
+        if abs(np.linalg.norm(q[-4:]) - 1.0) > _TOLERANCE:
             raise InputError(
                 "the configuration's quaternion is not of unit length",
                 where=f"joint {kind}",

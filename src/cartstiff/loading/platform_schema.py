@@ -1,4 +1,4 @@
-"""Files of bodies on line springs: Stewart-Gough platforms, springs and cables."""
+"""Classes of files of bodies on line springs: Stewart-Gough platforms, springs and cables."""
 
 from __future__ import annotations
 
@@ -68,11 +68,11 @@ class CubicModel(FileModel):
         return self
 
 
-_OF_RINGS = ("radius", "half_angle", "angles")
+_RING_KEYS = ("radius", "half_angle", "angles")
 
 
 class LayoutModel(FileModel):
-    """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
+    """Joints of a Stewart-Gough platform by radii and angles, or in a cube."""
 
     base: RingModel = keyed("joints on the ground", RingModel.model_construct())
     platform: RingModel = keyed("joints on the platform", RingModel.model_construct())
@@ -89,9 +89,9 @@ class LayoutModel(FileModel):
     def _fits(self) -> LayoutModel:
         rings = {"base": self.base, "platform": self.platform}
         if self.cubic is not None:
-            owners = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _OF_RINGS}
-            owners |= {"turn": self.turn, "symmetry": self.symmetry}
-            for key, value in owners.items():
+            others = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _RING_KEYS}
+            others |= {"turn": self.turn, "symmetry": self.symmetry}
+            for key, value in others.items():
                 if value is not None:
                     raise ValueError(f"{key} is not for a cubic layout")
             return self
@@ -111,7 +111,7 @@ class LayoutModel(FileModel):
         return self
 
     def points(self) -> tuple[Array, Array, Array]:
-        """Joints of the base in F (6, 3), of the platform in P (6, 3), and the origin of P in F."""
+        """Return joints of the base in F (6, 3) and the platform in P (6, 3), and P's origin."""
         if self.cubic is not None:
             return self._cube(self.cubic)
         alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
@@ -126,7 +126,7 @@ class LayoutModel(FileModel):
             parts = self.symmetry or 1
             turns = [2.0 * math.pi * i / parts for i in range(parts)]
             angles = [turn + angle for turn in turns for angle in ring.angles]
-        radius = ring.radius or 0.0  # a layout without is refused
+        radius = ring.radius or 0.0  # a layout without a radius is refused
         height = ring.height or 0.0
         return np.array([[radius * math.cos(a), radius * math.sin(a), height] for a in angles])
 
@@ -153,7 +153,7 @@ class LayoutModel(FileModel):
 
 
 def laid_out(layout: LayoutModel) -> dict[str, Any]:
-    """Keys of the mechanism file that say the same as a layout."""
+    """Return the keys of a mechanism file with the points of a layout."""
     base, platform, origin = layout.points()
     return {
         "base": base.tolist(),

@@ -1,4 +1,4 @@
-"""Joint springs by a name or from a table: bundled ones that were published, and a user's own."""
+"""Joint springs by name or from a table: bundled published ones, and a user's own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 
-#: What the grade of a set means.
+#: Meanings of the grades of sets.
 GRADES = {
     "A": "seen in the authors' own data",
     "B": "second hand, quoted elsewhere",
@@ -23,19 +23,19 @@ GRADES = {
 
 
 def published_springs() -> Mapping[str, Any]:
-    """The bundled sets by name: robot, grade, method, source, stiffness (N m/rad) by joint."""
+    """Read the bundled sets: robot, grade, method, source and stiffness (N m/rad) by joint."""
     return read_yaml(Path(__file__).with_name("published_springs.yaml"))[0]
 
 
 def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism:
-    """The mechanism with the joint springs of a bundled set, or of a table (.csv).
+    """Return the mechanism with the joint springs of a bundled set, or of a table (.csv).
 
-    Joints that have no value there keep what they have, and a note names them.
+    Joints without a value in it keep their springs, and a note names them.
 
     Raises
     ------
     InputError
-        For a set that is not to be used, or of an arm with other joints; UnknownNameError.
+        For a set that must not be used, or of an arm with other joints; UnknownNameError.
     """
     known = elastic.mechanism.joint_names
     joints = [c for c in elastic.mechanism.coordinates if c.name in known]
@@ -71,7 +71,7 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
 
 
 def _table(path: Path) -> dict[str, float]:
-    """Stiffness by joint, from columns `joint` and `stiffness [unit]`, else in N m/rad."""
+    """Read stiffnesses by joint from columns `joint` and `stiffness [unit]` (else N m/rad)."""
     cells = read_cells(path, "springs")
     heads = [head_of(head, cells.place)[0] for head in cells.names]
     if sorted(heads) != ["joint", "stiffness"]:

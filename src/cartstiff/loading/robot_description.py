@@ -1,8 +1,8 @@
-"""Robot descriptions: a Pinocchio model and the facts beside it.
+"""Read robot descriptions: a Pinocchio model and the facts beside it.
 
 Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
-A URDF is therefore checked before Pinocchio sees it (`urdf`); MJCF is MuJoCo's to read (`mjcf`),
-and xacro is expanded first (`ros`).
+A URDF is therefore checked before Pinocchio reads it (`urdf`); MuJoCo reads MJCF (`mjcf`), and
+xacro is expanded first (`ros`).
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from cartstiff.notes import Note
 if TYPE_CHECKING:
     from cartstiff.mechanisms.shapes import Piece
 
-_LARGEST = 64 * 1024 * 1024
-# An element takes a hundred bytes and more of memory; robots have a few thousand.
-_MOST_TAGS = 1_000_000
+_MAX_BYTES = 64 * 1024 * 1024
+# Largest number of elements: each takes a hundred bytes or more of memory; robots have thousands.
+_MAX_TAGS = 1_000_000
 
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A Pinocchio model and what its file says beside it.
+    """A Pinocchio model and the other facts of its file.
 
     Attributes
     ----------
@@ -46,15 +46,15 @@ class RobotDescription:
     model : pinocchio.Model
         As Pinocchio reads it, all joints free.
     facts : RobotFacts
-        What the file says besides: springs, closures, couplings, gravity, posture.
+        Springs, closures, couplings, gravity, posture.
     pieces : tuple of Piece or None
-        What the links look like, where that is not read from the file.
+        Shapes of the links, where they are not read from the file.
     held : frozenset of str
         Joints that stay at their neutral position.
     text : str or None
-        The XML, where it is not what the file holds.
+        The XML, where it differs from the file's contents.
     packages : tuple of Path
-        Folders in which package:// names are looked for first.
+        Folders in which package:// names are searched first.
     """
 
     path: Path | None
@@ -66,7 +66,7 @@ class RobotDescription:
     packages: tuple[Path, ...] = ()
 
     def shown(self, prefix: str = "") -> Description:
-        """What its links look like; their names get `prefix` in front."""
+        """Return how its links look; `prefix` precedes their names."""
         return Description(self.path, prefix, self.pieces, self.text, self.packages)
 
 
@@ -86,11 +86,11 @@ def read_robot_description(
     floating : bool
         Whether the root of a URDF moves.
     ros : Ros, optional
-        Arguments of xacro, and where packages are looked for.
+        Arguments of xacro, and folders of packages.
     where : str, optional
-        What messages call the file; default its path.
+        Name of the file in messages; default its path.
     joint_types : mapping of str to str
-        What joints of a URDF are taken as, see `urdf.retype_joints`.
+        Types that replace those of joints of a URDF, see `urdf.retype_joints`.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_robot_description(
         One line with the file and the element that is wrong.
     """
     ros, where = ros or Ros(), where or one_line(str(path))
-    text = read_text(path, _LARGEST)
+    text = read_text(path, _MAX_BYTES)
     root = parse_text(text, where)
     expanded, notes = None, list[Note]()
     if root.tag in ("robot", "mujoco") and is_xacro(path, text):
@@ -149,7 +149,7 @@ def read_robot_description(
 
 
 def _moving_parts(root: ET.Element) -> str:
-    """Links with their masses, and joints: of anything else the C++ parser may print complaints."""
+    """URDF of links with their masses and of joints: the C++ parser may complain about the rest."""
     kept = ET.Element("robot", root.attrib)
     for part in root:
         if part.tag == "joint":
@@ -160,7 +160,7 @@ def _moving_parts(root: ET.Element) -> str:
 
 
 def described_text(text: str, floating: bool = False, ros: Ros | None = None) -> RobotDescription:
-    """`read_robot_description` for XML text in hand; its meshes are named from nowhere."""
+    """Read a robot description from XML text; names of its meshes are relative to no file."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "text.xml")
         path.write_text(text, encoding="utf-8")
@@ -177,12 +177,12 @@ _DECLARATION = re.compile(r"\A(\s*(?:<!--(?:(?!-->).)*-->\s*)*)<\?xml[^>]*\?>", 
 
 
 def parse_xml(path: Path) -> ET.Element:
-    """Root element of an XML file without document type (no entities, no outside files)."""
-    return parse_text(read_text(path, _LARGEST), one_line(str(path)))
+    """Parse an XML file without document type (no entities, no outside files)."""
+    return parse_text(read_text(path, _MAX_BYTES), one_line(str(path)))
 
 
 def parse_text(text: str, where: str) -> ET.Element:
-    """Root element of XML text without document type (no entities, no outside files)."""
+    """Parse XML text without document type (no entities, no outside files)."""
     if text.startswith("version https://git-lfs"):
         raise InputError(
             "this is a Git LFS pointer, not the file",
@@ -202,9 +202,9 @@ def parse_text(text: str, where: str) -> ET.Element:
             expected="a mechanism file of kind springs with 'unilateral: true' for a body on "
             "cables, or of kind serial with 'lines' for bodies on joints",
         )
-    if text.count("<") > _MOST_TAGS:
+    if text.count("<") > _MAX_TAGS:
         raise InputError(
-            "too many elements", where=where, expected=f"at most {_MOST_TAGS}", got=text.count("<")
+            "too many elements", where=where, expected=f"at most {_MAX_TAGS}", got=text.count("<")
         )
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)

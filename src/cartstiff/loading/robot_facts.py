@@ -1,4 +1,4 @@
-"""What the file of a robot says beside kinematics and masses, as values."""
+"""Facts of a robot's file beside kinematics and masses: springs, loops, couplings, posture."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ class FileClosure:
     Attributes
     ----------
     type : {"point", "weld", "hinge", "universal"}
-        What is tied; a hinge is about x of both frames, a universal joint about x of a and y of b.
+        Kind of closure; a hinge is about x of both frames, a universal joint about x of a and y
+        of b.
     body_a, body_b : str
         The bodies.
     T_a, T_b : ndarray, shape (4, 4)
@@ -58,7 +59,7 @@ class FileClosure:
 
 
 def turned_axes(kind: str, axes: Sequence[Sequence[float]] | None, where: str) -> list[Array]:
-    """Turns of a closure's two frames that make its axes their x, in a universal joint y of b.
+    """Return rotations of a closure's two frames after which its axes are x of a, and x or y of b.
 
     Raises
     ------
@@ -82,15 +83,15 @@ class Obstacle:
     Attributes
     ----------
     what : str
-        What it is.
+        Its name, for messages.
     joints : frozenset of str
         Coordinates that it acts on.
     expected : str
-        What to write instead.
+        The text that replaces it.
     keys : tuple of str
-        Keys of a mechanism file that say the same: where one is given, nothing is refused.
+        Keys of a mechanism file that replace it: where one is given, nothing is refused.
     error : InputError or None
-        Why it cannot be used, where something is wrong with a single joint.
+        The refusal, where something is wrong with a single joint.
     """
 
     what: str
@@ -113,12 +114,12 @@ class Lifted:
 
 @dataclass(frozen=True)
 class RobotFacts:
-    """What the file of a robot says beside kinematics and masses.
+    """Facts of a robot's file beside kinematics and masses.
 
     Attributes
     ----------
     springs : dict of str to FileSpring
-        By coordinate.
+        Springs by coordinate.
     passive : tuple of str
         Coordinates that have no spring and need none: of free bodies, and joints within closed
         loops that other joints hold.
@@ -129,7 +130,7 @@ class RobotFacts:
     lines : tuple of (LineModel, frozenset of str)
         Tendons that are line springs, and coordinates that change their lengths.
     actuators : dict of str to float
-        Stiffness that the control of position actuators gives a coordinate, N m/rad or N/m.
+        Stiffness of the position actuators' control by coordinate, N m/rad or N/m.
     followers : dict of str to (str, float, float)
         Coupled joints: leader, factor, offset.
     locked : dict of str to float
@@ -137,23 +138,23 @@ class RobotFacts:
     closures : tuple of FileClosure
         Active equality constraints between bodies.
     posture : dict of str to float
-        The keyframe's, else the file's own, by coordinate.
+        Positions by coordinate: the keyframe's, else the file's own.
     keyframe : str or None
         Name of the keyframe that the posture comes from.
     gravity : ndarray (3,) or None
-        The file's, None where it is switched off.
+        The file's gravity; None where it is switched off.
     lifted : tuple of Lifted
         Gravity compensation.
     planar_axes : dict of str to ndarray (3,)
         Normals of the planes in which planar joints move, where they are not z.
     notes : tuple of Note
-        What was assumed in reading.
+        Notes of the reader.
     obstacles : tuple of Obstacle
-        What cannot be expressed, or is wrong with a joint.
+        Parts that cannot be expressed, and faulty joints.
     ignored : tuple of str
-        Things in the file that play no part in statics, in words.
+        Names of parts without effect on statics.
     weightless : tuple of str
-        In words: bodies without mass, meshes that masses depend on and that are missing.
+        Descriptions of bodies without mass, and of missing meshes on which masses depend.
     """
 
     springs: dict[str, FileSpring] = field(default_factory=dict)
@@ -181,7 +182,7 @@ Followers = dict[str, tuple[str, float, float]]
 
 
 def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:
-    """The joint at the end of what a joint follows, with factor and offset."""
+    """Return the joint that leads a chain of followers, with factor and offset."""
     leader, factor, offset = followers[follower]
     while leader in followers:
         leader, more, shift = followers[leader]
@@ -192,7 +193,7 @@ def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:
 def on_leaders(
     springs: dict[str, FileSpring], followers: Followers
 ) -> tuple[dict[str, FileSpring], list[Obstacle]]:
-    """Springs with those of followers moved to their leaders; curved ones are not to be moved."""
+    """Move the springs of followers to their leaders; nonlinear ones are returned as obstacles."""
     springs, others = dict(springs), []
     for follower in [name for name in followers if name in springs]:
         spring, (leader, factor, offset) = springs.pop(follower), to_root(follower, followers)

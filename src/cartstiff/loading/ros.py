@@ -1,4 +1,4 @@
-"""Files as ROS people have them: xacro, packages, and the names of robot_descriptions."""
+"""Files of ROS: xacro, packages, and the names of robot_descriptions."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def _worker(name: str) -> str:
 
 @dataclass(frozen=True)
 class Ros:
-    """What xacro files and package:// names need besides the file.
+    """Arguments of xacro files, and folders of packages.
 
     Attributes
     ----------
     packages : tuple of Path
-        Folders in or under which packages are looked for first.
+        Folders in or under which packages are searched first.
     arguments : mapping of str to str
         Values of xacro's arguments.
     named : tuple of Path
-        Those of `packages` below which every file may be read: the user has named them.
+        Those of `packages` that the user has named: every file below them may be read.
     """
 
     packages: tuple[Path, ...] = ()
@@ -46,20 +46,19 @@ class Ros:
 
 
 def is_xacro(path: Path, text: str) -> bool:
-    """Whether a robot description has to be expanded first."""
+    """Whether a robot description is xacro."""
     return path.suffix.lower() == ".xacro" or bool(_SPACE.search(text) and _ELEMENT.search(text))
 
 
 def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
-    """The robot description that a xacro file means, and notes on it.
+    """Expand a xacro file to a robot description, with notes.
 
     Raises
     ------
     MissingDependencyError
         Without the package xacro.
     InputError
-        For what xacro or its guard refuses, a package that is not found, an argument that the file
-        lacks.
+        For text that xacro or its guard refuses, a missing package, and an unknown argument.
     """
     if importlib.util.find_spec("xacro") is None:
         raise MissingDependencyError("xacro", f"reading {where}", "xacro")
@@ -77,7 +76,7 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
     if "error" in answer:
         words = str(answer["error"])
         for folder, shown in ((path.parent, "."), (path.parent.parent, "..")):
-            words = words.replace(f"{folder}/", f"{shown}/")  # the end of a path tells most
+            words = words.replace(f"{folder}/", f"{shown}/")  # the end of a path is what matters
         file = Path(answer.get("file", path)).name
         inside = "" if file == path.name else f", in {file}"
         expected = None
@@ -111,19 +110,19 @@ def _has_descriptions() -> bool:
 
 
 def is_description_name(name: str) -> bool:
-    """Whether a name is one of robot_descriptions' kind."""
+    """Whether a name has the form of those of robot_descriptions."""
     return bool(re.fullmatch(r"[a-z0-9_]+_description", name))
 
 
 def described_robot(name: str) -> tuple[Path, Ros]:
-    """File of a robot by its name in robot_descriptions; nothing is downloaded.
+    """Find the file of a robot of robot_descriptions; nothing is downloaded.
 
     Raises
     ------
     MissingDependencyError
         Without that package.
     InputError
-        For a robot whose repository is not in its cache; UnknownNameError for a name it lacks.
+        For a robot whose repository is not in its cache; UnknownNameError for an unknown name.
     """
     if not _has_descriptions():
         raise MissingDependencyError("robot_descriptions", f"the robot {name!r}", "descriptions")

@@ -1,7 +1,8 @@
-"""The mechanism file as data classes; every key, its type and its meaning stand here once.
+"""The mechanism file as data classes: the one definition of every key, its type and its meaning.
 
-Here is what several kinds share, with serial arms and closed chains. Bodies on line springs and
-bodies on chains have modules of their own, so that a file loads the classes of its own kind only.
+This module has the classes of serial arms, closed chains, and those that several kinds share.
+Bodies on line springs and bodies on chains have modules of their own, so that a file imports the
+classes of its own kind only.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -19,6 +21,7 @@ from pydantic import (
     Field,
     PlainValidator,
     PrivateAttr,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
@@ -30,7 +33,7 @@ from pydantic_core import PydanticCustomError
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
-from cartstiff.loading.yaml_file import LARGEST_NUMBER, read_text
+from cartstiff.loading.yaml_file import LARGEST_NUMBER, Lines, read_text
 from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, coefficient, law_of
@@ -42,39 +45,50 @@ from cartstiff.mechanisms.superelement import (
 )
 from cartstiff.notes import Note
 
-_MOST = LARGEST_NUMBER
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MOST, le=_MOST)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MOST, le=_MOST)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=_MOST)]
+#: Module and model of each kind of file: a file imports the classes of its own kind only.
+FILE_KINDS = {
+    "serial": ("schema", "SerialFile"),
+    "stewart-gough": ("platform_schema", "PlatformFile"),
+    "springs": ("platform_schema", "SpringsFile"),
+    "parallel": ("leg_schema", "ParallelFile"),
+    "closed-chain": ("schema", "ClosedChainFile"),
+}
+
+_MAX = LARGEST_NUMBER
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX, le=_MAX)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MAX, le=_MAX)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=_MAX)]
 Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-def _given(value: Any, check: Any) -> Any:
-    # Its unit says later whether it is of a joint that slides or turns.
+def _with_unit(value: Any, check: Any) -> Any:
+    # The unit is kept: whether the joint slides or turns is known later.
     number = check(value)
     return value if isinstance(value, GivenStiffness) else number
 
 
-#: A number, which may have come with a unit; the same, or the word for an infinite one.
-GIVEN = WrapValidator(_given)
-RIGID = WrapValidator(lambda x, check: math.inf if x in ("rigid", math.inf) else _given(x, check))
+#: A number, which may have a unit; the same, or "rigid" for an infinite one.
+GIVEN = WrapValidator(_with_unit)
+RIGID = WrapValidator(
+    lambda x, check: math.inf if x in ("rigid", math.inf) else _with_unit(x, check)
+)
 
 
 def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
-    """A key of a file by its meaning; it is needed unless it has a default."""
+    """Declare a key of a file with its meaning; it is required unless it has a default."""
     return Field(default=default, description=words, **rules)
 
 
 class FileModel(BaseModel):
     """A mapping in a mechanism file: no other keys, and immutable."""
 
-    # Built when it is first used: a file uses few of them.
+    # Validators are built when first used: a file uses few of the classes.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 def _file_name(name: Any) -> str:
-    # Not pydantic's own text: names of files may be long, and hold bytes that are no text.
+    # Pydantic's own text type has a largest length, and refuses bytes that are no Unicode.
     if not isinstance(name, str) or not name:
         raise PydanticCustomError("string_type", "text")
     try:
@@ -88,7 +102,7 @@ FileName = Annotated[str, PlainValidator(_file_name), WithJsonSchema({"type": "s
 
 
 def _argument(value: Any) -> str:
-    # YAML reads true as a truth value, and numbers as numbers; xacro takes text.
+    # YAML has truth values and numbers where xacro takes text.
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (str, int, float)) and len(str(value)) <= 4000:
@@ -117,7 +131,7 @@ class PoseModel(FileModel):
 
 
 def pose_of(entry: PoseModel) -> Array:
-    """4x4 pose of an entry."""
+    """Return the 4x4 pose of an entry."""
     if not any(entry.xyz) and not any(entry.rpy):
         return np.eye(4)
     return se3.from_roll_pitch_yaw(entry.xyz, entry.rpy)
@@ -140,7 +154,7 @@ def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
 
 
 def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
-    """One value for each of m legs; with `row` a value is itself a list of numbers."""
+    """Return one value for each of m legs; with `row` a value is itself a list of numbers."""
     if not isinstance(value, list) or (row and value and not isinstance(value[0], list)):
         return [value] * m
     if len(value) != m:
@@ -156,12 +170,13 @@ def check_limits(pair: Sequence[float], where: str, meaning: str) -> None:
         raise InputError(what, where=where, expected=meaning, got=list(pair))
 
 
-# Values of the file and its springs agree to this share; a person may round them.
-_AGREE = 1e-3
+# Largest relative difference between a measured compliance and that of the file's spring: people
+# round numbers.
+_COMPLIANCE_TOLERANCE = 1e-3
 
 
 class FoundModel(FileModel):
-    """A compliance that was measured: of one spring, of springs that are equal, or of a link."""
+    """A measured compliance: of one spring, of equal springs, or of a link."""
 
     name: Text
     value: Number = keyed("compliance; of a beam a share of the file's own")
@@ -176,7 +191,7 @@ class FoundModel(FileModel):
 
 
 class IdentifiedModel(FileModel):
-    """How well the stiffnesses are known; written by `cartstiff identify -o`."""
+    """Uncertainty of the stiffnesses; written by `cartstiff identify -o`."""
 
     compliances: list[FoundModel] = Field(max_length=1000)
     covariance: list[list[Number]] = keyed("of the compliances, in the file's units")
@@ -190,7 +205,7 @@ class IdentifiedModel(FileModel):
 
 
 def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticMechanism:
-    """The mechanism with the covariance of its measured compliances.
+    """Add the covariance of measured compliances to a mechanism.
 
     Raises
     ------
@@ -207,15 +222,13 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
             _check_coefficient(elastic, law, entry)
         for a, b, weight in pairs:
             i, j = elements.index(a, "identified"), elements.index(b, "identified")
-            own, size = (
-                entry.value * weight,
-                np.sqrt(elements.compliance[i, i] * elements.compliance[j, j]),
-            )
-            if not pattern.is_share and abs(elements.compliance[i, j] - own) > _AGREE * size:
+            C, own = elements.compliance, entry.value * weight
+            tolerance = _COMPLIANCE_TOLERANCE * np.sqrt(C[i, i] * C[j, j])
+            if not pattern.is_share and abs(C[i, j] - own) > tolerance:
                 raise InputError(
                     f"compliance of {entry.name!r} is not that of the file's spring",
                     where="identified",
-                    expected=f"{elements.compliance[i, j]:.6g}, or no key "
+                    expected=f"{C[i, j]:.6g}, or no key "
                     "'identified' with springs that were changed",
                     got=f"{own:.6g}",
                 )
@@ -243,18 +256,19 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
         tuple(model.undetermined),
         dict(model.at_least),
     )
-    notes = list(elastic.notes)
-    if model.undetermined:
-        words = (
-            "the measurements say nothing about these springs, whose stiffness in the file is an "
-            f"assumption: {', '.join(model.undetermined)}"
-        )
-        notes.append(Note("stiffness-not-identified", words, {"joints": model.undetermined}))
-    return replace(elastic, notes=tuple(notes), identified=identified)
+    elastic = replace(elastic, identified=identified)
+    if not model.undetermined:
+        return elastic
+    words = (
+        "the measurements say nothing about these springs, whose stiffness in the file is an "
+        f"assumption: {', '.join(model.undetermined)}"
+    )
+    note = Note("stiffness-not-identified", words, {"joints": model.undetermined})
+    return elastic.with_notes(note)
 
 
 def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel) -> None:
-    """Refuse a polynomial's coefficient that is not that of the file."""
+    """Refuse a polynomial's coefficient that differs from the file's spring."""
     (name, power), where = law, "identified"
     if entry.elements is not None:
         raise InputError(
@@ -269,7 +283,7 @@ def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: F
             got=power,
         )
     own = coefficient(elastic, law)
-    if abs(own - entry.value) > _AGREE * abs(own):
+    if abs(own - entry.value) > _COMPLIANCE_TOLERANCE * abs(own):
         raise InputError(
             f"value of {entry.name!r} is not that of the file's spring",
             where=where,
@@ -285,17 +299,14 @@ class PayloadModel(FileModel):
     com: Vector = keyed("mass centre in the body frame M", [0.0, 0.0, 0.0])
 
 
-#: Bytes of a superelement's text: two hundred nodes with all digits.
-_LARGEST_MATRIX = 64 * 1024 * 1024
+#: Largest size in bytes of a superelement's text: two hundred nodes with all digits.
+_MAX_MATRIX_BYTES = 64 * 1024 * 1024
 
 
 class JointSpringModel(FileModel):
     """A spring in a joint: one of stiffness, polynomial, table."""
 
-    stiffness: Annotated[
-        NotNegative | None,
-        RIGID,
-    ] = keyed(
+    stiffness: Annotated[NotNegative | None, RIGID] = keyed(
         "N m/rad, N/m for a prismatic joint, or a text with another unit such as 392 N m/arcmin; "
         "or rigid",
         None,
@@ -323,7 +334,7 @@ class JointSpringModel(FileModel):
 
 
 class BeamModel(FileModel):
-    """A straight beam along the link's x axis, from clamp to clamp; it feels its axial force."""
+    """A straight beam along the link's x axis, clamped at both ends, with axial force effects."""
 
     E: Positive = keyed("Young's modulus")
     G: Positive = keyed("shear modulus")
@@ -373,18 +384,18 @@ class SuperelementModel(FileModel):
     )
 
     def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
-        """The 6x6 spring at the tip, the other nodes left free, its mass, and where it stands."""
-        ends = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
+        """Return the 6x6 spring at the tip with the other nodes free, its mass, and its place."""
+        ends: Any = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
         K = _matrix(folder / Path(self.K).expanduser())
         mass = None
         if self.M is not None:
-            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **ends)  # type: ignore[arg-type]
-        return superelement_spring(K, **ends), mass, self.nodes[self.tip]  # type: ignore[arg-type]
+            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **ends)
+        return superelement_spring(K, **ends), mass, self.nodes[self.tip]
 
 
 def _matrix(path: Path) -> Array:
-    """Rows of numbers of a text file."""
-    text = read_text(path, _LARGEST_MATRIX)
+    """Read the rows of numbers of a text file."""
+    text = read_text(path, _MAX_MATRIX_BYTES)
     try:
         return np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
     except ValueError:
@@ -396,7 +407,7 @@ def _matrix(path: Path) -> Array:
 
 
 class FlexibleModel(FileModel):
-    """A link that gives: a 6x6 spring (order angular-linear), a beam, or a superelement."""
+    """A compliant link: a 6x6 spring (order angular-linear), a beam, or a superelement."""
 
     stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = keyed(
         "6x6, in the file's units; of what turns or slides a text with its unit as well",
@@ -417,7 +428,7 @@ class FlexibleModel(FileModel):
         return self.as_spring((info.context or {}).get("folder", Path()))
 
     def as_spring(self, folder: Path) -> FlexibleModel:
-        """The same with the 6x6 spring of its superelement, if it has one."""
+        """Replace a superelement by its 6x6 spring."""
         if self.superelement is None:
             return self
         K, mass, tip = self.superelement.in_place(folder)
@@ -431,7 +442,7 @@ class FlexibleModel(FileModel):
 
     @property
     def mass(self) -> SuperelementMass | None:
-        """Of a superelement with a mass matrix."""
+        """Mass of a superelement with a mass matrix."""
         return self._mass
 
 
@@ -544,11 +555,11 @@ class _Robot(FileModel):
 
     @property
     def named_folders(self) -> tuple[str, ...]:
-        """Folders of `package_path` that the user has named, and not the file."""
+        """Folders of `package_path` that come from the user, not from the file."""
         return self._named
 
     def with_ros(self, arguments: Mapping[str, str], folders: Sequence[str]) -> Self:
-        """The same with arguments of xacro and folders of packages that the user has named."""
+        """Add xacro arguments and package folders that come from the user."""
         robot = self.model_copy(
             update={
                 "xacro": {**self.xacro, **arguments},
@@ -640,3 +651,107 @@ class ClosedChainFile(Joints, FileWords):
     floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
     actuated: list[Text] = []
     lines: list[LineModel] = []
+
+
+def place_of(path: Path | str, lines: Lines, at: tuple[str | int, ...]) -> str:
+    """File, line and key of a value, for messages."""
+    known = at
+    while known and known not in lines:
+        known = known[:-1]
+    line = f", line {lines.get(known, 1)}" if lines else ""  # data from Python have no lines
+    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
+    return f"{one_line(str(path))}{line}" + (f", key {one_line(key)}" if key else "")
+
+
+def first_error(
+    error: ValidationError,
+    data: dict[str, Any],
+    lines: Lines,
+    path: Path | str,
+    within: tuple[str, ...] = (),
+    known: set[str] | None = None,
+) -> InputError:
+    """Return the most helpful of pydantic's errors in the words of this program."""
+    # The deepest error belongs to the alternative of a union that the user meant; an unknown key
+    # is more helpful still, as it often explains a missing one.
+    problems = error.errors(include_url=False)
+    chosen = max(problems, key=lambda p: (p["type"] == "extra_forbidden", len(p["loc"])))
+    kind = chosen["type"]
+    at = _keys((*within, *chosen["loc"]), data, kind)
+    got = chosen["input"]
+    got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
+    if kind == "extra_forbidden":
+        close = get_close_matches(str(at[-1]), (known or known_keys(FileModel)) - {at[-1]}, n=3)
+        what, got = "unknown key", repr(at[-1])
+        expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
+    elif kind == "missing":
+        what, expected, got = f"key {at[-1]!r} is missing", None, None
+    elif kind in ("union_tag_invalid", "union_tag_not_found"):
+        what, expected, at = "unknown kind", ", ".join(FILE_KINDS), ("kind",)
+        got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
+    elif kind == "value_error":
+        what, expected, got = chosen["msg"].removeprefix("Value error, "), None, None
+    else:
+        what, expected = "cannot be used", _expectation(chosen)
+        if kind in ("too_short", "too_long"):
+            what, got = "wrong count", str(len(got))
+    return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
+
+
+def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | int, ...]:
+    """Keys of the file in pydantic's location, which also contains the branches of unions."""
+    at: list[str | int] = []
+    for i, part in enumerate(location[1:], start=2):
+        here = isinstance(data, dict) and isinstance(part, str) and part in data
+        if here or (isinstance(data, list) and isinstance(part, int)):
+            at.append(part)
+            data = data[part]
+        elif kind == "missing" and i == len(location):
+            at.append(part)
+    return tuple(at)
+
+
+def known_keys(base: type[BaseModel]) -> set[str]:
+    """Return every key of the models of a file."""
+    models = [base]
+    keys: set[str] = set()
+    while models:
+        model = models.pop()
+        keys.update(model.model_fields)
+        models.extend(model.__subclasses__())
+    return keys
+
+
+_TYPES = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "string_unicode": "text",
+    "string_too_short": "text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "dict_type": "a mapping of keys",
+    "model_type": "a mapping of keys",
+}
+
+
+def _expectation(problem: Any) -> str:
+    """Values that pydantic accepts, in the words of the file."""
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind in _TYPES:
+        return _TYPES[kind]
+    if kind == "too_short":
+        return f"at least {context['min_length']}"
+    if kind == "too_long":
+        return f"at most {context['max_length']}"
+    if kind == "string_too_long":
+        return f"at most {context['max_length']} characters"
+    if kind == "less_than_equal":
+        return f"at most {context['le']:g}"
+    if kind == "greater_than_equal":
+        least = context["ge"]
+        if least > 0:
+            return f"above zero (at least {least:g})"
+        return "zero or more" if least == 0 else f"at least {least:g}"
+    message = problem["msg"].removeprefix("Input should be ")
+    return str(message[0].lower() + message[1:])

@@ -1,8 +1,8 @@
-"""The one reader of tables in text files: one row a line, with units in the head.
+"""Read tables in text files: one row a line, with units in the head.
 
-Cells are separated by commas, semicolons or tabs; between semicolons and tabs a comma is the
-decimal one. Units are in square or round brackets: ``elbow [deg]``, ``x (mm)``. Empty lines and
-lines that start with # are left out.
+Cells are separated by commas, semicolons or tabs; a comma between semicolons or tabs is a decimal
+comma. Units are in square or round brackets: ``elbow [deg]``, ``x (mm)``. Empty lines and lines
+that start with # are ignored.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ from cartstiff.parsing import parse_numbers
 
 
 class Rows(NamedTuple):
-    """What such a file holds.
+    """Numbers of a table.
 
     Attributes
     ----------
     values : ndarray (N, m)
         The numbers, N at least 1.
     names : tuple of str or None
-        The columns', where the file begins with a line of words.
+        Names of the columns, where the file begins with a line of words.
     place : str
         File and line of the names, or else of the first row.
     factors : mapping of str to float
-        Of columns without names of their own, by the names that a layout gives them.
+        Factors of columns without names, by the names that a layout gives them.
     """
 
     values: Array
@@ -55,10 +55,10 @@ class Rows(NamedTuple):
     factors: Mapping[str, float] = MappingProxyType({})
 
     def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
-        """The layout that fits, the columns in its order, and the names of what is not needed.
+        """Return the layout that fits, its columns in order, and the names of other columns.
 
-        Named columns may stand in any order, and others beside them that belong to no layout, nor
-        look like a slip of the pen; columns without names are told by their number.
+        Named columns may be in any order. Other columns must not belong to another layout, nor look
+        like a typing error. For columns without names their number decides.
 
         Raises
         ------
@@ -87,12 +87,12 @@ class Rows(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """What a file of named columns holds, as text; cells may be empty.
+    """Texts of a table with named columns; cells may be empty.
 
     Attributes
     ----------
     names : tuple of str
-        The columns'.
+        Names of the columns.
     rows : list of list of str
         One per line, each as long as `names`.
     places : list of str
@@ -106,6 +106,11 @@ class Cells(NamedTuple):
     places: list[str]
     place: str
 
+    def numbers(self) -> Array:
+        """Return the cells as numbers; InputError with file and line."""
+        pairs = zip(self.rows, self.places, strict=True)
+        return np.array([parse_numbers(",".join(row), place, len(row)) for row, place in pairs])
+
 
 def read_cells(
     path: Path,
@@ -115,20 +120,20 @@ def read_cells(
     *,
     nameless: bool = False,
 ) -> Cells:
-    """Rows of text under a line of names; decimal commas of numbers come back as points.
+    """Read rows of text under a line of names; decimal commas become points.
 
     Parameters
     ----------
     path : Path
         UTF-8 text.
     what : str
-        What a row is, in the plural.
+        Name of the rows, for messages.
     largest : int
-        Bytes that are read at most.
+        Largest size of the file in bytes.
     joints : tuple of str
-        Names of the joints in order: heads may call all of them q1, q2, ... instead.
+        Names of the joints in order, for which heads may have q1, q2, ... instead.
     nameless : bool
-        Whether the line of names may be missing, and rows are rows of numbers, counted later.
+        Whether the line of names may be missing; rows are rows of numbers then.
 
     Raises
     ------
@@ -172,9 +177,9 @@ def read_cells(
 
 
 def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
-    """Place and text of each line; empty ones and those that start with # are left out.
+    """Place and text of each line but empty ones and those that start with #.
 
-    So is a first line ``sep=;``, by which spreadsheets tell each other what stands between cells.
+    A first line ``sep=;``, with which spreadsheets declare their separator, is ignored.
     """
     where = one_line(str(path))
     for number, line in enumerate(read_text(path, largest).splitlines(), start=1):
@@ -185,7 +190,7 @@ def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    """Cells of a line; what stands between separators in quotes is one."""
+    """Cells of a line; a separator in quotes does not separate."""
     parts = line.split(separator)
     if '"' in line and len(line) < csv.field_size_limit():
         parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
@@ -193,7 +198,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Heads by the joints' names, where all joints are q1, q2, ... in joint order."""
+    """Heads with the joints' names in place of q1, q2, ..."""
     bare = [head.split("[")[0].strip() for head in heads]
     called = {f"q{i}": name for i, name in enumerate(joints, start=1)}
     if not called or not called.keys() <= set(bare) or set(joints) & set(bare):
@@ -203,12 +208,12 @@ def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...
 
 
 def _separator(line: str) -> str:
-    """What stands between the cells of a table, by its first line."""
+    """Separator of the cells of a table, by its first line."""
     return next((mark for mark in ";\t" if mark in line), ",")
 
 
 def _with_points(cells: list[str], place: str) -> list[str]:
-    """Decimal commas of numbers as points; a line has one or the other."""
+    """Replace decimal commas of numbers by points; refuse a line with both."""
     changed = [
         cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell for cell in cells
     ]
@@ -240,16 +245,16 @@ def read_rows(
     factors: Mapping[str, float] = MappingProxyType({}),
     joints: tuple[str, ...] = (),
 ) -> Rows:
-    """Rows of numbers from a file; words in the first line are the names of the columns.
+    """Read rows of numbers from a file; words in the first line are the names of the columns.
 
     Parameters
     ----------
     path, what, largest, joints
         As in `read_cells`.
     units : Units
-        What lengths and forces come in.
+        Units of the returned lengths and forces.
     factors : mapping of str to float
-        By name, of columns whose head has no unit: pi/180 for angles that are in degrees.
+        Factors of columns whose head has no unit, by name: pi/180 for angles in degrees.
 
     Raises
     ------
@@ -261,20 +266,16 @@ def read_rows(
     names = tuple(name for name, _ in heads) or None
     _refuse_twice(names or (), cells.place)
     sizes = [factors.get(n, 1.0) if f is None else f for n, f in heads]
-    rows = [
-        parse_numbers(",".join(row), place, len(row))
-        for row, place in zip(cells.rows, cells.places, strict=True)
-    ]
-    return Rows(np.array(rows) * (sizes or 1.0), names, cells.place, factors)
+    return Rows(cells.numbers() * (sizes or 1.0), names, cells.place, factors)
 
 
-# Rows of a measured response that are read.
-_LONGEST = 1_000_000
+# Largest number of rows of a measured response.
+_MAX_ROWS = 1_000_000
 _ROUND = re.compile(
     r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?(?:/\w+)?|kg|g|m?s|m?rad|deg|\u00b0))"
     r"\s*\)\s*$"
 )
-# The first line of some spreadsheets' tables.
+# First line of some spreadsheets' tables.
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 #: Factors to SI, by kind of quantity.
@@ -298,21 +299,21 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 
 
 def in_brackets(head: str) -> str:
-    """A head with its unit in square brackets, where that stands in round ones: ``x (mm)``."""
+    """Return a head with its unit in square brackets in place of round ones: ``x (mm)``."""
     return _ROUND.sub(r"[\1]", head)
 
 
 def head_of(cell: str, place: str, kind: str | None = None) -> tuple[str, str | None, float]:
-    """Name of a column, the kind of its unit (None: it names no unit), and the factor to SI.
+    """Return the name of a column, the kind of its unit (None without one), and the factor to SI.
 
     Parameters
     ----------
     cell : str
         "name" or "name [unit]".
     place : str
-        For messages.
+        File and line, for messages.
     kind : str, optional
-        A key of `UNITS` that the unit must belong to; default any.
+        Key of `UNITS` to which the unit must belong; default any.
 
     Raises
     ------
@@ -344,9 +345,9 @@ def head_of(cell: str, place: str, kind: str | None = None) -> tuple[str, str | 
 
 
 def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
-    """Name of a column, and the factor that takes its numbers to radians, seconds and `units`.
+    """Return the name of a column, and the factor of its numbers to radians, seconds and `units`.
 
-    None where the cell names no unit.
+    None for a column without a unit.
     """
     name, kind, size = head_of(cell, place)
     if kind is None:
@@ -356,19 +357,19 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
 
 
 _HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}
-# Of what a frequency response is per force: how often the displacement is derived.
-_RATES = {"": 0, "s": 1, "s^2": 2}
+# Number of time derivatives of the displacement, by the unit of the response.
+_DERIVATIVES = {"": 0, "s": 1, "s^2": 2}
 
 
 def read_response(path: Path) -> tuple[Array, Array]:
-    """A measured frequency response: frequencies in Hz (N,), displacement per force in m/N (N,).
+    """Read a measured frequency response: frequencies [Hz] (N,), displacement per force [m/N] (N,).
 
     Parameters
     ----------
     path : Path
-        Three columns: frequency [Hz], real and imaginary part [um/N], [m/s/N] or [m/s^2/N]; rates
-        are turned into displacements. CSV with units in the heads; or MAT with one array (N, 3) and
-        a text "units" such as "Hz, um/N, um/N". A row at 0 Hz is left out.
+        Three columns: frequency [Hz], real and imaginary part [um/N], [m/s/N] or [m/s^2/N]; the
+        latter two are converted to displacements. CSV with units in the heads; or MAT with one
+        array (N, 3) and a text "units" such as "Hz, um/N, um/N". A row at 0 Hz is ignored.
 
     Raises
     ------
@@ -381,12 +382,11 @@ def read_response(path: Path) -> tuple[Array, Array]:
     else:
         cells = read_cells(path, "frequencies")
         units, place = [(_HEAD.fullmatch(h) or "  ")[2] or "" for h in cells.names], cells.place
-        pairs = zip(cells.rows, cells.places, strict=True)
-        table = np.array([parse_numbers(",".join(row), at, len(row)) for row, at in pairs])
+        table = cells.numbers()
     first, *others = [plain_unit(unit) for unit in units]
     length, _, rest = re.sub(r"[() ]", "", others[0] if others else "").partition("/")
     rate, _, force = rest.rpartition("/")
-    known = length in LENGTHS and force in FORCES and rate in _RATES and first in _HERTZ
+    known = length in LENGTHS and force in FORCES and rate in _DERIVATIVES and first in _HERTZ
     if len(units) != 3 or others[0] != others[1] or not known:
         one = "a text 'units' such as 'Hz, um/N, um/N'"
         heads = "columns such as 'frequency [Hz]', 'real [um/N]', 'imaginary [um/N]'"
@@ -398,12 +398,12 @@ def read_response(path: Path) -> tuple[Array, Array]:
         )
     table = table[table[:, 0] != 0.0]
     hertz = table[:, 0] * _HERTZ[first]
-    size = LENGTHS[length] / FORCES[force] / (2j * np.pi * hertz) ** _RATES[rate]
+    size = LENGTHS[length] / FORCES[force] / (2j * np.pi * hertz) ** _DERIVATIVES[rate]
     return hertz, (table[:, 1] + 1j * table[:, 2]) * size
 
 
 def _of_mat(path: Path, place: str) -> tuple[list[str], Array]:
-    """Units and the one array (N, 3) of numbers in a MAT file."""
+    """Units and the only array (N, 3) of numbers in a MAT file."""
     from io import BytesIO
 
     from scipy.io import loadmat, whosmat
@@ -411,8 +411,8 @@ def _of_mat(path: Path, place: str) -> tuple[list[str], Array]:
     data = BytesIO(read_bytes(path, LARGEST))
     try:
         sizes = {name: shape for name, shape, _ in whosmat(data)}
-        arrays = [n for n, s in sizes.items() if len(s) == 2 and s[1] == 3 and s[0] <= _LONGEST]
-        if len(arrays) != 1 or "units" not in sizes or max(sizes["units"]) > _LONGEST:
+        arrays = [n for n, s in sizes.items() if len(s) == 2 and s[1] == 3 and s[0] <= _MAX_ROWS]
+        if len(arrays) != 1 or "units" not in sizes or max(sizes["units"]) > _MAX_ROWS:
             raise InputError(
                 "no frequency response with units",
                 where=place,
@@ -424,7 +424,7 @@ def _of_mat(path: Path, place: str) -> tuple[list[str], Array]:
         text = "".join(map(str, np.ravel(found["units"])))
     except InputError:
         raise
-    except Exception as error:  # whatever a foreign file makes of the reader
+    except Exception as error:  # a malformed file may raise any exception
         raise InputError("MAT file cannot be read", where=place, got=one_line(str(error))) from None
     if not np.isfinite(table).all():
         raise InputError("not a finite number", where=place)

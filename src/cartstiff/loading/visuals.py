@@ -1,15 +1,15 @@
 """Shapes of the links of a robot, for pictures and for collisions, from its URDF or MJCF file.
 
-Pinocchio reads the geometry of a URDF; other sources bring their own. Each shape is attached to a
-frame of the tree by name, so that it follows the joints that are left there. A missing mesh file
-is named and left out.
+Pinocchio reads the geometry of a URDF; other sources have their own. Each shape is attached to a
+frame of the tree by name, so that it moves with the joints of the tree. A missing mesh file is
+named and left out.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +22,7 @@ from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import FixedFrame
+from cartstiff.potentials.contract import rescaled
 from cartstiff.ros_packages import package_folders, search_path, where_packages_are
 
 Kind = Literal["visual", "collision"]
@@ -31,8 +32,8 @@ _TYPES: dict[Kind, Any] = {
 }
 
 
-# Metres, or how much a mesh is enlarged; no robot is larger.
-_LARGEST = 1e6
+# Largest coordinate in metres, and largest scale of a mesh.
+_MAX_SIZE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +59,12 @@ class Visual:
 
 
 def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str]]:
-    """Shapes of a chain's links, and in words what is missing.
+    """Return the shapes of a chain's links, and sentences on missing ones.
 
     Parameters
     ----------
     chain : Chain
-        With `descriptions`; without any there is nothing to show.
+        With `descriptions`; without any it has no shapes.
     kind : {"visual", "collision"}
         Shapes for pictures, or for collisions.
 
@@ -90,12 +91,10 @@ def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[
                 unusable = f"link {one_line(piece.link)}: a shape whose numbers cannot be shown"
                 missing += [unusable] if unusable not in missing else []
             elif at is not None:
-                T_l_v = np.array(piece.T_l_v)
-                T_l_v[:3, 3] *= metre
-                placement = FixedFrame(at.joint, at.T_j_f @ T_l_v)
+                piece = rescaled(piece, metre)
+                placement = FixedFrame(at.joint, at.T_j_f @ piece.T_l_v)
                 link = description.prefix + piece.link
-                shape = piece.shape if metre == 1.0 else _stretched(piece.shape, metre)
-                shown.append(Visual(link, placement, shape, piece.colour))
+                shown.append(Visual(link, placement, piece.shape, piece.colour))
     return shown, missing
 
 
@@ -103,21 +102,7 @@ def _is_usable(piece: Piece) -> bool:
     """Whether the numbers of a piece are finite and of a robot's size."""
     shape = [value for value in vars(piece.shape).values() if not isinstance(value, Path)]
     numbers = np.hstack([np.ravel(piece.T_l_v), *map(np.ravel, shape)])
-    return bool((np.abs(numbers) < _LARGEST).all())
-
-
-def _stretched(shape: Shape, a: float) -> Shape:
-    """A shape of another size, alike in all directions."""
-    if isinstance(shape, MeshFile):
-        x, y, z = shape.scale
-        return MeshFile(shape.path, (a * x, a * y, a * z))
-    if isinstance(shape, Box):
-        x, y, z = shape.sides
-        return Box((a * x, a * y, a * z))
-    if isinstance(shape, Sphere):
-        x, y, z = shape.radii
-        return Sphere((a * x, a * y, a * z))
-    return replace(shape, radius=a * shape.radius, length=a * shape.length)
+    return bool((np.abs(numbers) < _MAX_SIZE).all())
 
 
 def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list[str]]:
@@ -140,7 +125,7 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
 
 
 def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
-    """Pieces whose mesh files exist, and the names of those that do not."""
+    """Pieces whose mesh files exist, and sentences on the others."""
     present, missing = [], []
     for piece in pieces:
         if isinstance(piece.shape, MeshFile) and not piece.shape.path.is_file():
@@ -158,18 +143,18 @@ def geometry_pieces(
     files: Mapping[str, MeshFile] | None = None,
     coloured: bool = False,
 ) -> tuple[list[Piece], list[str]]:
-    """Pieces of a Pinocchio geometry model, and in words what cannot be shown.
+    """Return the pieces of a Pinocchio geometry model, and sentences on those it cannot show.
 
     Parameters
     ----------
     model, geometry : pinocchio.Model, pinocchio.GeometryModel
-        Frames, and what hangs on them.
+        Frames, and the shapes on them.
     source : str
-        Where they come from, for the words.
+        Name of their source, for the sentences.
     files : mapping of str to MeshFile, optional
-        Meshes by the geometry's name that Pinocchio has not read.
+        Meshes that Pinocchio has not read, by the geometry's name.
     coloured : bool
-        Whether the colours given for meshes count even where they are not marked as such.
+        Whether the colours of meshes count even where they are not marked as given.
     """
     pieces, missing = [], []
     for piece in geometry.geometryObjects:
@@ -190,11 +175,11 @@ def geometry_pieces(
 def _resolve_urdf(
     root: ET.Element, path: Path, packages: Sequence[Path], kind: Kind
 ) -> tuple[dict[str, MeshFile], list[str]]:
-    """Leave links with their shapes on fixed joints; drop shapes whose mesh file is missing.
+    """Reduce a URDF to links with shapes on fixed joints, without shapes whose mesh is missing.
 
     Only the pose of a visual in its link is needed, so that no joint has to move. Spheres replace
-    meshes, which Pinocchio would read and prepare for collisions; the meshes are returned by the
-    name that Pinocchio will use, link and number.
+    meshes, which Pinocchio would read and prepare for collisions; the meshes are returned by
+    Pinocchio's name of them, link and number.
     """
     files: dict[str, MeshFile] = {}
     missing = []
@@ -238,7 +223,7 @@ def _is_written_well(shape: ET.Element) -> bool:
     """Whether the sizes of a shape are finite numbers, of a robot's size."""
     texts = " ".join(shape.get(key, "") for key in ("size", "radius", "length", "scale"))
     try:
-        return all(abs(float(text)) < _LARGEST for text in texts.split())
+        return all(abs(float(text)) < _MAX_SIZE for text in texts.split())
     except ValueError:
         return False
 
@@ -252,7 +237,7 @@ def _scale(mesh: ET.Element) -> tuple[float, float, float]:
 
 
 def _how_to_get(name: str, path: Path, packages: Sequence[Path]) -> str:
-    """What to do about a mesh of a package that is not found; nothing if it is another one."""
+    """Advice on a missing mesh of a package; empty for other meshes."""
     package = name.partition("://")[2].lstrip("/").partition("/")[0]
     if not name.startswith("package://"):
         return ""
@@ -262,7 +247,7 @@ def _how_to_get(name: str, path: Path, packages: Sequence[Path]) -> str:
 
 
 def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
-    """File of a mesh's name: package://, file://, absolute, or relative to the URDF."""
+    """File of a mesh by its name: package://, file://, absolute, or relative to the URDF."""
     scheme, separator, rest = name.partition("://")
     places: list[Path]
     if separator and scheme in ("package", "model"):
@@ -272,7 +257,7 @@ def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
         file = next((f / inside for f in folders if (f / inside).is_file()), None)
         if file is not None:
             return file
-        # A folder of the name may have no package.xml.
+        # A folder with the package's name may have no package.xml.
         places = [p / rest for p in [*packages, *path.resolve().parents]]
     elif separator and scheme == "file":
         places = [Path(rest)]

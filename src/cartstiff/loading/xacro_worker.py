@@ -1,7 +1,7 @@
 """Expands one xacro file; run as a script in a process of its own (`cartstiff.loading.ros`).
 
-A xacro file is a program of a stranger. The package xacro expands macros, properties and
-conditions; what is in ``${...}`` is evaluated after its syntax tree has been checked: numbers,
+A xacro file is a program from an unknown source. The package xacro expands macros, properties and
+conditions; the text in ``${...}`` is evaluated after its syntax tree has been checked: numbers,
 texts, lists, dictionaries, arithmetic, comparisons, and the functions listed below. Functions are
 not values, attributes are keys of dictionaries, and no attribute is left in the code. Files are
 read below the folders that the parent names. ``$(eval)`` is evaluated like ``${...}``, with the
@@ -27,14 +27,14 @@ from xacro.substitution_args import convert_value
 from cartstiff.child_process import read_regular, serve
 from cartstiff.ros_packages import package_folders
 
-# Bytes of the expanded text and of each file that is read; characters or entries of one value.
-_LARGEST = 16 * 1024 * 1024
-_LARGEST_VALUE = 1_000_000
-_LONGEST_EXPRESSION = 10_000
-_MOST_BITS = 10_000
+# Largest sizes in bytes of the expanded text and of each file; characters or entries of one value.
+_MAX_BYTES = 16 * 1024 * 1024
+_MAX_VALUE_SIZE = 1_000_000
+_MAX_EXPRESSION_LENGTH = 10_000
+_MAX_BITS = 10_000
 _MEGABYTES, _SECONDS = 512, 6
 
-# Methods that may be called, by whose they are: they only read.
+# Methods that may be called, by type: they only read.
 _METHODS: dict[type, str] = {
     str: "capitalize count endswith find index isalpha isdigit isnumeric join lower lstrip replace "
     "rsplit rstrip split splitlines startswith strip title upper",
@@ -74,20 +74,20 @@ _KNOWN = (
 
 
 class RefusedError(Exception):
-    """What a xacro file must not do, or what is wrong with it."""
+    """A forbidden operation or a fault of a xacro file."""
 
 
 class _Guard(ast.NodeTransformer):
-    """An expression in which only what is listed is left, and no attribute at all.
+    """Rewrites an expression so that only the listed nodes are left, and no attribute.
 
-    Functions get names that no text has (``len()``), so that they are no values.
+    Functions get names that no expression can contain (``len()``), so that they are no values.
     """
 
     def __init__(self, functions: Container[str]) -> None:
         self.functions = functions
 
     def visit(self, node: ast.AST) -> Any:
-        """The node, if it is of a kind that is read."""
+        """Return the node, if its kind is allowed."""
         plain = isinstance(node, ast.Constant) and isinstance(
             node.value, (int, float, str, NoneType)
         )
@@ -96,25 +96,25 @@ class _Guard(ast.NodeTransformer):
         return super().visit(node)
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
-        """A property, an argument of a macro, or a constant."""
+        """Return a property, an argument of a macro, or a constant."""
         if node.id.startswith("__"):
             raise RefusedError(f"name {node.id!r} is not defined")
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
-        """A key of a dictionary, or a constant."""
+        """Return a key of a dictionary, or a constant."""
         if ast.unparse(node.value) == "math" and node.attr in _CONSTANTS:
             return ast.Name(f"{node.attr}()", ast.Load())
         return _call("key", self.visit(node.value), ast.Constant(node.attr))
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """A value whose size is bounded."""
+        """Return an operation whose result has a bounded size."""
         inner: Any = self.generic_visit(node)
         power = isinstance(node.op, ast.Pow)
         return _call("power", inner.left, inner.right) if power else _call("short", inner)
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        """A function by its name, or a method."""
+        """Return a call of a function by its name, or of a method."""
         name, arguments = ast.unparse(node.func), list(node.args)
         if name in self.functions:
             own: list[Any] = [self._function(node.func)]
@@ -145,17 +145,17 @@ def _call(name: str, *arguments: Any) -> ast.Call:
 
 
 def _short(value: Any) -> Any:
-    """The value, unless it is larger than any robot needs."""
-    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+    """Value, unless it is larger than any robot needs."""
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:
         raise RefusedError("a value is too large")
     if isinstance(value, (complex, bytes)):
         raise RefusedError("not a real number nor a text")
-    _left(value, _LARGEST_VALUE)
+    _remaining(value, _MAX_VALUE_SIZE)
     return value
 
 
-def _left(value: Any, most: int) -> int:
-    """What is left of so many characters and entries, counted as often as they are repeated."""
+def _remaining(value: Any, most: int) -> int:
+    """Remaining number of characters and entries, of which repeated ones count repeatedly."""
     most -= len(value) if isinstance(value, (str, range)) else 1
     if most < 0:
         raise RefusedError("a value is too large")
@@ -163,19 +163,19 @@ def _left(value: Any, most: int) -> int:
         value = tuple(dict.items(value))
     if isinstance(value, (list, tuple)):
         for inner in tuple.__iter__(value) if isinstance(value, tuple) else list.__iter__(value):
-            most = _left(inner, most)
+            most = _remaining(inner, most)
     return most
 
 
 def _power(a: Any, b: Any) -> Any:
-    """Python would compute whole numbers to the last digit."""
-    if isinstance(a, int) and isinstance(b, int) and b > 1 and a.bit_length() * b > _MOST_BITS:
+    """Power with a bounded size: Python computes whole numbers to the last digit."""
+    if isinstance(a, int) and isinstance(b, int) and b > 1 and a.bit_length() * b > _MAX_BITS:
         raise RefusedError("a value is too large")
     return _short(a**b)
 
 
 def _method(value: Any, name: str, *arguments: Any, **keys: Any) -> Any:
-    """What a method of a text, list or dictionary answers."""
+    """Result of a method of a text, list or dictionary."""
     for kind, names in _METHODS.items():
         if isinstance(value, kind) and name in names.split():
             answer = getattr(kind, name)(value, *arguments, **keys)
@@ -190,7 +190,7 @@ def _key(value: Any, name: str) -> Any:
 
 
 class _Reader:
-    """What xacro may read, in place of what it uses by itself.
+    """Guarded replacements of the functions with which xacro evaluates and reads.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class _Reader:
     folders : list of str
         Folders below which files are read.
     searched : list of str
-        Folders in or under which packages are looked for.
+        Folders in or under which packages are searched.
     """
 
     def __init__(self, path: str, folders: list[str], searched: list[str]) -> None:
@@ -210,10 +210,10 @@ class _Reader:
         self.twice: dict[str, list[str]] = {}
 
     def evaluate(self, text: str, symbols: Any, _: Any = None) -> Any:
-        """In place of xacro.safe_eval."""
+        """Replace xacro.safe_eval."""
         text = text.strip()
         try:
-            if len(text) > _LONGEST_EXPRESSION:
+            if len(text) > _MAX_EXPRESSION_LENGTH:
                 raise RefusedError("it is too long")
             tree = _Guard(self.functions).visit(ast.parse(text, mode="eval"))
             code = compile(ast.fix_missing_locations(tree), "expression", "eval")
@@ -230,7 +230,7 @@ class _Reader:
             raise RefusedError(f"{_innermost(error)} in ${{{_shown(text)}}}") from None
 
     def extension(self, text: str) -> str:
-        """In place of xacro.eval_extension: ``$(arg x)``, ``$(find p)``, ``$(optenv X y)``."""
+        """Replace xacro.eval_extension: ``$(arg x)``, ``$(find p)``, ``$(optenv X y)``."""
         match = re.fullmatch(r"\$\(\s*(\w+)\s*(.*?)\s*\)", text, re.DOTALL)
         command, rest = match.groups() if match else ("", "")
         if command == "arg":
@@ -247,7 +247,7 @@ class _Reader:
         raise RefusedError(f"{_shown(text)} is refused")
 
     def argument(self, name: str) -> str:
-        """The value of an argument."""
+        """Return the value of an argument."""
         arguments = xacro.substitution_args_context["arg"]
         if name not in arguments:
             self.missing.append(name)
@@ -255,7 +255,7 @@ class _Reader:
         return str(arguments[name])
 
     def folder(self, name: str) -> str:
-        """The folder of a package, below which files may be read from now on."""
+        """Return the folder of a package, below which files may be read from now on."""
         if name in self.packages:
             return self.packages[name]
         found = list(package_folders(name, self.path, self.searched))
@@ -268,8 +268,8 @@ class _Reader:
         return self.packages[name]
 
     def open(self, name: Any, *_: Any, **__: Any) -> io.StringIO:
-        """In place of open: the text of a regular file below the folders."""
-        data = read_regular(self.allowed(name), _LARGEST)
+        """Replace open: return the text of a regular file below the folders."""
+        data = read_regular(self.allowed(name), _MAX_BYTES)
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError:
@@ -279,20 +279,20 @@ class _Reader:
         return io.StringIO(text)
 
     def allowed(self, name: Any) -> str:
-        """The real path of a file that may be read."""
+        """Return the real path of a file that may be read."""
         real = Path(name).resolve()
         if not any(real.is_relative_to(folder) for folder in self.folders):
             raise RefusedError(f"{_shown(str(name))} is outside of the file's package and folders")
         return str(real)
 
     def listed(self, pattern: str) -> list[str]:
-        """In place of glob.glob."""
+        """Replace glob.glob."""
         fixed = re.split(r"[*?\[]", pattern, maxsplit=1)[0]
         self.allowed(Path(fixed).parent)
         return glob.glob(pattern)  # noqa: PTH207
 
     def take_over(self) -> None:
-        """Replace what xacro evaluates and reads by itself."""
+        """Replace the functions with which xacro evaluates and reads."""
 
         def fatal(*words: Any) -> None:
             raise RefusedError(" ".join(map(str, words)))
@@ -302,7 +302,7 @@ class _Reader:
             "enumerate": lambda *a: list(enumerate(*a)),
             "map": lambda *a: list(map(*a)),
             "range": lambda *a: list(_short(range(*a))),
-            # Python would compute ten to the power of so many digits.
+            # Python computes ten to the power of the digits.
             "round": lambda x, n=None: round(x, n and max(-400, min(400, n))),
             "reversed": lambda a: list(reversed(a)),
             "zip": lambda *a: list(zip(*a, strict=False)),
@@ -345,7 +345,7 @@ def _shown(text: str) -> str:
 
 
 def _bounded(evaluate: Callable[..., Any]) -> Callable[..., Any]:
-    """xacro.eval_text, refused where texts grow out of bounds."""
+    """Guard of xacro.eval_text that refuses texts that grow without bounds."""
 
     def bounded(text: str, symbols: Any) -> Any:
         return _short(evaluate(text, symbols))
@@ -356,7 +356,7 @@ def _bounded(evaluate: Callable[..., Any]) -> Callable[..., Any]:
 def expanded(
     path: str, values: dict[str, str], folders: list[str], searched: list[str]
 ) -> dict[str, Any]:
-    """The XML that a xacro file means, or what is wrong with it."""
+    """Expand a xacro file to XML, or return its fault."""
     reader = _Reader(path, folders, searched)
     reader.take_over()
     arguments = _Read(values)
@@ -364,8 +364,8 @@ def expanded(
         document = xacro.process_file(path, mappings=arguments, verbosity=0)
         text = document.toxml()
         answer: dict[str, Any] = {"xml": text}
-        if len(text) > _LARGEST:
-            answer = {"error": f"it expands to more than {_LARGEST} bytes"}
+        if len(text) > _MAX_BYTES:
+            answer = {"error": f"it expands to more than {_MAX_BYTES} bytes"}
     except (MemoryError, RecursionError):
         answer = {"error": "it needs too much memory"}
     except Exception as error:
@@ -388,7 +388,7 @@ def expanded(
 
 
 def _cause(error: Any) -> Any:
-    """The exception that xacro has wrapped."""
+    """Exception that xacro has wrapped."""
     while getattr(error, "exc", None) is not None:
         error = error.exc
     return error
@@ -415,7 +415,7 @@ class _Values(dict[str, Any]):
 
 
 class _Read(dict[str, str]):
-    """Values of arguments, and the names that were asked for."""
+    """Values of arguments, and the names that were read."""
 
     def __init__(self, values: dict[str, str]) -> None:
         super().__init__(values)

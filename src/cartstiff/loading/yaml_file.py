@@ -1,9 +1,11 @@
-"""Mechanism files: YAML 1.2 read safely into plain data, with the line of every key."""
+"""Read YAML 1.2 safely into plain data, with the line of every key."""
 
 from __future__ import annotations
 
+import os
 import re
 import stat
+from contextlib import suppress
 from copy import deepcopy
 from functools import lru_cache
 from itertools import islice
@@ -16,14 +18,14 @@ from cartstiff.mechanisms.identity import was_read
 #: Line of each value, by its path of keys and indices.
 Lines = dict[tuple[str | int, ...], int]
 
-#: A mechanism file is a page of text; what is larger is not one.
+#: Largest size of a mechanism file in bytes: such a file is a page of text.
 LARGEST = 1024 * 1024
-#: Keys, values and list entries, each as often as aliases repeat it; 40 000 take two seconds.
+#: Largest number of keys, values and list entries, repeated by aliases; 40 000 take two seconds.
 MOST_VALUES = 40_000
-_DEEPEST = 30
-#: Numbers beyond this are mistakes, and their products leave the range of double precision.
+_MAX_DEPTH = 30
+#: Larger numbers are mistakes, and their products leave the range of double precision.
 LARGEST_NUMBER = 1e30
-# Brackets of which no mechanism file has so many in a row; they cost the parser seconds.
+# More brackets in a row than any mechanism file has: they cost the parser seconds.
 _BRACKETS = re.compile(r"(?:[\[{]\s*){60}")
 _COMMENTS = re.compile(r"^\s*(?:#.*)?$", re.MULTILINE)
 _NULLS = {"", "~", "null", "Null", "NULL"}
@@ -31,30 +33,37 @@ _MERGE = "tag:yaml.org,2002:merge"
 _TRUTHS = {"true": True, "false": False}
 
 
-def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
-    """Contents of a file, or one clear error if it cannot be read or is too large."""
-    where = one_line(str(path))
+def checked_status(path: Path, largest: int, where: str) -> os.stat_result:
+    """Return the status of a regular file; refuse other files, and one that is too large."""
     try:
         status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise InputError("is a directory", where=where, expected="a file")
-        if not stat.S_ISREG(status.st_mode):  # reading a pipe or a device may never end
-            raise InputError("is not a regular file", where=where, expected="a file")
-        if status.st_size > largest:
-            raise InputError(
-                "file is too large",
-                where=where,
-                expected=f"at most {largest} bytes",
-                got=str(status.st_size),
-            )
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise _unreadable(error, where) from None
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError("is a directory", where=where, expected="a file")
+    if not stat.S_ISREG(status.st_mode):  # reading a pipe or a device may never end
+        raise InputError("is not a regular file", where=where, expected="a file")
+    if (size := status.st_size) > largest:
+        expected = f"at most {largest} bytes"
+        raise InputError("file is too large", where=where, expected=expected, got=str(size))
+    return status
+
+
+def _unreadable(error: Exception, where: str) -> InputError:
+    problem = getattr(error, "strerror", None) or str(error)
+    return InputError("file cannot be read", where=where, got=problem)
+
+
+def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
+    """Read a file; refuse one that is too large, is empty or cannot be read."""
+    where = one_line(str(path))
+    checked_status(path, largest, where)
+    try:
         with path.open("rb") as file:
             data = file.read(largest + 1)
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        problem = getattr(error, "strerror", None) or str(error)
-        raise InputError("file cannot be read", where=where, got=problem) from None
-    if len(data) > largest:  # it grew meanwhile
+    except OSError as error:
+        raise _unreadable(error, where) from None
+    if len(data) > largest:  # the file grew since its size was taken
         raise InputError("file is too large", where=where, expected=f"at most {largest} bytes")
     if not data.strip():
         raise InputError("file is empty", where=where)
@@ -63,7 +72,7 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
 
 
 def read_text(path: Path, largest: int = LARGEST) -> str:
-    """Contents of a UTF-8 text file."""
+    """Read a UTF-8 text file."""
     try:
         text = read_bytes(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -76,12 +85,12 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
 
 
 def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
-    """Mapping in a YAML file, and the line of each of its values.
+    """Read the mapping in a YAML file, and the line of each of its values.
 
     Only mappings, sequences and plain scalars are accepted: no tags, no key twice, no second
-    document. An alias stands for a copy of what its anchor names; ``<<`` takes over the keys of a
-    mapping, or of several, that do not stand beside it, the first of several counting. Numbers
-    follow YAML 1.2 (``3e5`` is a number, ``1:30`` is text).
+    document. An alias is a copy of its anchor's value; ``<<`` adds the keys of one or several
+    mappings, of which the first has precedence, and keys beside it have precedence over all.
+    Numbers follow YAML 1.2 (``3e5`` is a number, ``1:30`` is text).
 
     Raises
     ------
@@ -92,7 +101,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     return deepcopy(data), lines.copy()
 
 
-@lru_cache(maxsize=32)  # a study reads the same file for each of its machines
+@lru_cache(maxsize=32)  # a design study reads the same file for each of its machines
 def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
@@ -100,7 +109,7 @@ def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
     _check_directives(text, where)
     if _BRACKETS.search(text):
         raise InputError("YAML is nested too deeply", where=where)
-    # Every value but the first stands behind one of these: what has too many is not even parsed.
+    # Every value but the first follows one of these characters, so that their number is a bound.
     _check_count(sum(map(text.count, ",:\n")) - len(_COMMENTS.findall(text)), where)
     yaml = YAML(typ="rt", pure=True)
     lines: Lines = {}
@@ -143,21 +152,21 @@ def _check_directives(text: str, where: str) -> None:
 
 
 class _Reader:
-    """Plain Python data of composed nodes; refuses whatever is not data."""
+    """Converts composed nodes to plain Python data; refuses everything else."""
 
     def __init__(self, lines: Lines, where: str) -> None:
         self._lines, self._where = lines, where
         self._seen = 0
 
     def plain(self, node: Any, at: tuple[str | int, ...]) -> Any:
-        """Data of a node that stands at some keys."""
+        """Return the data of the node at some keys."""
         line = node.start_mark.line + 1
         place = f"{self._where}, line {line}"
         self._lines[at] = line
-        # Not the lines: what several merged mappings have in common has one of them only.
+        # The number of lines would be too small: merged mappings share the lines of common keys.
         self._seen += 1
         _check_count(self._seen, place)
-        if len(at) > _DEEPEST:  # an alias may stand inside what its anchor names
+        if len(at) > _MAX_DEPTH:  # an alias may be inside its own anchor
             raise InputError("YAML is nested too deeply", where=place)
         tag = str(node.tag or "")
         if node.id == "mapping":
@@ -193,7 +202,7 @@ class _Reader:
                 raise InputError("YAML tags are not supported", where=key_place, got=key_node.tag)
             pairs.append((str(key_node.value), key_node.start_mark.line + 1, value_node))
         data: dict[str, Any] = {}
-        for part in reversed(merged or []):  # the first counts, and what stands here before all
+        for part in reversed(merged or []):  # the first has precedence
             data |= self.plain(part, at)
         own: set[str] = set()
         for key, line, value_node in pairs:
@@ -219,21 +228,16 @@ def _scalar(node: Any, tag: str, place: str) -> Any:
     text = str(node.value)
     if node.style == ">":  # the parser marks where lines were folded
         text = text.replace("\a", "")
-    # A tag written out (!!bool abc) may stand before any text: only what it fits is taken.
+    # An explicit tag (!!bool abc) may precede any text: it is used only where the text fits.
     if kind == "null" and text in _NULLS:
         return None
     if kind == "bool" and text.lower() in _TRUTHS:
         return _TRUTHS[text.lower()]
     if kind in ("int", "float") and "_" not in text:  # 1_000 is text in YAML 1.2
-        for convert in (lambda: int(text, 0), lambda: float(text)):
-            try:
-                return convert()
-            except ValueError:
-                pass
-        try:
-            return float(re.sub(r"^([-+]?)\.(inf|nan)$", r"\1\2", text.lower()))
-        except ValueError:
-            return text
+        number = re.sub(r"^([-+]?)\.(inf|nan)$", r"\1\2", text.lower())
+        for convert in (lambda x: int(x, 0), float):
+            with suppress(ValueError):
+                return convert(number)
     if kind in ("", "str", "timestamp", "value", "null", "bool", "int", "float"):
         return text
     raise InputError("YAML tags are not supported", where=place, got=tag)

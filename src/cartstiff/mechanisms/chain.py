@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from math import sqrt
 from pathlib import Path
 from typing import ClassVar
@@ -48,7 +49,7 @@ from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrde
 
 @dataclass(frozen=True)
 class Description:
-    """What part of a chain looks like: a robot description file, or the pieces themselves.
+    """How a part of a chain looks: a robot description file, or shapes of links.
 
     Attributes
     ----------
@@ -59,9 +60,9 @@ class Description:
     pieces : tuple of Piece or None
         Shapes on frames, where they do not come from the file.
     text : str or None
-        The URDF, where it is not what the file holds.
+        The URDF, where it differs from the file's contents.
     packages : tuple of Path
-        Folders in which package:// names are looked for first.
+        Folders in which package:// names are searched first.
     """
 
     path: Path | None
@@ -76,21 +77,21 @@ class Description:
         return "the robot" if self.path is None else self.path.name
 
 
-# Sums of the angular and of the linear components.
+# Sums up the angular and the linear components.
 _HALVES = np.repeat(np.eye(2), 3, axis=1)
 
 
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
-    """Root mean square distance of axes from the origin; None if there are none or all meet it.
+    """Root mean square distance of axes from the origin; None without axes and if all meet it.
 
-    A coordinate that turns the body by less than `NEARBY` has no axis: of joints that turn against
-    each other, as in a parallelogram, that is their tilt.
+    A coordinate that turns the body by less than `NEARBY` has no axis: joints with opposite turns,
+    as in a parallelogram, turn the body by round-off only.
     """
     turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
-    total = sum(t for t in turning if t > NEARBY**2)
-    if total == 0.0:
+    axes = [(t, m) for t, m in zip(turning, moments, strict=True) if t > NEARBY**2]
+    if not axes:
         return None
-    length = sqrt(sum(m for m, t in zip(moments, turning, strict=True) if t > NEARBY**2) / total)
+    length = sqrt(sum(m for _, m in axes) / sum(t for t, _ in axes))
     return length if length > CLOSE * (reach + length) else None
 
 
@@ -120,10 +121,10 @@ class ChainPosture(MechanismPosture):
     def length(self) -> float:  # type: ignore[override]
         """Root mean square distance of the joint axes from the body frame's origin.
 
-        Of the joints on the way to the body; of all joints where those axes meet in its origin
-        (a free-floating base, a wrist seen from its centre); else 1.
+        The axes are those of the joints on the way to the body; those of all joints where the
+        former meet in its origin (a free-floating base, a wrist and its centre); else it is 1.
         """
-        # Distances are known to the rounding of positions in F.
+        # Distances have the round-off of positions in F.
         reach = max(map(abs, self.pose[:3, 3].tolist()))
         length = _mean_distance(self.motion.jacobian, reach)
         if length is None:
@@ -138,11 +139,11 @@ class ChainPosture(MechanismPosture):
         return np.where(chain.is_length, self.length, 1.0) if chain.has_lengths else chain.angles
 
     def pose_at(self, placement: FixedFrame) -> Array:
-        """Pose ``T_F_f`` of a frame fixed to a joint, without its map."""
+        """Return the pose ``T_F_f`` of a frame fixed to a joint, without its map."""
         return self._state.pose(placement)
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
-        """Pose ``T_a_b`` and its map."""
+        """Return the pose ``T_a_b`` and its map."""
         if frame_a == "world" and frame_b == "body":
             return self.pose, self.motion
         return self._state.relative(self._chain.placement(frame_a), self._chain.placement(frame_b))
@@ -152,11 +153,11 @@ class ChainPosture(MechanismPosture):
         return self._state.gravity(acceleration)
 
     def mass_matrix(self) -> Array:
-        """Masses' matrix (n, n)."""
+        """Mass matrix (n, n)."""
         return self._state.mass_matrix()
 
     def momentum(self) -> tuple[Array, float, Array]:
-        """Momentum (6, n) per coordinate rate, all that moves [kg], and its centre, in F."""
+        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre, in F."""
         return self._state.momentum()
 
     @cached_property
@@ -175,7 +176,7 @@ class ChainPosture(MechanismPosture):
 
     @cached_property
     def closure(self) -> SecondOrderMap | None:  # type: ignore[override]
-        """Map to the closure residual; last come the rigid coordinates, in order."""
+        """Map to the closure residual, followed by the rigid coordinates in order."""
         tied, rigid = self._tied, sorted(self._chain.rigid)
         if tied is None and not rigid:
             return None
@@ -187,7 +188,7 @@ class ChainPosture(MechanismPosture):
         return self._chain.selection
 
     def chart(self) -> SecondOrderMap | str:
-        """The joint coordinates, or the actuated ones of a closed chain, if they are six."""
+        """Return the joint coordinates, or the actuated ones of a closed chain, if they are six."""
         chain = self._chain
         actuated, n = chain.actuated, self.q.size
         if actuated is None:
@@ -202,15 +203,15 @@ class ChainPosture(MechanismPosture):
         return SecondOrderMap(select, lambda _: np.zeros((n, n)))
 
 
-def _is_shut(posture: ChainPosture) -> bool:
-    """Whether closures are met to rounding."""
+def _is_closed(posture: ChainPosture) -> bool:
+    """Whether the closures are satisfied to rounding."""
     residual = posture.residual
     return residual is None or bool(
         np.abs(residual).max() <= ATTAINABLE_PRECISION * max(1.0, posture.length)
     )
 
 
-# Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
+# Three times as many welds as hold all of `MOST_COORDINATES`.
 _MOST_CLOSURES = 100
 
 
@@ -234,7 +235,7 @@ class Chain(Mechanism):
     kind : str
         As in mechanism files.
     descriptions : sequence of Description
-        Files that say what the links look like.
+        How the links look.
     """
 
     length_powers: ClassVar = {"body": 0, "base_pose": POSE, "frame_offset": POSE, "legs": 0}
@@ -277,29 +278,29 @@ class Chain(Mechanism):
         T_frame_M = np.eye(4) if offset is None else np.asarray(offset, float)
         self.body = FixedFrame(at.joint, at.T_j_f @ T_frame_M)
         self.frame_offset = read_only(T_frame_M.copy())
-        #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
+        #: Mass [kg] of the payload on the body's joint, and that of the links there.
         self.payload: tuple[float, float] | None = None
-        self.legs: tuple[PlacedLeg, ...] = ()  # those that are known in closed form
-        self.home: ReferencePosture | None = None  # its file's, closed, from which others are led
+        self.legs: tuple[PlacedLeg, ...] = ()  # those with kinematics in closed form
+        self.home: ReferencePosture | None = None  # the file's posture, closed
         self.world = WORLD
         for closure in self.closures:
             for name in (closure.frame_a, closure.frame_b):
                 self.placement(name)
 
     def with_rigid(self, rigid: frozenset[int]) -> Chain:
-        """The same chain with other coordinates held."""
+        """Return the chain with other rigid coordinates."""
         other = copy(self)
         other.rigid = rigid
         return other
 
     @cached_property
     def ties(self) -> LoopClosures | None:
-        """What of the closures does not depend on the posture; None if there are none."""
+        """The constants of the closures; None without closures."""
         places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
         return LoopClosures(self.closures, places, self.tree) if places else None
 
     def placement(self, name: str) -> FixedFrame:
-        """The frame "world", "body", or a named one of the tree."""
+        """Return the frame "world", "body", or a named one of the tree."""
         if name in ("body", "world"):
             return self.body if name == "body" else self.world
         try:
@@ -313,7 +314,7 @@ class Chain(Mechanism):
         T_j_M: ArrayLike,
         frames: Mapping[str, FixedFrame] | None = None,
     ) -> Chain:
-        """The same chain with joints, the body frame on its last joint, and frames elsewhere."""
+        """Return the chain with other places of joints, of M on its joint, and of frames."""
         other = copy(self)
         other.tree = self.tree.changed(placements, frames=frames)
         other.body, other.legs = FixedFrame(self.body.joint, np.array(T_j_M, float)), ()
@@ -321,7 +322,7 @@ class Chain(Mechanism):
         return other
 
     def with_mass(self, mass: float, centre: Array) -> Chain:
-        """The same chain with a point mass [kg] added at a point of M."""
+        """Return the chain with a point mass [kg] added at a point of M."""
         other = copy(self)
         other.tree = self.tree.with_mass(self.body, mass, centre)
         if self.body.joint > 0:
@@ -331,18 +332,18 @@ class Chain(Mechanism):
         return other
 
     def with_masses(self, masses: Mapping[str, float]) -> Chain:
-        """The same chain with other masses [kg] of links; their centres stay."""
+        """Return the chain with other masses [kg] of links at the same mass centres."""
         other, links = copy(self), self.tree.links().items()
         other.tree = self.tree.changed(masses={j: masses[n] for j, n in links if n in masses})
         return other
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the frames that potentials can act between, and --frame can name."""
+        """Names of the frames for potentials and for --frame."""
         return ("body", *(n for n in self.tree.frames if n.rpartition("/")[2] != "universe"))
 
     def masses(self) -> dict[str, float]:
-        """Masses [kg] of what each joint carries, by its first link, and of the payload."""
+        """Masses [kg] that each joint carries, by its first link, and of the payload."""
         own, _ = self.tree.masses()
         # A model put together by hand may have masses on joints without a frame.
         joints = {int(j) + 1: str(self.tree.model.names[int(j) + 1]) for j in np.flatnonzero(own)}
@@ -355,7 +356,7 @@ class Chain(Mechanism):
         return masses | ({} if carrier is None else {carrier: bare}) | {"payload": hung}
 
     def at(self, q: ArrayLike) -> ChainPosture:
-        """Posture at coordinates q (n,)."""
+        """Return the posture at coordinates q (n,)."""
         return ChainPosture(self, self.checked(q))
 
     def closed(
@@ -366,11 +367,11 @@ class Chain(Mechanism):
         hold: Sequence[int] | None = None,
         tolerance: float = ROUNDING,
     ) -> ChainPosture:
-        """Posture near `q_start` that satisfies the closures.
+        """Return the posture near `q_start` that satisfies the closures.
 
         Newton's method with steps of least change; each is limited to 0.2 rad (or 0.2
-        characteristic lengths). The held coordinates stay where they are if the others can close
-        the chain: those that were named, else actuated joints, and virtual joints of links. If the
+        characteristic lengths). The held coordinates do not change if the others can close the
+        chain: those that were named, else actuated joints, and virtual joints of links. If the
         others are as at `home`, the held ones move from there (`ReferencePosture.continue_from`),
         so that the assembly mode is kept.
 
@@ -379,10 +380,10 @@ class Chain(Mechanism):
         q_start : array_like, shape (n,)
             Coordinates to start from.
         named : sequence of int, optional
-            Coordinates that somebody gave; default, where no joint is actuated: those that differ
+            Coordinates with given values; default, where no joint is actuated: those that differ
             from `home`.
         hold : sequence of int, optional
-            Coordinates to keep, and no others; nothing leads from `home`.
+            Coordinates to hold, and no others; `home` is not used.
         tolerance : float
             Largest residual accepted, in rad and characteristic lengths.
 
@@ -392,14 +393,16 @@ class Chain(Mechanism):
             If the closures cannot be met from there.
         """
         posture = self.at(q_start)
-        if posture.residual is None or _is_shut(posture):
+        if posture.residual is None or _is_closed(posture):
             return posture
-        for held in self._ways(posture.q, named) if hold is None else [list(hold)]:
+        closed: ChainPosture | None
+        for held in self._held_sets(posture.q, named) if hold is None else [list(hold)]:
             movable = ~np.isin(np.arange(posture.q.size), held)
             if hold is None and self.home is not None:
-                home = replace(self.home, held=held)
-                if (led := self._led(home, posture.q, movable, tolerance)) is not None:
-                    return led
+                close = partial(self._close_from, movable=movable, tolerance=tolerance)
+                closed = replace(self.home, held=held).lead_to(posture.q, close)
+                if closed is not None:
+                    return closed
             if held and (closed := self._close(posture, movable, tolerance)[0]) is not None:
                 return closed
         closed, iterations, size = self._close(posture, np.ones_like(movable), tolerance)
@@ -412,9 +415,9 @@ class Chain(Mechanism):
         return closed
 
     def given(self, q: Array) -> Array:
-        """Which coordinates q (..., n) somebody gave: those that differ from `home`.
+        """Which coordinates q (..., n) were given: those that differ from `home`.
 
-        None where joints are actuated, so that these are held, or where all of them differ.
+        No coordinate where joints are actuated, so that these are held, or where all differ.
         """
         given = np.zeros(q.shape, bool)
         if self.actuated is None and self.home is not None and self.closures:
@@ -424,33 +427,31 @@ class Chain(Mechanism):
         return given
 
     def closed_as_given(self, q: Array) -> Array:
-        """Coordinates (N, n), those closed of which somebody gave a part (see `given`)."""
+        """Close those of coordinates (N, n) of which a part was given (see `given`)."""
         which = np.flatnonzero(self.given(q).any(axis=1))
         if which.size:
             q = q.copy()
         for i in which:
-            with suppress(ConvergenceError):  # whoever asks next says so
+            with suppress(ConvergenceError):  # the caller meets it again at this posture
                 q[i] = self.closed(q[i]).q
         return q
 
-    def _ways(self, q: Array, named: Sequence[int] | None) -> list[list[int]]:
-        """What is held while the chain is closed, in the order in which it is tried."""
+    def _held_sets(self, q: Array, named: Sequence[int] | None) -> list[list[int]]:
+        """Sets of held coordinates that are tried in turn to close the chain."""
         named = np.flatnonzero(self.given(q)).tolist() if named is None else named
         if set(named) <= set(self.held):
             return [self.held]
         return [sorted({*named, *self.virtual}), self.held]
 
-    def _led(
-        self, home: ReferencePosture, q: Array, movable: Array, tolerance: float
-    ) -> ChainPosture | None:
-        return home.led(lambda start: self._close(self.at(start), movable, tolerance)[0], q)
+    def _close_from(self, start: Array, movable: Array, tolerance: float) -> ChainPosture | None:
+        return self._close(self.at(start), movable, tolerance)[0]
 
     def _close(
         self, posture: ChainPosture, movable: Array, tolerance: float
     ) -> tuple[ChainPosture | None, int, float]:
         def equations(at: ChainPosture) -> tuple[Array, Array]:
             residual, closure, unit = at.residual, at.closure, max(1.0, at.length)
-            assert residual is not None  # who has no closures does not close
+            assert residual is not None  # a chain without closures is closed
             assert closure is not None
             return residual / unit, closure.jacobian * (at.coordinate_lengths * movable) / unit
 

@@ -1,4 +1,4 @@
-r"""Closures of a chain, all at once: residual, Jacobian, curvature.
+r"""All closures of a chain at once: residual, Jacobian, curvature.
 
 A closure ties frame b to frame a. A weld's residual is log(T_a_b), a common point's the position of
 b's origin in b's directions. At closure its second derivative is the bracket form along the path
@@ -21,16 +21,16 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree, TreeState
 from cartstiff.potentials.contract import SecondOrderMap
 
-#: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
+#: Largest change of a coordinate in a step towards closure (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
 
-#: Steps beyond which nobody is led from one posture to another.
+#: Largest number of steps from the reference posture to another.
 MOST_STEPS = 100
-#: Coordinates (N, n) from given ones, where they close a chain, and where none do.
+#: Closes a chain near coordinates (N, n): those found, whether each is closed, and whether none is.
 Near = Callable[[Array], tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]]
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
-# Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.
+# With a smaller residual its Jacobian is that of the relative twist, to rounding.
 _CLOSED = numerics.LAST_DIGITS
 
 
@@ -43,7 +43,7 @@ class Closure:
     frame_a, frame_b : str
         Names of frames of the tree.
     type : {"point", "weld"}
-        What is tied.
+        Whether points or poses coincide.
     """
 
     frame_a: str
@@ -58,18 +58,18 @@ class Closure:
 
 @dataclass(frozen=True)
 class ReferencePosture:
-    """A closed posture of a chain, from which others are led.
+    """A closed posture of a chain, from which other postures are reached.
 
-    Newton's steps towards closure from afar may end in another assembly, or nowhere. What is held
-    is therefore led straight to where it is wanted, in steps of `LONGEST_STEP` at the most, each
-    closed before the next.
+    Newton's steps towards closure from a distant posture may end in another assembly mode, or
+    diverge. The held coordinates therefore move straight to their wanted values, in steps of at
+    most `LONGEST_STEP`, and the chain is closed after each step.
 
     Attributes
     ----------
     q : ndarray (n,)
         Its coordinates.
     held : sequence of int
-        Coordinates that lead.
+        Coordinates with wanted values.
     lengths : ndarray (n,)
         Natural sizes of the coordinates there.
     """
@@ -79,14 +79,15 @@ class ReferencePosture:
     lengths: Array
 
     def steps(self, q: Array) -> NDArray[np.intp]:
-        """How many steps lead to what coordinates (N, n) hold; 1 and less need no leading."""
+        """Return the number of steps (N,) to the held coordinates of q (N, n); 0 for too many."""
         held = list(self.held)
-        way = np.abs(q[:, held] - self.q[held]) / self.lengths[held]
-        steps: NDArray[np.intp] = np.ceil(way.max(axis=1, initial=0.0) / LONGEST_STEP).astype(int)
+        changes = np.abs(q[:, held] - self.q[held]) / self.lengths[held]
+        largest = changes.max(axis=1, initial=0.0)
+        steps: NDArray[np.intp] = np.ceil(largest / LONGEST_STEP).astype(int)
         return np.where(steps <= MOST_STEPS, steps, 0)
 
     def steps_where_asked(self, q: Array) -> NDArray[np.intp]:
-        """The same where all else is as here, so that nothing but what is held was given."""
+        """Return `steps` where several are needed and all other coordinates are as here, else 0."""
         others = np.ones(len(self.q), bool)
         others[list(self.held)] = False
         alike = (q[:, others] == self.q[others]).all(axis=1)
@@ -95,18 +96,18 @@ class ReferencePosture:
             steps[alike] = self.steps(q[alike])
         return np.where(steps > 1, steps, 0)
 
-    def led(self, close: Callable[[Array], Any], q: Array) -> Any:
-        """The posture that `close` gives where q (n,) is led to; None where it gives none.
+    def lead_to(self, q: Array, close: Callable[[Array], Any]) -> Any:
+        """Return the posture of `close` at the held coordinates of q (n,), reached in steps.
 
-        Also where nothing needs to be led.
+        None where `close` fails, and where several steps are not needed.
         """
         last: Any = None
 
         def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
             nonlocal last
             last = close(start[0])
-            is_shut = np.array([last is not None])
-            return start if last is None else last.q[None], is_shut, ~is_shut
+            is_closed = np.array([last is not None])
+            return start if last is None else last.q[None], is_closed, ~is_closed
 
         steps = self.steps_where_asked(q[None])
         return last if self.continue_from(near, q[None], steps)[1].any() else None
@@ -114,25 +115,25 @@ class ReferencePosture:
     def continue_from(
         self, near: Near, q: Array, steps: NDArray[np.intp]
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Lead to what coordinates (N, n) hold by so many steps; as `near`, from q itself."""
+        """Reach the held coordinates of q (N, n) in so many steps; returned as by `near`."""
         held, at = list(self.held), np.tile(self.q, (len(q), 1))
-        begin, way = at[:, held], q[:, held] - self.q[held]
-        is_closed, is_vain = np.zeros(len(q), bool), np.zeros(len(q), bool)
+        begin, change = at[:, held], q[:, held] - self.q[held]
+        is_closed, has_failed = np.zeros(len(q), bool), np.zeros(len(q), bool)
         which = np.flatnonzero(steps > 0)
         for k in range(1, int(steps.max(initial=0)) + 1):
             start, last = at[which], steps[which] == k
-            part = begin[which] + way[which] * (k / steps[which])[:, None]
+            part = begin[which] + change[which] * (k / steps[which])[:, None]
             start[:, held] = np.where(last[:, None], q[which][:, held], part)
-            at[which], shut, vain = near(start)
-            is_closed[which[shut & last]], is_vain[which[vain]] = True, True
-            which = which[shut & ~last]
+            at[which], closed, failed = near(start)
+            is_closed[which[closed & last]], has_failed[which[failed]] = True, True
+            which = which[closed & ~last]
             if not which.size:
                 break
-        return np.where(is_closed[:, None], at, q), is_closed, is_vain
+        return np.where(is_closed[:, None], at, q), is_closed, has_failed
 
 
 class LoopClosures:
-    """What of c closures does not depend on the posture.
+    """Constants of c closures, which do not depend on the posture.
 
     Parameters
     ----------
@@ -154,9 +155,9 @@ class LoopClosures:
         self.joints = [end.joint for end in ends]
         self.local = np.array([end.T_j_f for end in ends])
         paths = [tree.path(a.joint, b.joint) for a, b in places]
-        #: (c, 1, joints): -1 on the way up from a, +1 on the way down to b.
+        #: (c, 1, joints): -1 on the path up from a, +1 on the path down to b.
         self.signs = np.array([path.signs for path in paths])[:, None]
-        #: (c, p): joints of each path in its order, those of shorter paths filled up.
+        #: (c, p): joints of each path in its order; shorter paths are padded.
         self.order = np.zeros((len(paths), max(len(path.order) for path in paths)), np.intp)
         #: (c, p, p): 1/2 for a joint before another on the path.
         self.before = np.zeros((*self.order.shape, self.order.shape[1]))
@@ -164,11 +165,11 @@ class LoopClosures:
             p = len(path.order)
             order[:p] = path.order
             half[:p, :p] = np.triu(np.full((p, p), 0.5), 1)
-        #: (c p p,): the place of an entry of `before` in a matrix over all joints, row by row.
+        #: (c p p,): flat index of each entry of `before` in a matrix over all joints.
         self.places = (self.order[:, :, None] * tree.model.nv + self.order[:, None]).ravel()
         is_weld = np.array([c.type == "weld" for c in closures])
         self.welds, self.points = np.flatnonzero(is_weld), np.flatnonzero(~is_weld)
-        #: (c, 6): which components of the relative twists vanish.
+        #: bool (c, 6): which components of the relative twists vanish.
         self.rows = np.repeat(np.stack([is_weld, np.ones(len(is_weld), bool)], axis=1), 3, axis=1)
 
 
@@ -180,7 +181,7 @@ class ClosureState:
     residual : ndarray (m,)
         Lengths and angles mixed.
     rows : ndarray of bool (c, 6)
-        Which components of the relative twists it has.
+        Components of the relative twists in it.
     """
 
     def __init__(self, ties: LoopClosures, state: TreeState) -> None:
@@ -199,7 +200,7 @@ class ClosureState:
         self.residual = self._missed[ties.rows]
 
     def jacobian(self) -> Array:
-        """Jacobian (m, n) of the residual."""
+        """Return the Jacobian (m, n) of the residual."""
         ties, J = self._ties, self._twists
         if np.abs(self._missed).max() >= _CLOSED:
             J, points, welds = J.copy(), ties.points, ties.welds
@@ -215,7 +216,7 @@ class ClosureState:
         ties = self._ties
         w = np.zeros((len(ties.rows), 6))
         w[ties.rows] = multipliers
-        J = self._twists[np.arange(len(w))[:, None], :, ties.order]  # (c, p, 6): on the paths only
+        J = self._twists[np.arange(len(w))[:, None], :, ties.order]  # (c, p, 6), on the paths
         halves = J @ se3.bracket_form(w) @ J.swapaxes(1, 2) * ties.before
         n = self._twists.shape[2]
         upper = np.bincount(ties.places, halves.ravel(), n * n).reshape(n, n)
@@ -226,21 +227,21 @@ class ClosureState:
 def held_map(
     tied: ClosureState | None, rigid: list[int], sizes: Array, length: float
 ) -> SecondOrderMap:
-    """Map to the residual of closures and, after them, to coordinates that do not move.
+    """Return the map to the residual of closures, followed by the rigid coordinates.
 
     Parameters
     ----------
     tied : ClosureState or None
         The closures.
     rigid : list of int
-        Coordinates that are held.
+        Rigid coordinates.
     sizes : ndarray (n,)
         Natural sizes of all coordinates.
     length : float
-        That of distances.
+        Natural size of distances.
     """
     held, own = np.eye(len(sizes))[rigid], sizes[rigid]
-    # Not by way of a posture: in a circle it would stay until circles are looked for.
+    # Without a reference to the posture: a reference cycle would delay its removal.
     curvature = partial(_curvature, tied, len(sizes))
     if tied is None:
         return SecondOrderMap(held, curvature, own)
@@ -253,7 +254,7 @@ def held_map(
 
 
 def _curvature(tied: ClosureState | None, n: int, multipliers: Array) -> Array:
-    """Curvature (n, n) of all that is held: closures first, then coordinates, which have none."""
+    """Curvature (n, n) of closures, and of rigid coordinates, which have none."""
     if tied is None or not any(multipliers.tolist()):
         return np.zeros((n, n))
     return tied.curvature(multipliers[: len(tied.residual)])

@@ -1,4 +1,4 @@
-"""What a mechanism is: named coordinates, and a posture for each value of them."""
+"""The contract of a mechanism: named coordinates, and a posture for each value of them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ANGLES = {
     "arcmin": np.pi / 10800.0,
     "arcsec": np.pi / 648000.0,
 }
-#: Units of stiffness in SI, without blanks: of what slides, and of what turns.
+#: Units of stiffness in SI, without blanks: force per length, and moment per angle.
 LINEAR = {f"{f}/{u}": a / b for f, a in FORCES.items() for u, b in LENGTHS.items()}
 TORSIONAL = {
     f"{f}{u}/{r}": a * b / c
@@ -36,7 +36,7 @@ TORSIONAL = {
     for u, b in LENGTHS.items()
     for r, c in ANGLES.items()
 }
-# Signs in units: of degrees, minutes, and two that stand for micro; what may stand in a product.
+# Signs in units: of degrees, minutes, and two for micro; signs of products are removed.
 _SIGNS: dict[str, str | None] = {
     "\u00b0": "deg",
     "\u00b5": "u",
@@ -52,7 +52,7 @@ _AMOUNT = re.compile(
 
 
 def plain_unit(text: str) -> str:
-    """A unit without blanks, dots and signs: "N·m/°" is "Nm/deg"."""
+    """Return a unit without blanks, dots and signs: "N·m/°" is "Nm/deg"."""
     return text.translate(_PLAIN)
 
 
@@ -62,9 +62,9 @@ class GivenStiffness(float):
     Attributes
     ----------
     text : str
-        As it was given.
+        The given text.
     is_length : bool
-        Whether it is that of something that slides.
+        Whether the unit is that of a spring that slides.
     """
 
     text: str
@@ -72,7 +72,7 @@ class GivenStiffness(float):
 
     @classmethod
     def read(cls, text: str, where: str | None = None) -> Self:
-        """Of a text such as "392 N m/arcmin" or "20 N/um".
+        """Read a text such as "392 N m/arcmin" or "20 N/um".
 
         Raises
         ------
@@ -94,7 +94,7 @@ class GivenStiffness(float):
         return given
 
     def in_units(self, units: Units, is_length: bool, where: str | None = None) -> float:
-        """The number in other units, for a spring that slides or turns.
+        """Return the number in other units, for a spring that slides or turns.
 
         Raises
         ------
@@ -113,27 +113,27 @@ class GivenStiffness(float):
 
 
 def own_stiffness(value: Any, units: Units, is_length: bool, where: str | None = None) -> Any:
-    """A stiffness in these units; numbers without a unit are in them already."""
+    """Return a stiffness in these units; numbers without a unit are in them already."""
     if isinstance(value, str) and _AMOUNT.fullmatch(value):
         value = GivenStiffness.read(value, where)
     return value.in_units(units, is_length, where) if isinstance(value, GivenStiffness) else value
 
 
-# Sizes of what people read: the unit of a first factor that the value reaches.
+# Units for people: the first whose factor the value reaches is taken.
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 _STIFF = ((1e9, "MN/mm"), (1e6, "kN/mm"), (1e3, "N/mm"), (1.0, "N/m"))
 _MILLI = re.compile(r"\bmm\b")
-# Beyond these an exponent is shorter than zeros.
-_LARGE, _SMALL = 1e5, 1e-3
-# Half of a last digit is rounded away from zero, whatever it is in binary.
-_UP = 1.0 + 1e-12
+# Numbers outside this range are written with an exponent.
+_MAX_PLAIN, _MIN_PLAIN = 1e5, 1e-3
+# Factor by which half of a last digit is rounded away from zero, whatever it is in binary.
+_ROUND_UP = 1.0 + 1e-12
 
 
 def sized(size: float, unit: str) -> tuple[float, str]:
-    """The unit in which people read a size, and its value in the given one: (1000.0, "N/mm").
+    """Return the unit in which people read a size, in the given unit: (1000.0, "N/mm").
 
-    Millimetres are read as parts of the metre, centimetres where they are lengths; a unit that is
-    not known stays.
+    Millimetres, and centimetres of lengths, are converted to parts of the metre; unknown units are
+    not changed.
     """
     head, _, tail = unit.partition("/")
     metres = 1e-3 ** (len(_MILLI.findall(head)) - len(_MILLI.findall(tail)))
@@ -147,27 +147,27 @@ def sized(size: float, unit: str) -> tuple[float, str]:
     elif first[0] in ("N", "J", "Hz", "m", "rad"):
         small = first in (["m"], ["rad"])
         steps = tuple((f, p + unit) for f, p in _PREFIXES if f <= 1.0 or not small)
-    reached = abs(size) * metres * _UP
+    reached = abs(size) * metres * _ROUND_UP
     own = (1.0, unit) if not size else steps[-1]
     factor, name = next((s for s in steps if reached >= s[0]), own)
     return factor / metres, name
 
 
 def engineering(value: float | None, unit: str = "", digits: int = 4, least: float = 0.0) -> str:
-    """A value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm"; "-" where it does not exist.
+    """Write a value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm"; "-" where it is None.
 
-    What is smaller than `least` is rounding, and 0.
+    Values smaller than `least` are round-off and written as 0.
     """
     if value is None or value != value:
         return "-"
     if abs(value) < least:
         value = 0.0
     factor, name = (1.0, unit) if abs(value) == float("inf") else sized(value, unit)
-    x = value / factor * _UP
+    x = value / factor * _ROUND_UP
     mantissa, _, power = f"{x:.{digits - 1}e}".partition("e")
     if not power:
         text = mantissa.replace("inf", "∞")
-    elif x == 0.0 or _SMALL <= abs(x) < _LARGE:
+    elif x == 0.0 or _MIN_PLAIN <= abs(x) < _MAX_PLAIN:
         text = f"{float(f'{mantissa}e{power}') + 0.0:.15g}"
     else:
         text = f"{float(mantissa):g}e{int(power)}"
@@ -176,18 +176,18 @@ def engineering(value: float | None, unit: str = "", digits: int = 4, least: flo
 
 @dataclass(frozen=True)
 class Units:
-    """The units all numbers of a mechanism are in; angles are radians."""
+    """The units of all numbers of a mechanism; angles are radians."""
 
     angle: ClassVar[str] = "rad"
 
     length: str = "m"
     force: str = "N"
-    #: What tables for people show angles in ("rad" or "deg"); no number is kept in it.
+    #: Unit of angles in tables for people ("rad" or "deg"); no number is stored in it.
     shown_angle: str = field(default="rad", compare=False)
 
     @classmethod
     def from_dict(cls, units: Mapping[str, str]) -> Units:
-        """From what `as_dict` gives.
+        """Make units from the result of `as_dict`.
 
         Raises
         ------
@@ -273,21 +273,21 @@ class Units:
         return force / length
 
     def as_dict(self) -> dict[str, str]:
-        """For JSON."""
+        """Return plain data for JSON."""
         return {"length": self.length, "force": self.force, "angle": self.angle}
 
 
 SI = Units()
 #: m/s^2 on the earth.
 EARTH = 9.81
-# Beyond any planet and machine in motion; 386 in/s^2 and 981 cm/s^2 are beyond it.
-_STRONGEST = 300.0
+# m/s^2; no planet and no machine in motion has more, but 386 in/s^2 and 981 cm/s^2 are more.
+_MAX_GRAVITY = 300.0
 
 
 def checked_gravity(
     gravity: ArrayLike | None, units: Units = SI, where: str | None = None
 ) -> Array | None:
-    """Acceleration in m/s^2 (3,), or None where it is absent or zero.
+    """Check an acceleration in m/s^2 (3,); return None where it is absent or zero.
 
     Raises
     ------
@@ -302,18 +302,18 @@ def checked_gravity(
         return None
     in_units = EARTH * convert_length(SI, units)[0]
     other = units.length != SI.length and abs(size - in_units) < 0.02 * in_units
-    if size > _STRONGEST or other:
+    if size > _MAX_GRAVITY or other:
         raise InputError(
             "gravity is in m/s^2, whatever the units of the mechanism",
             where=where,
-            expected=f"at most {_STRONGEST:g}; {EARTH:g} on the earth",
+            expected=f"at most {_MAX_GRAVITY:g}; {EARTH:g} on the earth",
             got=f"{size:g}",
         )
     return fixed(field)
 
 
 def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
-    """Factors (length, force) that take numbers in one unit system to another.
+    """Return the factors (length, force) that convert numbers from one unit system to another.
 
     Raises
     ------
@@ -346,7 +346,7 @@ class Coordinate:
 
 
 class MechanismPosture(ABC):
-    """A mechanism at given coordinates: everything its potentials and the reduction ask for."""
+    """A mechanism at given coordinates, with everything its potentials and the reduction need."""
 
     q: Array
     #: ``T_F_M`` (4, 4).
@@ -362,30 +362,30 @@ class MechanismPosture(ABC):
     #: 1 for angles, `length` for distances: natural sizes of the coordinates, shape (n,).
     coordinate_lengths: Array
 
-    #: Jacobian of what the actuators measure (m, n): rows of chosen joints, or of leg lengths;
-    #: None where every coordinate is actuated.
+    #: Jacobian of the actuators' positions (m, n): rows of chosen joints, or of leg lengths; None
+    #: where every coordinate is actuated.
     actuation: Array | None = None
     #: Whether the coordinates are the pose itself; its Jacobian is then that of the chart.
     coordinates_are_pose: bool = False
 
     @abstractmethod
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
-        """Pose ``T_a_b`` and its map."""
+        """Return the pose ``T_a_b`` and its map."""
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:  # noqa: ARG002
-        """Lines from the ground to the body that the posture knows, by the arrays themselves."""
+        """Return lines from ground to body that are known for these very arrays; or None."""
         return None
 
     @abstractmethod
     def gravity(self, acceleration: Array) -> Evaluation:
-        """Potential energy of the masses in a uniform field."""
+        """Return the potential energy of the masses in a uniform field."""
 
     def mass_matrix(self) -> Array | None:
-        """Masses' matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``; or None."""
+        """Mass matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``; or None."""
         return None
 
     def momentum(self) -> tuple[Array, float, Array] | None:
-        """Momentum (6, n) per coordinate rate, all that moves [kg], and its centre (3,); or None.
+        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre (3,); or None.
 
         Moment of momentum about the origin of F, then momentum, along the axes of F.
         """
@@ -393,11 +393,11 @@ class MechanismPosture(ABC):
 
     @abstractmethod
     def chart(self) -> SecondOrderMap | str:
-        """Map to the six coordinates that make K^F, or the reason why there is no such chart."""
+        """Return the map to the six coordinates of K^F, or the reason why there is none."""
 
 
 class Mechanism(ABC):
-    """Maps coordinates to postures.
+    """A mechanism, which has a posture for all values of its coordinates.
 
     Attributes
     ----------
@@ -413,19 +413,19 @@ class Mechanism(ABC):
     frame: str
     coordinates: tuple[Coordinate, ...]
     units: Units = SI
-    #: ``T_F_B`` (4, 4): the robot's own base frame B, which its controller knows, in the room F.
+    #: ``T_F_B`` (4, 4): the base frame B of the robot's controller in the room F.
     base_pose: Array = fixed(np.eye(4))
     #: ``T_L_M`` (4, 4): M in the link's frame that `frame` names.
     frame_offset: Array = fixed(np.eye(4))
-    #: Coordinates that do not give: held where they are, whatever acts.
+    #: Rigid coordinates, which no load moves.
     rigid: frozenset[int] = frozenset()
-    #: Coordinates without an actuator: one stiffness for all joints is not for them.
+    #: Coordinates without an actuator, to which a single stiffness for all joints does not apply.
     undriven: frozenset[int] = frozenset()
     #: Coordinates that are no joints: deflections of compliant links.
     virtual: frozenset[int] = frozenset()
 
     def with_rigid(self, rigid: frozenset[int]) -> Mechanism:
-        """The same mechanism with other coordinates held.
+        """Return the mechanism with other rigid coordinates.
 
         Raises
         ------
@@ -436,7 +436,7 @@ class Mechanism(ABC):
 
     @abstractmethod
     def at(self, q: ArrayLike) -> MechanismPosture:
-        """Posture at coordinates q (n,)."""
+        """Return the posture at coordinates q (n,)."""
 
     def closed(
         self,
@@ -444,18 +444,18 @@ class Mechanism(ABC):
         *,
         named: Sequence[int] | None = None,  # noqa: ARG002
     ) -> MechanismPosture:
-        """Posture near `q_start` that satisfies the closures; at it where there are none.
+        """Return the posture near `q_start` that satisfies the closures; at it without closures.
 
-        Coordinates that were `named` stay where they are if the others can close the mechanism.
+        The `named` coordinates are held if the others can close the mechanism.
         """
         return self.at(q_start)
 
     def assembled(self, q_start: ArrayLike) -> Array:
-        """Coordinates near `q_start` that satisfy the closures."""
+        """Return coordinates near `q_start` that satisfy the closures."""
         return self.closed(q_start).q
 
     def frames_as_dict(self) -> dict[str, Any]:
-        """Where M sits in its link and the robot's base in F, for JSON."""
+        """Return the frame, M in it, and the robot's base in F, for JSON."""
         return {
             "frame": self.frame,
             "frame_offset": self.frame_offset.tolist(),
@@ -464,7 +464,7 @@ class Mechanism(ABC):
 
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """Lower and upper limit of what is limited, by name; infinite where there is none."""
+        """Lower and upper limits by name; infinite where there is none."""
         return {c.name: (c.lower, c.upper) for c in self.coordinates}
 
     @property
@@ -473,11 +473,11 @@ class Mechanism(ABC):
         return ("world", "body")
 
     def masses(self) -> dict[str, float]:
-        """Masses [kg] of what the coordinates move, by link, and of the "payload"."""
+        """Masses [kg] that the coordinates move, by link, and of the "payload"."""
         return {}
 
     def with_mass(self, mass: float, centre: Array) -> Mechanism:  # noqa: ARG002
-        """The same mechanism with a point mass [kg] added at a point (3,) of M.
+        """Return the mechanism with a point mass [kg] added at a point (3,) of M.
 
         Raises
         ------
@@ -487,7 +487,7 @@ class Mechanism(ABC):
         raise InputError(f"mechanisms of kind {self.kind} carry no payload", got=mass)
 
     def with_masses(self, masses: Mapping[str, float]) -> Mechanism:
-        """The same mechanism with other masses [kg] by name; centres of mass stay.
+        """Return the mechanism with other masses [kg] by name at the same mass centres.
 
         Raises
         ------
@@ -497,7 +497,7 @@ class Mechanism(ABC):
         raise InputError(f"mechanisms of kind {self.kind} have no masses", got=dict(masses))
 
     def displaced(self, q: Array, step: Array) -> Array:
-        """Coordinates after a small step in the coordinates that derivatives are taken in."""
+        """Return coordinates after a small step in the coordinates of the derivatives."""
         return q + step
 
     @property
@@ -511,12 +511,12 @@ class Mechanism(ABC):
         return tuple(name for j, name in enumerate(self.names) if j not in self.virtual)
 
     def undeflected(self, rows: Array) -> Array:
-        """Coordinates (..., n) of joint positions (..., m), with links that are not deflected."""
+        """Return coordinates (..., n) from joint positions (..., m), without link deflections."""
         at = [j - k for k, j in enumerate(sorted(self.virtual))]
         return np.insert(rows, at, 0.0, axis=-1)
 
     def checked(self, q: ArrayLike, what: str = "q") -> Array:
-        """Coordinates as a finite (n,) array; positions of the joints alone are enough.
+        """Check coordinates (n,), or positions of the joints alone; return the former.
 
         Raises
         ------
@@ -537,9 +537,9 @@ def named_values(
     *,
     infinite: bool = False,
 ) -> Array:
-    """Values for named coordinates from one number, a sequence, or a mapping of some of them.
+    """Return values of named coordinates from one number, a sequence, or a mapping of some of them.
 
-    With `infinite`, infinity is a value too.
+    With `infinite`, infinity is allowed, too.
 
     Raises
     ------
@@ -552,14 +552,10 @@ def named_values(
         values = np.array(np.broadcast_to(np.asarray(default, float), (len(names),)))
         for name, value in numbers.items():
             check_name("joint", name, names, what)
-            is_rigid = infinite and _is_infinite(value)
-            values[names.index(name)] = (
-                np.inf if is_rigid else checked_input(value, (), f"{what} of {name}")
-            )
+            values[names.index(name)] = _number(value, f"{what} of {name}", infinite)
         return values
     if not isinstance(numbers, (list, tuple)) and np.ndim(numbers) == 0:
-        is_rigid = infinite and _is_infinite(numbers)
-        return np.full(len(names), np.inf if is_rigid else checked_input(numbers, (), what))
+        return np.full(len(names), _number(numbers, what, infinite))
     if infinite and isinstance(numbers, (Sequence, np.ndarray)):
         rigid = np.array([_is_infinite(value) for value in numbers], bool)
         known = [0.0 if r else value for r, value in zip(rigid, numbers, strict=True)]
@@ -567,12 +563,16 @@ def named_values(
     return checked_input(numbers, (len(names),), what)
 
 
+def _number(value: Any, what: str, infinite: bool) -> Any:
+    return np.inf if infinite and _is_infinite(value) else checked_input(value, (), what)
+
+
 def _is_infinite(value: object) -> bool:
     return isinstance(value, float) and value == np.inf
 
 
 def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Note]:
-    """Note on rest positions of more than a turn, which look like degrees."""
+    """Return a note on rest positions of more than a turn, which look like degrees."""
     turns = {
         c.name: float(x)
         for c, x in zip(coordinates, rest, strict=True)

@@ -1,6 +1,6 @@
-"""A mechanism together with what is stored in it: springs, gravity, other potentials.
+"""Mechanisms with their springs, gravity and other potentials.
 
-What gravity acts on is known here, for every report.
+Every report takes the masses on which gravity acts from here.
 """
 
 from __future__ import annotations
@@ -56,33 +56,32 @@ def with_values(
     rest: float | Mapping[str, float] | ArrayLike | None,
     undriven: frozenset[int] = frozenset(),
 ) -> JointSprings | LineSprings:
-    """The springs with other stiffness and rest positions, see `ElasticMechanism.with_springs`.
+    """Return the springs with other stiffness and rest, see `ElasticMechanism.with_springs`.
 
-    One stiffness for all is not for `undriven` coordinates, unless they have a spring already.
+    A single stiffness for all joints does not apply to `undriven` coordinates without a spring.
     """
-    k = springs.stiffness
-    unsprung = frozenset[int]()
-    if isinstance(springs, JointSprings):
-        unsprung = frozenset(np.flatnonzero(springs.is_passive).tolist())
+    k, passive = springs.stiffness, []
+    if isinstance(springs, JointSprings) and stiffness is not None:
+        passive = np.flatnonzero(springs.is_passive).tolist()
+        k = k.copy()
+        k[list(springs.rigid)] = np.inf
+        if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
+            undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
+            each: dict[str, Any] = {n: stiffness for j, n in enumerate(names) if j not in undriven}
+            if not each:
+                raise InputError(
+                    "no joint is actuated or has a spring, so one stiffness is for none",
+                    where="stiffness",
+                    expected="name=value for the actuated joints, or their names under "
+                    "'actuated' in the file",
+                    got=", ".join(names),
+                )
+            stiffness = each
+        # A number for a joint replaces its nonlinear law as well.
+        named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
+        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
+        springs = replace(springs, laws=laws, rigid=frozenset())
     if stiffness is not None:
-        if isinstance(springs, JointSprings):
-            k = k.copy()
-            k[list(springs.rigid)] = np.inf
-            springs = replace(springs, rigid=frozenset())
-            if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
-                undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
-                each: dict[str, Any] = {
-                    n: stiffness for j, n in enumerate(names) if j not in undriven
-                }
-                stiffness = each
-                if not each:
-                    raise InputError(
-                        "no joint is actuated or has a spring, so one stiffness is for none",
-                        where="stiffness",
-                        expected="name=value for the actuated joints, or their names under "
-                        "'actuated' in the file",
-                        got=", ".join(names),
-                    )
         k = named_values(stiffness, names, k, "stiffness", infinite=True)
         if np.any(k < 0):
             raise InputError("stiffness must not be negative", got=k.tolist())
@@ -95,16 +94,11 @@ def with_values(
                     f"joint {names[j]!r} is rigid and has no rest position",
                     expected="rest positions by name, of the others",
                 )
-    # What was at rest anywhere, or rigid, has no rest position yet.
+    # Joints that were passive or rigid have no rest position yet.
     rests = np.where(np.isinf(k), np.nan, rests)
-    if stiffness is not None and (rest is None or isinstance(rest, Mapping)):
-        fresh = [j for j in unsprung if 0.0 < k[j] < np.inf and names[j] not in (rest or {})]
+    if rest is None or isinstance(rest, Mapping):
+        fresh = [j for j in passive if 0.0 < k[j] < np.inf and names[j] not in (rest or {})]
         rests[fresh] = np.nan
-    # A number given for every joint replaces nonlinear laws as well.
-    if isinstance(springs, JointSprings) and stiffness is not None:
-        named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
-        springs = replace(springs, laws=laws)
     return springs.replaced(k, rests)
 
 
@@ -116,38 +110,38 @@ def spring_torques(
     every: bool,
     size: float,
 ) -> Array:
-    """The gradient that springs must give, less what closure forces can carry.
+    """Return the spring torques that balance a gradient together with closure forces.
 
-    Joints whose torque is settled (passive, or with a rest position) leave the rest to the
-    closures; what neither carries is refused where a wrench was asked for, of generalised
-    forces up to `size`, and left unbalanced otherwise.
+    Closures carry the part that joints with a known torque (passive, or with a rest position) do
+    not carry. A remaining part is refused if a wrench has to be balanced (`every`; `size` is that
+    of its generalised forces), and left unbalanced otherwise.
     """
     chosen = springs.rest_is_free(every)
     if chosen.all():
         return gradient
-    settled = ~chosen
-    missing = np.where(settled, gradient - springs.torque(posture.q), 0.0)
+    known = ~chosen
+    missing = np.where(known, gradient - springs.torque(posture.q), 0.0)
     if not missing.any():
         return gradient
     if posture.closure is not None:
         sizes = posture.coordinate_lengths
         _, values, Vt = np.linalg.svd(posture.closure.jacobian * sizes)
         V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
-        # Closures carry what joints leave as far as the others' motions are the mechanism's: the
-        # small singular values of both are the same, and one decision is taken on the latter.
-        most = [numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[settled])]
-        least = numerics.RANK * float(most[0] / max(most[1], numerics.TINY))
-        forces = np.linalg.lstsq(V[settled], (missing * sizes)[settled], rcond=least)[0]
-        borne = V @ forces / sizes
-        gradient = gradient - borne
-        missing = np.where(settled, missing - borne, 0.0)
-    largest = int(np.argmax(np.abs(missing)))
+        # The small singular values of V[known] and N[chosen] are the same: one threshold, relative
+        # to the largest of N[chosen], decides on both.
+        largest = [numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[known])]
+        smallest = numerics.RANK * float(largest[0] / max(largest[1], numerics.TINY))
+        forces = np.linalg.lstsq(V[known], (missing * sizes)[known], rcond=smallest)[0]
+        carried = V @ forces / sizes
+        gradient = gradient - carried
+        missing = np.where(known, missing - carried, 0.0)
+    worst = int(np.argmax(np.abs(missing)))
     size = max(size, float(np.abs(gradient).max()))
-    if every and abs(missing[largest]) > numerics.BALANCE * size + numerics.ROUNDING:
-        unit = elastic.units.effort(elastic.mechanism.coordinates[largest].is_length)
+    if every and abs(missing[worst]) > numerics.BALANCE * size + numerics.ROUNDING:
+        unit = elastic.units.effort(elastic.mechanism.coordinates[worst].is_length)
         raise InputError(
-            f"{elastic.names[largest]} has no spring, but the wrench needs "
-            f"{engineering(abs(missing[largest]), unit)} from it",
+            f"{elastic.names[worst]} has no spring, but the wrench needs "
+            f"{engineering(abs(missing[worst]), unit)} from it",
             expected="a stiffness above zero there, or a wrench that does not load it",
         )
     return gradient
@@ -155,23 +149,21 @@ def spring_torques(
 
 @dataclass(frozen=True)
 class GravityLoads:
-    """What was weighed.
+    """Gravity, and the masses on which it acts.
 
     Attributes
     ----------
     acceleration : tuple of float or None
         Acceleration of the uniform field, in F; None without gravity.
     bodies : mapping of str to float
-        Mass of what each joint carries [kg], by the name of the (first) link; the payload of the
+        Mass [kg] that each joint carries, by the name of its (first) link; the payload of the
         mechanism's file under "payload". Empty without gravity.
     massless : tuple of str
-        Links that move and have no mass, if there is gravity.
-    payload : float
-        Mass [kg] of the payloads among the loads, which have a weight of their own,
-    weight : float
-        and this weight,
+        Moving links without mass, if there is gravity.
+    payload, weight : float
+        Mass [kg] of the payloads among the loads, and their weight, which the loads contain.
     unit : str
-        in the mechanism's unit of force.
+        The mechanism's unit of force.
     """
 
     acceleration: tuple[float, ...] | None
@@ -182,7 +174,7 @@ class GravityLoads:
     unit: str
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: keys "gravity" and "weighed"."""
+        """Plain data for JSON: keys "gravity" and "weighed"."""
         parts = [{"name": name, "mass": mass} for name, mass in self.bodies.items()]
         if self.payload:
             parts.append({"name": "payload among the loads", "mass": self.payload})
@@ -193,7 +185,7 @@ class GravityLoads:
 
     @property
     def text(self) -> str:
-        """One line for people."""
+        """One line of text for people."""
         if self.acceleration is None:
             words = "Gravity: none"
         else:
@@ -207,7 +199,7 @@ class GravityLoads:
 
     @property
     def notes(self) -> list[Note]:
-        """Names links without mass, where gravity acts."""
+        """Note on links without mass, where gravity acts."""
         if not self.massless:
             return []
         words = f"gravity acts, and these have no mass: {', '.join(self.massless)}"
@@ -215,27 +207,21 @@ class GravityLoads:
 
 
 def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> GravityLoads:
-    """What gravity acts on in a mechanism, and the payloads among its loads."""
+    """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
-    # Weights are in the unit of force: so is the mass that a load remembers.
+    # A load's mass, as its weight, is in the unit of force.
     hung = [load for load in acting if isinstance(load, DeadForce) and load.mass]
     payload = sum(load.mass for load in hung) * elastic.units.newtons
     weight = float(np.linalg.norm(sum((load.force for load in hung), np.zeros(3))))
-    if elastic.gravity is None:
-        return GravityLoads(None, {}, (), payload, weight, elastic.units.force)
-    masses = elastic.mechanism.masses()
-    return GravityLoads(
-        tuple(map(float, elastic.gravity)),
-        {name: mass for name, mass in masses.items() if mass > 0.0},
-        tuple(name for name, mass in masses.items() if not mass > 0.0),
-        payload,
-        weight,
-        elastic.units.force,
-    )
+    field = None if elastic.gravity is None else tuple(map(float, elastic.gravity))
+    masses = {} if field is None else elastic.mechanism.masses()
+    bodies = {name: mass for name, mass in masses.items() if mass > 0.0}
+    massless = tuple(name for name in masses if name not in bodies)
+    return GravityLoads(field, bodies, massless, payload, weight, elastic.units.force)
 
 
 def with_default_gravity(elastic: ElasticMechanism, hung: float) -> ElasticMechanism:
-    """The mechanism from which a payload of `hung` kg is hung: it weighs, and all else with it.
+    """Return the mechanism with gravity for a payload of `hung` kg that was added to it.
 
     Without any gravity that of the earth is assumed, along -z of F, and a note says so.
     """
@@ -254,9 +240,9 @@ class ElasticMechanism(ShownInLines):
     Attributes
     ----------
     name : str
-        For people.
+        Name for people.
     mechanism : Mechanism
-        Coordinates to poses.
+        Its coordinates and poses.
     q : ndarray (n,)
         Default posture.
     springs : JointSprings or LineSprings or None
@@ -266,14 +252,14 @@ class ElasticMechanism(ShownInLines):
     gravity : ndarray (3,) or None
         Acceleration of the uniform field in F, in m/s^2 whatever the units.
     notes : tuple of Note
-        What was assumed in loading.
+        Notes on what was assumed in loading.
     damping : ndarray or None
         Dampers beside the springs: (n,) of the joints, moment (force) per rate, or (m,) of the
         lines, force per velocity; None where there are none. Seconds in all units.
     identified : Identified or None
-        How well the stiffnesses are known, where they were measured.
+        Uncertainty of the stiffnesses, where they were measured.
     source : str
-        Where the numbers come from, for readers; empty where nobody has said it.
+        Source of the numbers, for readers; empty where it is not known.
     parameters : mapping of str to float
         Values of the parameters of the mechanism's file, in its units; empty without any.
     files : tuple of (str, str)
@@ -360,7 +346,7 @@ class ElasticMechanism(ShownInLines):
     def with_gravity(
         self, acceleration: ArrayLike | None = (0.0, 0.0, -9.81), *, where: str | None = None
     ) -> ElasticMechanism:
-        """The same mechanism in another uniform field; a note says where it acts on no mass.
+        """Return the mechanism in another uniform field, with a note where it acts on no mass.
 
         Parameters
         ----------
@@ -400,7 +386,7 @@ class ElasticMechanism(ShownInLines):
     def placed(
         self, q: ArrayLike | Mapping[str, float] | None = None, what: str = "q"
     ) -> tuple[ElasticMechanism, MechanismPosture]:
-        """The mechanism with notes on a posture that was given, and the posture, closed.
+        """Close the mechanism at a given posture; return it with notes, and the posture.
 
         Parameters
         ----------
@@ -409,7 +395,7 @@ class ElasticMechanism(ShownInLines):
             are named stay where they are if the others can close the mechanism; a note says which
             of them moved.
         what : str
-            What messages call it.
+            Name of q in messages.
 
         Raises
         ------
@@ -429,7 +415,7 @@ class ElasticMechanism(ShownInLines):
         return elastic.with_notes(*adjusted(mechanism, values, posture.q, named)), posture
 
     def _with_given(self, values: Array, named: Sequence[int] | None) -> ElasticMechanism:
-        """The same mechanism; a note on a posture that was chosen is on what was not given."""
+        """Limit the note on the default posture to the joints without a given position."""
         if not any(note.code == "default-posture" for note in self.notes):
             return self
         notes = [note for note in self.notes if note.code != "default-posture"]
@@ -449,13 +435,13 @@ class ElasticMechanism(ShownInLines):
         stiffness: float | str | Mapping[str, float | str] | ArrayLike | None = None,
         rest: float | Mapping[str, float] | ArrayLike | None = None,
     ) -> ElasticMechanism:
-        """The same mechanism with other joint springs.
+        """Return the mechanism with other joint springs.
 
         Parameters
         ----------
         stiffness, rest
             One number for all joints, one per joint, or a mapping from joint names for some of
-            them; None leaves what is there. One stiffness is for the joints that are actuated or
+            them; None changes nothing. A single stiffness is for the joints that are actuated or
             have a spring: passive joints stay free. A stiffness may be a text with its unit, such
             as "392 N m/arcmin".
 
@@ -473,7 +459,7 @@ class ElasticMechanism(ShownInLines):
         undriven, given = self.mechanism.undriven, self._own_stiffness(stiffness)
         springs = with_values(self.springs, self.spring_names, given, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
-        # What was measured is not known of springs that are given anew.
+        # Measurements do not apply to springs that are replaced.
         identified = self.identified if stiffness is None else None
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
@@ -481,7 +467,7 @@ class ElasticMechanism(ShownInLines):
         return replace(self, springs=springs, notes=notes, identified=identified)
 
     def _own_stiffness(self, given: Any) -> Any:
-        """Stiffnesses of which some have units, as numbers in the mechanism's own."""
+        """Stiffnesses, some with units, as numbers in the mechanism's own units."""
         slides = dict.fromkeys(self.spring_names, True)
         if not isinstance(self.springs, LineSprings):
             slides = {c.name: c.is_length for c in self.mechanism.coordinates}
@@ -509,18 +495,18 @@ class ElasticMechanism(ShownInLines):
         return self.names
 
     def with_potential(self, *potentials: Potential) -> ElasticMechanism:
-        """The same mechanism with more potentials on it."""
+        """Return the mechanism with more potentials."""
         return replace(self, potentials=(*self.potentials, *potentials))
 
     def with_notes(self, *notes: Note) -> ElasticMechanism:
-        """The same mechanism with more notes."""
+        """Return the mechanism with more notes."""
         return replace(self, notes=(*self.notes, *notes)) if notes else self
 
     def with_payload(self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> ElasticMechanism:
-        """The same mechanism with a point mass [kg] fixed to a point (3,) of M.
+        """Return the mechanism with a point mass [kg] fixed to a point (3,) of M.
 
-        Where the mechanism has gravity, springs without a rest position carry its weight, too. The
-        deflection that it adds comes from `cartstiff.payload` as a load of `equilibrium`.
+        If the mechanism has gravity, springs without a rest position carry its weight, too. For
+        the deflection under it use `cartstiff.payload` as a load of `equilibrium`.
 
         Raises
         ------
@@ -537,7 +523,7 @@ class ElasticMechanism(ShownInLines):
     def with_rest_balancing(
         self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None
     ) -> ElasticMechanism:
-        """The same mechanism with open rest positions chosen so that a posture is an equilibrium.
+        """Choose open rest positions so that a posture is an equilibrium.
 
         Without `wrench`, springs that have no rest position carry gravity and the other
         potentials, and the end-effector is unloaded. With it, all rest positions are chosen so
@@ -551,7 +537,7 @@ class ElasticMechanism(ShownInLines):
         return replace(self, springs=springs)
 
     def at_rest(self, q: Array) -> ElasticMechanism:
-        """The same mechanism with all springs of its joints at rest at coordinates q (n,)."""
+        """Return the mechanism with all springs of its joints at rest at coordinates q (n,)."""
         springs = self.springs
         if isinstance(springs, JointSprings):
             springs = replace(springs, rest=q)
@@ -562,7 +548,7 @@ class ElasticMechanism(ShownInLines):
     ) -> tuple[JointSprings | LineSprings | None, Array | None]:
         """Springs that carry the other potentials and, if there is one, a wrench.
 
-        Also what the springs of joints are to exert (n,), NaN where that is not chosen.
+        Also the torques (n,) that the springs of joints must have, NaN where these are not chosen.
         """
         springs, every = self.springs, wrench is not None
         if springs is None or (springs.is_complete and not every):
@@ -588,13 +574,13 @@ class ElasticMechanism(ShownInLines):
         elastic = self if springs is self.springs else replace(self, springs=springs)
         if exerted is None or springs is None:
             return elastic, elastic._with_springs_added(posture, others)
-        # What was chosen is exact; through a stiff spring's rest position it comes back rounded.
+        # The chosen torque is exact; computed from a stiff spring's rest position it is rounded.
         energy, torque, hessian = springs.evaluate(posture)
         own = Evaluation(energy, np.where(exerted == exerted, exerted, torque), hessian)
         return elastic, own if others is None else _sum(own, others)
 
     def terms(self, springs: bool = True) -> tuple[Potential, ...]:
-        """All potentials that act."""
+        """Return all potentials that act."""
         terms: list[Potential] = list(self.potentials)
         if springs and self.springs is not None:
             terms.insert(0, self.springs)
@@ -604,35 +590,35 @@ class ElasticMechanism(ShownInLines):
 
     @cached_property
     def may_be_loaded(self) -> bool:
-        """Whether a load may be left for the environment to hold although none is given.
+        """Whether the environment may have to hold a load although none is given.
 
-        Rest positions that are open are chosen so that none is.
+        Open rest positions are chosen so that it need not.
         """
         if self.springs is None:
             return True
         return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
 
     def parted_terms(self) -> tuple[list[Potential], list[Potential]]:
-        """What stores energy in the mechanism, and what does not: gravity and loads."""
+        """Return the potentials of the mechanism's own parts, and gravity and loads."""
         terms = self.terms()
-        inner = [term for term in terms if not _is_outside(term)]
-        return inner, [term for term in terms if _is_outside(term)]
+        inner = [term for term in terms if not _is_external(term)]
+        return inner, [term for term in terms if _is_external(term)]
 
     def diagnostics(self, posture: MechanismPosture) -> list[Note]:
-        """What limits the answer at a posture: slack cables, beams beyond their theory."""
+        """Return notes on limits of the answer: slack cables, beams beyond their theory."""
         return [note for term in self.terms() for note in term.diagnostics(posture)]
 
     def evaluate(self, posture: MechanismPosture) -> Evaluation:
-        """Energy, gradient and Hessian of everything at a posture."""
+        """Return energy, gradient and Hessian of all potentials at a posture."""
         return self._with_springs_added(posture, self._evaluate_others(posture))
 
     def _evaluate_others(self, posture: MechanismPosture) -> Evaluation | None:
-        """Sum of everything but the springs; None if there is nothing else."""
+        """Sum of all potentials but the springs; None without any."""
         terms = self.terms(springs=False)
         return reduce(_sum, evaluate_together(terms, posture)) if terms else None
 
     def line_springs_and_rest(self, posture: MechanismPosture) -> tuple[Array, Array, Array] | None:
-        """Lines g (m, 6) that hold the body to the ground, their k (m,), the rest of the Hessian.
+        """Return lines g (m, 6) from ground to body, their k (m,), and the rest of the Hessian.
 
         None where the coordinates are not the body's pose, or no lines hold it.
         """
@@ -665,10 +651,10 @@ class ElasticMechanism(ShownInLines):
 def adjusted(
     mechanism: Mechanism, given: Array, q: Array, named: Sequence[int] | None = None
 ) -> tuple[Note, ...]:
-    """Says which coordinates had to leave what was given (n,) for the closures: q (n,).
+    """Return a note on coordinates that closures moved from given values (n,) to q (n,).
 
-    Of those that were named or are actuated; without any, of those that differ from the
-    mechanism's reference posture.
+    Only coordinates that were named or are actuated are considered; without any, those that differ
+    from the mechanism's reference posture.
     """
     if not isinstance(mechanism, Chain) or not mechanism.closures:
         return ()
@@ -693,7 +679,7 @@ def adjusted(
 
 
 def checked_elastic(source: object) -> ElasticMechanism:
-    """The mechanism itself; InputError that says what to do where it is a name or a model."""
+    """Return an elastic mechanism itself; refuse names and models, with what to do."""
     if isinstance(source, ElasticMechanism):
         return source
     shown = repr(source) if isinstance(source, (str, Path)) else "a name, file or model"
@@ -704,8 +690,8 @@ def checked_elastic(source: object) -> ElasticMechanism:
     )
 
 
-def _is_outside(term: Potential) -> bool:
-    """Whether a potential is gravity's or a load's: energy that nothing in the mechanism holds."""
+def _is_external(term: Potential) -> bool:
+    """Whether a potential is that of gravity or of a load."""
     while isinstance(term, Scaled):
         term = term.potential
     return isinstance(term, Gravity | Load)

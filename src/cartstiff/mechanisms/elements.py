@@ -1,14 +1,14 @@
 r"""The elastic parts of a mechanism as one list of springs, with their compliance matrix.
 
 Each *element* is one scalar deflection x_e with its force: a joint on its spring, a leg, a line, a
-virtual joint of a link that gives. With B = dx/dq and Gamma the compliances, block by block,
+virtual joint of a compliant link. With B = dx/dq and Gamma the compliances, block by block,
 
-    forces  t = Gamma^-1 x,      Phi'' = B^T Gamma^-1 B + (what the forces do by turning)
+    forces  t = Gamma^-1 x,      Phi'' = B^T Gamma^-1 B + (geometric stiffness of the forces)
 
 A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S. Polynomial
-springs, which are no elements, have their coefficients as parameters. The torque t of one,
-``t = c_1 x + c_2 x^2 + ...``, stays where a load stays. With its tangent stiffness k and that one's
-slope k' over the deflection, its compliance there changes by
+springs, which are no elements, have their coefficients as parameters. Under a constant load the
+torque ``t = c_1 x + c_2 x^2 + ...`` of such a spring is constant. With its tangent stiffness k and
+the derivative k' of k by the deflection, its compliance there changes by
 ``d(1/k)/dc_m = -(m x^(m-1) - k' x^m / k) / k^2``.
 """
 
@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import LINK, CompliancePattern
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
@@ -43,7 +43,7 @@ class Elements:
     Attributes
     ----------
     names : tuple of str
-        Names of joints, legs ("leg1"), lines ("line1"), virtual joints ("forearm.px").
+        Names of joints, legs ("leg1"), lines ("line1") and virtual joints ("forearm.px").
     is_length : ndarray of bool (E,)
         Whether the deflection is a distance.
     """
@@ -52,8 +52,8 @@ class Elements:
         self.elastic = elastic
         names: list[str] = []
         lengths: list[bool] = []
-        #: Potential (-1: the springs), its own indices, and where its elements begin.
-        self._parts: list[tuple[int, Array, int]] = []
+        #: Index of each potential (-1: the springs), potential, its own indices, its elements.
+        self._parts: list[tuple[int, Any, Array, slice]] = []
         coordinates = elastic.mechanism.coordinates
         springs = elastic.springs
         ideal_joints_only(springs, "sensitivities to springs")
@@ -75,7 +75,7 @@ class Elements:
                 slides = [coordinates[j].is_length for j in own]
             else:
                 continue
-            self._parts.append((part, own, len(names)))
+            self._parts.append((part, potential, own, slice(len(names), len(names) + len(own))))
             names += each
             lengths += slides
         self.names = tuple(names)
@@ -89,20 +89,15 @@ class Elements:
         return joints | dict(zip(self.names, self.is_length.tolist(), strict=True))
 
     def index(self, name: str, where: str | None = None) -> int:
-        """Place of an element; UnknownNameError."""
+        """Return the index of an element; UnknownNameError."""
         check_name("spring", name, self.names, where)
         return self.names.index(name)
 
-    def _potential(self, part: int) -> Potential:
-        springs = self.elastic.springs
-        return springs if part < 0 and springs is not None else self.elastic.potentials[part]
-
     @cached_property
     def stiffness(self) -> Array:
-        """Gamma^-1 (E, E); of a beam at rest."""
+        """Gamma^-1 (E, E), beams undeflected."""
         K = np.zeros((len(self.names),) * 2)
-        for part, own, start in self._parts:
-            potential, block = self._potential(part), slice(start, start + len(own))
+        for _, potential, own, block in self._parts:
             if isinstance(potential, LineSprings):
                 K[block, block] = np.diag(potential.stiffness)
             else:
@@ -116,40 +111,36 @@ class Elements:
     def compliance(self) -> Array:
         """Gamma (E, E)."""
         C = np.zeros_like(self.stiffness)
-        for _, own, start in self._parts:
-            block = slice(start, start + len(own))
+        for *_, block in self._parts:
             C[block, block] = np.linalg.inv(self.stiffness[block, block])
         return C
 
     def rows(self, posture: MechanismPosture) -> Array:
-        """B (E, n): deflection of each element per coordinate rate."""
+        """Return B (E, n): deflection of each element per coordinate rate."""
         n = posture.motion.jacobian.shape[1]
         B = np.zeros((len(self.names), n))
-        for part, own, start in self._parts:
-            potential, at = self._potential(part), np.arange(start, start + len(own))
+        for _, potential, own, block in self._parts:
             if isinstance(potential, LineSprings):
                 T, to_pose = posture.relative(potential.frame_a, potential.frame_b)
                 lines = line_geometry(T, potential.anchors, potential.points).lines
-                B[at] = lines @ to_pose.jacobian
+                B[block] = lines @ to_pose.jacobian
             else:
-                B[at, own] = 1.0
+                B[block] = np.eye(n)[own]
         return B
 
     def forces(self, posture: MechanismPosture) -> Array:
-        """Force (E,) of each element at a posture; zero where its rest position is open."""
+        """Return the force (E,) of each element at a posture; zero with an open rest position."""
         t = np.zeros(len(self.names))
-        for part, own, start in self._parts:
-            potential, at = self._potential(part), np.arange(start, start + len(own))
+        for _, potential, own, block in self._parts:
             if isinstance(potential, LineSprings):
                 T, _ = posture.relative(potential.frame_a, potential.frame_b)
-                lengths = line_geometry(T, potential.anchors, potential.points).lengths
-                t[at] = potential.tensions(lengths)
+                t[block] = potential.tensions(potential.lengths_at(T))
             else:
-                t[at] = potential.evaluate(posture).gradient[own]
+                t[block] = potential.evaluate(posture).gradient[own]
         return np.nan_to_num(t)
 
     def patterns(self, patterns: Sequence[CompliancePattern]) -> Array:
-        """S of each parameter (P, E, E)."""
+        """Return S of each parameter (P, E, E)."""
         weights = np.zeros((len(patterns), len(self.names), len(self.names)))
         for p, pattern in enumerate(patterns):
             for a, b, weight in pattern.entries:
@@ -160,7 +151,7 @@ class Elements:
     def with_parameters(
         self, patterns: Sequence[CompliancePattern], change: Array
     ) -> ElasticMechanism:
-        """The mechanism with parameters changed (P,)."""
+        """Return the mechanism with parameters changed by (P,)."""
         S = np.tensordot(change, self.patterns(patterns), axes=1)
         laws = {
             p.law: coefficient(self.elastic, p.law) + float(step)
@@ -170,35 +161,32 @@ class Elements:
         return with_coefficients(self.with_compliance(self.compliance + S), laws)
 
     def with_compliance(self, compliance: Array) -> ElasticMechanism:
-        """The mechanism with another Gamma (E, E); of a beam only a multiple of its own."""
-        elastic = self.elastic
-        springs, potentials = elastic.springs, list(elastic.potentials)
-        for part, own, start in self._parts:
-            potential = self._potential(part)
-            block = slice(start, start + len(own))
-            C = compliance[block, block]
+        """Return the mechanism with another Gamma (E, E); a beam's is a multiple of its own."""
+        springs, potentials = self.elastic.springs, list(self.elastic.potentials)
+        for part, potential, own, block in self._parts:
+            C, other = compliance[block, block], potential
             if isinstance(potential, JointSprings):
                 k = potential.stiffness.copy()
                 k[own] = 1.0 / np.diag(C)
                 k[list(potential.rigid)] = np.inf
-                springs = JointSprings(k, _rest(potential), potential.laws)
+                other = JointSprings(k, _rest(potential), potential.laws)
             elif isinstance(potential, LineSprings):
-                lines = potential.replaced(1.0 / np.diag(C), potential.rest_length)
-                if part < 0:
-                    springs = lines
-                else:
-                    potentials[part] = lines
+                other = potential.replaced(1.0 / np.diag(C), potential.rest_length)
             elif isinstance(potential, CoupledSprings):
                 K = np.linalg.inv(C)
-                potentials[part] = replace(potential, matrix=0.5 * (K + K.T))
+                other = replace(potential, matrix=0.5 * (K + K.T))
             elif isinstance(potential, Beam):
                 factor = float(np.trace(self.compliance[block, block]) / np.trace(C))
-                potentials[part] = replace(potential, section=potential.section.times(factor))
-        return replace(elastic, springs=springs, potentials=tuple(potentials))
+                other = replace(potential, section=potential.section.times(factor))
+            if part < 0:
+                springs = other
+            else:
+                potentials[part] = other
+        return replace(self.elastic, springs=springs, potentials=tuple(potentials))
 
 
 def law_of(elastic: ElasticMechanism, name: str, where: str | None = None) -> PolynomialLaw:
-    """The polynomial spring of a joint; UnknownNameError where it has none."""
+    """Return the polynomial spring of a joint; UnknownNameError where it has none."""
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
     polynomials = {
         elastic.names[j]: law for j, law in laws.items() if isinstance(law, PolynomialLaw)
@@ -209,7 +197,7 @@ def law_of(elastic: ElasticMechanism, name: str, where: str | None = None) -> Po
 
 
 def coefficient(elastic: ElasticMechanism, law: tuple[str, int]) -> float:
-    """Value of a polynomial spring's parameter: a coefficient, of the first power its inverse."""
+    """Return a polynomial spring's parameter: a coefficient, for the first power its inverse."""
     name, power = law
     c = (*law_of(elastic, name).coefficients, *[0.0] * power)[power - 1]
     return 1.0 / c if power == 1 else c
@@ -218,7 +206,7 @@ def coefficient(elastic: ElasticMechanism, law: tuple[str, int]) -> float:
 def with_coefficients(
     elastic: ElasticMechanism, values: Mapping[tuple[str, int], float]
 ) -> ElasticMechanism:
-    """The mechanism with other values of parameters of polynomial springs."""
+    """Return the mechanism with other values of parameters of polynomial springs."""
     springs = elastic.springs
     if not values or not isinstance(springs, JointSprings):
         return elastic
@@ -233,7 +221,7 @@ def with_coefficients(
 
 
 def stiffnesses_beside(elastic: ElasticMechanism) -> dict[str, float]:
-    """Stiffness of each line, and of each link that gives a factor on its own, which is 1."""
+    """Return the stiffness of each line, and for each compliant link the factor 1 on its own."""
     stiffnesses: dict[str, float] = {}
     for names, potential in _beside(elastic):
         values = potential.stiffness if isinstance(potential, LineSprings) else [1.0]
@@ -244,7 +232,7 @@ def stiffnesses_beside(elastic: ElasticMechanism) -> dict[str, float]:
 def with_stiffnesses_beside(
     elastic: ElasticMechanism, values: Mapping[str, float]
 ) -> ElasticMechanism:
-    """The mechanism with some of `stiffnesses_beside` changed."""
+    """Return the mechanism with some of `stiffnesses_beside` changed."""
     named = {id(potential): names for names, potential in _beside(elastic)}
     potentials = []
     for potential in elastic.potentials:
@@ -264,7 +252,7 @@ def with_stiffnesses_beside(
 def _beside(
     elastic: ElasticMechanism,
 ) -> Iterator[tuple[list[str], LineSprings | CoupledSprings | Beam]]:
-    """Names of the lines ("line1") and links ("forearm (link)") of each potential that has some."""
+    """Yield the names of the lines ("line1") or link ("forearm (link)") of each potential."""
     lines = links = 0
     for potential in elastic.potentials:
         if isinstance(potential, LineSprings):
@@ -283,15 +271,15 @@ def _rest(springs: JointSprings) -> Array:
 
 
 def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
-    """The mechanism with polynomial springs that were measured linear about coordinates q (n,).
+    """Return the mechanism with measured polynomial springs linearised at coordinates q (n,).
 
-    What is known of their coefficients becomes what is known of their compliances there, under
-    torques that stay.
+    The covariance of their coefficients becomes that of their compliances there, under constant
+    torques.
 
     Raises
     ------
     UndefinedError
-        Where such a spring does not resist.
+        If such a spring has no positive stiffness.
     """
     known, springs = elastic.identified, elastic.springs
     laws = {} if known is None else {p.law: i for i, p in enumerate(known.patterns) if p.law}
@@ -299,10 +287,8 @@ def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
         return elastic
     k, rest, left = springs.stiffness.copy(), springs.rest.copy(), dict(springs.laws)
     others = [i for i in range(len(known.patterns)) if i not in laws.values()]
-    patterns, rows = (
-        [known.patterns[i] for i in others],
-        [np.eye(len(known.patterns))[i] for i in others],
-    )
+    patterns = [known.patterns[i] for i in others]
+    rows = list(np.eye(len(known.patterns))[others])
     for name in dict.fromkeys(name for name, _ in laws):
         j, law = elastic.names.index(name), law_of(elastic, name)
         x = 0.0 if np.isnan(rest[j]) else float(q[j] - rest[j])
@@ -312,7 +298,7 @@ def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
                 f"the measured spring of {name!r} does not resist here: no interval",
                 code="no-compliance",
             )
-        rest[j] -= torque / k[j] - x  # the same torque here
+        rest[j] -= torque / k[j] - x  # the torque at q does not change
         del left[j]
         row = np.zeros(len(known.patterns))
         for (joint, power), i in laws.items():

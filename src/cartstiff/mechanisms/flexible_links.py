@@ -1,4 +1,4 @@
-"""Links that give: their virtual joints, and what hangs on which side of them."""
+"""Compliant links: their virtual joints, and the frames and masses on either side of them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cartstiff.mechanisms.tree import primitive
 if TYPE_CHECKING:
     from cartstiff.mechanisms.superelement import SuperelementMass
 
-#: Virtual joints of a link with a spring, in order: name suffix and kind.
+#: Virtual joints of a link with a 6x6 spring, in order: name suffix and kind.
 VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
-#: Those of a beam's segment: section to chord, along and about the chord, chord to section.
+#: Virtual joints of a beam's segment: section to chord, along and about it, chord to section.
 SEGMENT = (
     ("near_ry", "RY"),
     ("near_rz", "RZ"),
@@ -32,13 +32,13 @@ SEGMENT = (
 
 #: A joint, and the pose of another frame in its frame.
 Place = tuple[int, Array]
-#: Stands for a joint without a frame, as models put together by hand have: links carry it.
+#: Frame index of a joint without a frame, as in models that were made by hand: links carry it.
 UNFRAMED = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Give:
-    """Virtual joints of a link that gives: those of a spring, or of a beam along x.
+    """Virtual joints of a compliant link: those of a spring, or of a beam along x.
 
     Attributes
     ----------
@@ -49,8 +49,8 @@ class Give:
     segments : int
         Equal parts of the beam.
     own : tuple of float, optional
-        Numbers of the beam's own mass: per length, and the moments of inertia per length about the
-        y and z axes of the section.
+        The beam's own mass per length, and its moments of inertia per length about the y and z axes
+        of the section.
     mass : SuperelementMass, optional
         Mass of a spring: a body that follows a share of its deflection.
     """
@@ -62,7 +62,7 @@ class Give:
     mass: SuperelementMass | None = None
 
     def half(self, sign: float) -> Any:
-        """Inertia of half a segment as a rigid bar that reaches along x from the origin, or to it.
+        """Inertia of half a segment as a rigid bar along x that begins or ends in the origin.
 
         Every node of the beam carries the halves of the segments beside it: a lumped mass, with the
         mass, the centre and the moments of inertia of the straight beam.
@@ -102,7 +102,7 @@ class Give:
 
 @dataclass(frozen=True)
 class LinkSpring:
-    """Virtual joints of a link, placed in the joint's frame, and the frames that hang on them."""
+    """Virtual joints of a link, placed in the joint's frame, and the frames that they carry."""
 
     link: str
     frame: int
@@ -112,7 +112,7 @@ class LinkSpring:
 
 @dataclass(frozen=True, eq=False)
 class Follower:
-    """Mass of a link that gives: where its spring begins, and its first coordinate."""
+    """Mass of a compliant link: the near end of its spring, and its first coordinate."""
 
     link: str
     joint: int
@@ -121,7 +121,7 @@ class Follower:
     mass: SuperelementMass
 
     def added(self, plain: pin.Model, n: int) -> Array:
-        """Add the body that follows, and rotors for the rest; their rows (12, n) of the mimics."""
+        """Add the following body, and rotors for the rest; return their rows (12, n) of mimics."""
         rows = np.zeros((12, n))
         kinds = [kind for _, kind in VIRTUAL]
         rows[:6, self.first : self.first + 6] = self.mass.share[np.ix_(se3.SWAP, se3.SWAP)]
@@ -142,9 +142,9 @@ class Follower:
 
 
 def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int, list[LinkSpring]]:
-    """Virtual joints of flexible links by the joint that their links are fixed to.
+    """Return the virtual joints of compliant links by the joint that carries their links.
 
-    Those that others hang on come first.
+    Links that carry others precede them.
     """
     springs: dict[int, list[LinkSpring]] = {}
     if not flexible:
@@ -154,18 +154,16 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
         check_name("link", name, bodies)
     # Parents come before their children in Pinocchio's list of frames.
     for name in sorted(flexible, key=lambda name: bodies[name]):
-        link, give = model.frames[bodies[name]], flexible[name]
-        start = link.placement.homogeneous @ give.start
-        springs.setdefault(int(link.parentJoint), []).append(
-            LinkSpring(
-                name, bodies[name], replace(give, start=start), _carried(model, bodies[name])
-            )
-        )
+        k, give = bodies[name], flexible[name]
+        link = model.frames[k]
+        give = replace(give, start=link.placement.homogeneous @ give.start)
+        spring = LinkSpring(name, k, give, _carried(model, k))
+        springs.setdefault(int(link.parentJoint), []).append(spring)
     return springs
 
 
 def _carried(model: pin.Model, link: int) -> frozenset[int]:
-    """Indices of the frames that hang on a link, directly or through others; and `UNFRAMED`."""
+    """Indices of the frames that a link carries, directly or through others; and `UNFRAMED`."""
     frames = list(model.frames)
     joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
     alone = [
@@ -174,7 +172,7 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
         if f.type == pin.FrameType.BODY and f.parentJoint == joint and int(f.parentFrame) == base
     ]
     moved = frames[base].type == pin.FrameType.JOINT or base == 0
-    if moved and alone == [link]:  # the link that the joint itself moves: all else hangs on it
+    if moved and alone == [link]:  # the only link on the joint carries all other frames
         return frozenset(range(UNFRAMED, len(frames))) - {link, base}
     carried = {link}
     for k, frame in enumerate(frames):  # parents come before their children
@@ -186,11 +184,12 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
 def masses_by_side(
     model: pin.Model, joint: int, side: Callable[[int, int], Place], near: Place, is_soft: bool
 ) -> list[tuple[Place, Any]]:
-    """What is fixed to a joint as (place, inertia): on its own side, and beyond each spring.
+    """Return the masses on a joint as (place, inertia): on its own side, and beyond each spring.
 
-    ``side(frame, joint)`` tells where a frame hangs; without a spring (`is_soft`) all on one side.
+    ``side(frame, joint)`` returns the place that carries a frame; without a spring (`is_soft`) all
+    masses are on one side.
     """
-    # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
+    # Pinocchio stores the masses of fixed links with their frames, but not that of the moved link.
     own = model.inertias[joint]
     if not is_soft:
         return [(near, own)]
@@ -200,7 +199,7 @@ def masses_by_side(
         if int(frame.parentJoint) == joint and (inertia.mass > 0 or np.any(inertia.inertia)):
             place = side(k, joint)
             if place is not near:
-                # Pinocchio's difference is no number where neither has a mass.
+                # Pinocchio's difference is NaN where neither has a mass.
                 own = (
                     own - inertia
                     if inertia.mass > 0

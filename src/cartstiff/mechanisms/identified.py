@@ -1,4 +1,4 @@
-r"""What is known of springs that were measured: the covariance of their compliances."""
+r"""Uncertainty of measured springs: the covariance of their compliances."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cartstiff import numerics
 from cartstiff.arrays import Array, checked_array, fixed
 from cartstiff.errors import InputError
 
-#: Ends the names of parameters that are shares of a beam's own compliance.
+#: Suffix of parameters that are shares of a beam's own compliance.
 BEAM = " (beam)"
-#: Ends the names of factors on the stiffness of compliant links.
+#: Suffix of factors on the stiffness of compliant links.
 LINK = " (link)"
 
 
 @dataclass(frozen=True)
 class CompliancePattern:
-    """Where a compliance parameter acts: a symmetric matrix S on the elements.
+    """The elements on which a compliance parameter acts, as a symmetric matrix S.
 
     Attributes
     ----------
@@ -30,8 +30,8 @@ class CompliancePattern:
     entries : tuple of (str, str, float)
         Names of two elements and S there; S is symmetric, and each pair occurs once.
     law : (str, int), optional
-        Of a polynomial spring, instead of entries: the joint, and the power of the deflection. The
-        value of the first power is a compliance, those of others are coefficients of the torque.
+        Joint and power of the deflection of a polynomial spring, in place of entries. The value of
+        the first power is a compliance, those of others are coefficients of the torque.
     """
 
     name: str
@@ -45,7 +45,7 @@ class CompliancePattern:
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether only elements by themselves yield, so that the parameter is not negative."""
+        """Whether S is diagonal, so that the parameter cannot be negative."""
         if self.law is not None:
             return self.law[1] == 1
         return all(a == b and weight > 0 for a, b, weight in self.entries)
@@ -53,15 +53,14 @@ class CompliancePattern:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Where a mechanism's stiffnesses come from, and how well they are known.
+    """Origin and uncertainty of a mechanism's measured stiffnesses.
 
     Attributes
     ----------
     patterns : tuple of CompliancePattern
-        The compliances, and coefficients of polynomial springs, that were found, in the mechanism's
-        units.
+        The measured compliances and coefficients of polynomial springs, in the mechanism's units.
     values : ndarray (P,)
-        Their estimates; of a beam its share of the file's own.
+        Their estimates; for a beam its share of the file's own compliance.
     covariance : ndarray (P, P)
         Covariance of the estimates.
     degrees : float or None
@@ -69,11 +68,11 @@ class Identified:
     level : float
         Probability of the intervals.
     rows : int
-        Measurements they rest on.
+        Number of measurements.
     date, source : str
-        When, and from what.
+        Date and source of the measurements.
     undetermined : tuple of str
-        Springs whose stiffness in the file is no finding: the rows said nothing about them.
+        Springs whose stiffness the measurements do not determine.
     at_least : mapping of str to float
         Springs whose interval has no upper end, with its lower one.
     """
@@ -109,9 +108,10 @@ class Identified:
 
     @cached_property
     def roots(self) -> Array:
-        """Columns h (P, k) with ``Sigma = sum h h^T``; found in shares of each deviation.
+        """Columns h (P, k) with ``Sigma = sum h h^T``.
 
-        Compliances and coefficients of polynomials differ by many powers of ten.
+        They are computed relative to each standard deviation: compliances and coefficients of
+        polynomials differ by many powers of ten.
         """
         s = np.sqrt(self.covariance.diagonal())
         per = np.where(s > 0.0, 1.0 / np.where(s > 0.0, s, 1.0), 0.0)
@@ -121,28 +121,28 @@ class Identified:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the compliances."""
+        """Names of the compliances."""
         return tuple(pattern.name for pattern in self.patterns)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The same with what each of them is: "compliance.NAME", or "coefficient.NAME"."""
+        """Names with their kind: "compliance.NAME", or "coefficient.NAME"."""
         return tuple(
             f"{'coefficient' if p.law and p.law[1] > 1 else 'compliance'}.{p.name}"
             for p in self.patterns
         )
 
     def scaled(self, lengths: Mapping[str, bool], a: float) -> Identified:
-        """The same with all lengths times `a`; `lengths` says which springs deflect by one."""
+        """Return it with all lengths times `a`; `lengths` says which springs deflect by one."""
         size = {name: a if is_length else 1.0 for name, is_length in lengths.items()}
 
         def per(one: str, other: str) -> float:
-            """A deflection over an effort: moments are a times as large, forces stay."""
+            """Factor of a deflection over an effort: moments become a times as large."""
             return float(size[one] * size[other] / a)
 
         factors, patterns = [], []
         for pattern in self.patterns:
-            # Of a beam the value is a share of the file's own, whatever the units.
+            # A beam's value is a share of the file's own, which has no unit.
             if pattern.law is not None:
                 name, power = pattern.law
                 factor = per(name, name) if power == 1 else float(a / size[name] ** (power + 1))
@@ -157,7 +157,7 @@ class Identified:
                     ),
                 )
             )
-        # Ties have a name of their own, and so have axes of a link.
+        # Parameters of several springs have names of their own, and so have axes of a link.
         of = {name: per(name, name) for name in size} | dict(zip(self.names, factors, strict=True))
         least = {name: k / of[name] for name, k in (self.at_least or {}).items()}
         return replace(
@@ -169,7 +169,7 @@ class Identified:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain data for JSON."""
         return {
             "compliances": dict(zip(self.names, self.values.tolist(), strict=True)),
             "covariance": self.covariance.tolist(),

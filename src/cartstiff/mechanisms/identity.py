@@ -1,7 +1,7 @@
-"""Identity of stored results: everything that was read, every option, and whose arithmetic it is.
+"""Identity of stored results: files that were read, options, and versions of the programs.
 
-Loading records the files (`recorded`, `was_read`); maps and design studies keep `identity_of`
-beside their results and ask `require_same` before they go on with them.
+Loading records the files (`recorded`, `was_read`); maps and design studies store `identity_of`
+beside their results, and `require_same` compares it before they resume.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 #: Names and SHA-256 of what was read, in order.
 Files = tuple[tuple[str, str], ...]
 
-# Packages whose arithmetic the numbers are, beside this one.
+# Packages that compute the numbers, besides this one.
 _PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
-# Numbers of two processors agree to this share. A file is compared byte by byte; this is for what
-# was computed from it, or made in Python.
-_SAME = UNCOUPLED
+# Relative difference of numbers from two processors. Files are compared byte by byte; this is for
+# numbers that were computed from them, or made in Python.
+_TOLERANCE = UNCOUPLED
 # Fields of a mechanism that hold numbers, in words.
 _PARTS = {
     "mechanism": "geometry, limits or masses",
@@ -51,7 +51,7 @@ _READ: ContextVar[dict[tuple[str, str], None] | None] = ContextVar("read", defau
 
 @contextmanager
 def recorded() -> Iterator[dict[tuple[str, str], None]]:
-    """While this holds, `was_read` fills the mapping; its keys are names and digests."""
+    """Collect what `was_read` records within; the keys are names and digests."""
     files: dict[tuple[str, str], None] = {}
     token = _READ.set(files)
     try:
@@ -63,20 +63,20 @@ def recorded() -> Iterator[dict[tuple[str, str], None]]:
 
 
 def was_read(name: str, content: bytes) -> None:
-    """Record a file, or what another program made of it."""
+    """Record a file, or another program's output from it."""
     if (files := _READ.get()) is not None:
         files[name, sha256(content).hexdigest()] = None
 
 
 def identity_of(elastic: ElasticMechanism, options: Mapping[str, Any]) -> dict[str, Any]:
-    """What a stored result must have in common with one that goes on with it, for JSON.
+    """Return the identity of a result for JSON; a result can be resumed with the same identity.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        Its files, and the numbers in it, so that a change in Python counts as one of a file does.
+        Its files and its numbers count, so that changes in Python are found as those of files are.
     options : mapping
-        Everything else that the numbers depend on.
+        Everything else on which the numbers depend.
     """
     parts = {name: fingerprint(getattr(elastic, name)) for name in _PARTS}
     whole = {
@@ -89,7 +89,7 @@ def identity_of(elastic: ElasticMechanism, options: Mapping[str, Any]) -> dict[s
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of those whose arithmetic the numbers are."""
+    """Return the versions of this package and of those that compute the numbers."""
     from importlib.metadata import PackageNotFoundError, version  # slow to import
 
     known = {"cartstiff": own.__version__}
@@ -102,7 +102,7 @@ def versions() -> dict[str, str]:
 
 
 def require_versions(wanted: Mapping[str, str]) -> None:
-    """On a worker: refuse to go on where its versions are not those of who sent the work."""
+    """Refuse work on a worker whose versions differ from those of the sender."""
     for package, number in wanted.items():
         if (here := versions().get(package)) != number:
             raise InputError(
@@ -113,16 +113,16 @@ def require_versions(wanted: Mapping[str, str]) -> None:
 
 
 def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, what: str) -> None:
-    """Refuse to go on with a stored result of another identity, in one line with what differs.
+    """Refuse to resume a stored result of another identity, in one line with the difference.
 
     Parameters
     ----------
     there, here : mapping
-        From `identity_of`: kept in the file, and asked for now.
+        From `identity_of`: stored in the file, and wanted now.
     path : Path
         The file.
     what : str
-        What it holds: "map".
+        Kind of result: "map".
     """
     where, anew = one_line(str(path)), "or another output file for a new one"
     files = _changed(there.get("files", []), here["files"])
@@ -141,7 +141,7 @@ def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, 
                 expected=f"{kept.get(package)} as in the file, {anew}",
                 got=number,
             )
-    # What the load is before the numbers that follow from it.
+    # The load is compared before the numbers that depend on it.
     for key in sorted(here, key=lambda name: (name == "mechanism", not name.startswith("load"))):
         if key in ("files", "versions"):
             continue
@@ -164,7 +164,7 @@ def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, 
 
 
 def _changed(there: list[list[str]], here: list[list[str]]) -> str | None:
-    """What is to be said of the first file that differs."""
+    """Description of the first file that differs; None where all are the same."""
     if [digest for _, digest in there] == [digest for _, digest in here]:
         return None
     for name, digest in here:
@@ -185,8 +185,8 @@ def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
     if _numeric(a) and _numeric(b) and len(a) == len(b):
         x, y = np.array(a, float), np.array(b, float)
         sizes = np.maximum(np.abs(x), np.abs(y))
-        slack = _SAME * sizes + LAST_DIGITS * sizes.max(initial=0.0)
-        return (name, a, b) if np.any(np.abs(x - y) > slack) else None
+        tolerance = _TOLERANCE * sizes + LAST_DIGITS * sizes.max(initial=0.0)
+        return (name, a, b) if np.any(np.abs(x - y) > tolerance) else None
     if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         pairs = zip(a, b, strict=True)
         return next(((name, a, b) for x, y in pairs if _difference(x, y, name)), None)
@@ -200,19 +200,19 @@ def _numeric(value: Any) -> bool:
 
 
 def fingerprint(value: Any) -> str:
-    """SHA-256 of everything that an object holds, to ten digits; what it looks like left out."""
+    """Return the SHA-256 of an object's contents, numbers to ten digits, without its shapes."""
     return _Fingerprints().of(value)
 
 
 class _Fingerprints:
-    """Fingerprints of objects that may share others, each made once."""
+    """Fingerprints of objects that may share others, each computed once."""
 
     def __init__(self) -> None:
-        # The objects are kept, too, so that no other can have their identity.
+        # The objects are stored, too, so that no other can get their id.
         self._known: dict[int, tuple[Any, str]] = {}
 
     def of(self, value: Any) -> str:
-        """That of one object, the same for equal objects in any process."""
+        """Return that of one object, the same for equal objects in any process."""
         if isinstance(value, (float, np.floating)):
             return _digits(float(value), 0.0)
         if value is None or isinstance(value, (str, bytes, bool, int, complex, np.generic)):
@@ -258,25 +258,25 @@ class _Fingerprints:
 
 
 def _state(value: Any) -> Any:
-    """What an object holds, less what it has computed for itself."""
+    """State of an object without its cached properties."""
     try:
         is_plain = getattr(type(value), "__reduce__", None) is object.__reduce__
         state = value.__getstate__() if is_plain else value.__reduce_ex__(4)[1:3]
-    except Exception:  # what cannot be sent says no more than its words
+    except Exception:  # an object that cannot be pickled
         return repr(value)
     if not isinstance(state, dict):
         return state
-    made = {
+    cached = {
         name
         for base in type(value).__mro__
         for name, entry in vars(base).items()
         if isinstance(entry, cached_property)
     }
-    return {name: entry for name, entry in state.items() if name not in made}
+    return {name: entry for name, entry in state.items() if name not in cached}
 
 
 def _token(word: str) -> str:
-    """A word of Pinocchio's own text, numbers to ten digits."""
+    """Word of Pinocchio's own text, numbers to ten digits."""
     try:
         return word if word.lstrip("-").isdigit() else _digits(float(word), LAST_DIGITS)
     except ValueError:

@@ -2,14 +2,14 @@ r"""Legs of parallel machines whose kinematics are known in closed form: struts,
 
 Every such leg ends at a point B of the body and has a straight *rod* from a point C to B,
 
-    strut   C is fixed to the ground, the rod changes its length             UPS, RPS, SPR, UCU, UP
+    strut   C is fixed to the ground, the length of the rod changes          UPS, RPS, SPR, UCU, UP
     rail    C slides along a straight line, C = A + s d, the rod is rigid        PUS, PRS, PUU, PSS
-    crank   C goes round on a circle, C = A + r e(t), the rod is rigid           RUS, RUU, RSS, RRR
+    crank   C moves on a circle, C = A + r e(t), the rod is rigid                RUS, RUU, RSS, RRR
 
 so that with B known from the body's pose the driven coordinate follows from :math:`|B - C| = l`: a
-length, the root of a quadratic, or of :math:`a \cos t + b \sin t = c` [MER]_. The joint at C and
-that at B follow from how the rod and the body are turned. Passive coordinates are zero where the
-leg was drawn (its *home*); the driven one is a distance or an angle of its own.
+length, the root of a quadratic, or of :math:`a \cos t + b \sin t = c` [MER]_. The joints at C and B
+follow from the rotations of the rod and the body. Passive coordinates are zero where the leg was
+drawn (its *home*); the driven coordinate is a distance or an angle.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Family = Literal["strut", "rail", "crank"]
 
 
 def turns(axis: Array, angle: Array) -> Array:
-    """Rotations (..., 3, 3) about a unit axis (3,) by angles (...)."""
+    """Return rotations (..., 3, 3) about a unit axis (3,) by angles (...)."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = np.asarray(angle)[..., None, None]
@@ -38,7 +38,7 @@ def turns(axis: Array, angle: Array) -> Array:
 
 
 def frame_along(first: Array, second: Array) -> Array:
-    """Rotations (..., 3, 3): x along the first vectors (..., 3), y across them towards the second.
+    """Return rotations (..., 3, 3): x along the first vectors, y across them towards the second.
 
     NaN where the second lies along the first.
     """
@@ -57,7 +57,7 @@ class LegShape:
     Attributes
     ----------
     family : {"strut", "rail", "crank"}
-        How its driven joint moves C.
+        Motion of C by the driven joint.
     middle : {"U", "R", "S"}
         The joint at C.
     spins : bool
@@ -65,21 +65,20 @@ class LegShape:
     end : {"S", "U", "R", ""}
         The joint at B; none: the rod is fixed to the body.
     anchor : ndarray (3,)
-        A in F: where a strut starts, where a rail's coordinate is zero, the crank's centre.
+        A in F: the start of a strut, the zero of a rail's coordinate, the crank's centre.
     along : ndarray (3,)
-        Unit vector: of a rail, or of a crank at angle zero.
+        Unit vector along a rail, or along a crank at angle zero.
     axis : ndarray (3,)
         Unit axis in F of the crank, and at home of the hinge or first axis of the universal joint
         at C.
     end_axis : ndarray (3,)
-        The same at home of the hinge at B, or of that axis of the universal joint which the body
-        carries.
+        Unit axis at home of the hinge at B, or of the body's axis of the universal joint there.
     crank, rod : float
-        Lengths; 0 for those that are not there, or not constant.
+        Lengths; 0 without a crank, and for a rod whose length changes.
     home : float
         Driven coordinate at home.
     end_home : ndarray (4, 4)
-        Pose of the leg's end there, in F: its origin is B.
+        Pose of the leg's end at home, in F: its origin is B.
     """
 
     family: Family
@@ -107,9 +106,9 @@ class LegShape:
         return {"anchor": 1, "crank": 1, "rod": 1, "home": home, "end_home": POSE}
 
     def driven(self, B: Array, mode: int) -> tuple[Array, Array]:
-        """Driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
+        """Return the driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
 
-        NaN where the leg does not reach; `mode` is the sign of the root.
+        NaN where the leg does not reach B; `mode` is the sign of the root.
         """
         d = B - self.anchor
         if self.family == "strut":
@@ -120,15 +119,14 @@ class LegShape:
                 across = (d * d).sum(axis=1) - along * along
                 s = along + mode * np.sqrt(self.rod**2 - across)
                 return s, self.centre_at(s)
-            side = self.side
-            a, b = d @ self.along, d @ side
+            a, b = d @ self.along, d @ self.side
             c = ((d * d).sum(axis=1) + self.crank**2 - self.rod**2) / (2.0 * self.crank)
             t = np.arctan2(b, a) + mode * np.arccos(c / np.hypot(a, b))
         t = np.pi - np.mod(np.pi - t, 2.0 * np.pi)
         return t, self.centre_at(t)
 
     def short_of(self, B: Array) -> float:
-        """By how much the rod, or crank and rod together, fail to reach a point B (3,); or 0."""
+        """Return the distance by which the leg fails to reach a point B (3,); or 0."""
         d = B - self.anchor
         if self.family == "strut":
             return 0.0
@@ -142,23 +140,23 @@ class LegShape:
         return max(0.0, near - self.rod, self.rod - far)
 
     def inverse(self, T: Array, mode: int) -> tuple[Array, Array]:
-        """Coordinates (N, k) with the leg's end at poses T (N, 4, 4), in the joints' order.
+        """Return coordinates (N, k), in the joints' order, with the leg's end at poses T (N, 4, 4).
 
-        Also by how much (N,) the joints miss the pose (rad): a leg with fewer than six freedoms
-        reaches some poses only. NaN where it does not reach B.
+        Also the rotation errors (N,) in rad: a leg with fewer than six freedoms reaches some poses
+        only. NaN where it does not reach B.
         """
         return self._solved(T, mode)[:2]
 
     def gaps(self, T: Array, mode: int) -> Array:
-        """What is left (N, 6) at poses T (N, 4, 4): zero where the leg reaches the pose, smooth.
+        """Return smooth residuals (N, 6) at poses T (N, 4, 4), zero where the leg reaches the pose.
 
-        The rod's direction in the leg less the wanted one, and of the turn that is left at B its
-        axis times its sine.
+        The difference of the rod's direction from the wanted one, and the axis of the remaining
+        turn at B times its sine.
         """
         return self._solved(T, mode)[2]
 
     def _solved(self, T: Array, mode: int) -> tuple[Array, Array, Array]:
-        """Coordinates, `missed` and `gaps`."""
+        """Coordinates, rotation errors and residuals."""
         B = T[:, :3, 3]
         body = T[:, :3, :3] @ self.end_home[:3, :3].T  # turned since home, in F
         driven, C = self.driven(B, mode)
@@ -223,7 +221,7 @@ class LegShape:
         return self.centre_at(np.asarray(self.home))
 
     def centre_at(self, driven: Array) -> Array:
-        """C (..., 3) at driven coordinates (...)."""
+        """Return C (..., 3) at driven coordinates (...)."""
         if self.family == "strut":
             return self.anchor
         if self.family == "rail":
@@ -233,17 +231,17 @@ class LegShape:
 
     @cached_property
     def side(self) -> Array:
-        """Across a crank's axis and where it points at zero."""
+        """Direction across a crank's axis and its direction at zero."""
         return np.cross(self.axis, self.along)
 
     @cached_property
     def across(self) -> Array:
-        """Across a leg's first axis and the rod at home."""
+        """Direction across a leg's first axis and the rod at home."""
         return np.cross(self.axis, self.line)
 
     @cached_property
     def universal(self) -> tuple[Array, Array]:
-        """What a universal joint at C has across its first axis at home: near the rod; second axis.
+        """Axes across the first axis of a universal joint at C: near the rod, and its second axis.
 
         Raises
         ------
@@ -254,12 +252,12 @@ class LegShape:
 
     @cached_property
     def end_inner(self) -> Array:
-        """Axis that the rod carries of a universal joint at B, at home; errors as `universal`."""
+        """The rod's axis of a universal joint at B, at home; errors as `universal`."""
         return _across(self.end_axis, self.line)[1]
 
     @cached_property
     def rod_frame(self) -> Array:
-        """Rotation of the rod's frame at home: x along it, y along what turns it there."""
+        """Rotation of the rod's frame at home: x along it, y along its last axis at C."""
         if self.middle == "U":
             return frame_along(self.line, self.universal[1])
         if self.middle == "R":
@@ -268,7 +266,7 @@ class LegShape:
         return frame_along(self.line, helper)
 
     def _by_end(self, n: Array, body: Array) -> Array:
-        """How the rod is turned where the joint at B is a hinge or universal."""
+        """Rotation of the rod from a hinge or universal joint at B."""
         now = np.broadcast_to((body @ self.end_axis), n.shape)
         R: Array = frame_along(n, now) @ frame_along(self.line, self.end_axis).T
         return R
@@ -289,7 +287,7 @@ class LegShape:
 
 
 def _across(axis: Array, line: Array) -> tuple[Array, Array]:
-    """Two unit vectors across an axis: nearest to a line, and across both."""
+    """Two unit vectors across an axis: the nearest to a line, and the one across both."""
     m = line - (line @ axis) * axis
     size = float(np.linalg.norm(m))
     if size < numerics.NEARBY:
@@ -301,7 +299,7 @@ def _across(axis: Array, line: Array) -> tuple[Array, Array]:
 
 
 def _about_three_axes(frame: Array, R: Array) -> list[Array]:
-    """Angles (N,) about x, y, z of a frame, one after the other, that make rotations (N, 3, 3)."""
+    """Angles (N,) of successive turns about x, y, z of a frame that make rotations (N, 3, 3)."""
     M = frame.T @ R @ frame
     return [
         np.arctan2(-M[:, 1, 2], M[:, 2, 2]),
@@ -312,20 +310,20 @@ def _about_three_axes(frame: Array, R: Array) -> list[Array]:
 
 @dataclass(frozen=True, eq=False)
 class PlacedLeg:
-    """A leg of a chain that is known in closed form.
+    """A leg of a chain with kinematics in closed form.
 
     Attributes
     ----------
     shape : LegShape
-        Its numbers.
+        Its dimensions.
     columns : tuple of int
         Its coordinates in the chain, in the joints' order.
     driven : int
-        The coordinate that the shape's is.
+        The driven coordinate in the chain.
     T_M_end : ndarray (4, 4)
         Pose of its end in the body frame.
     diameter : float, optional
-        Of the rod as a cylinder.
+        Diameter of the rod.
     """
 
     shape: LegShape
@@ -337,18 +335,18 @@ class PlacedLeg:
     length_powers: ClassVar = {"shape": 0, "T_M_end": POSE, "diameter": 1}
 
     def rod(self, q: Array, pose: Array) -> tuple[Array, Array]:
-        """Ends (..., 3) of the rod at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        """Return the ends (..., 3) of the rod at coordinates q (..., n) and poses (..., 4, 4)."""
         B = pose[..., :3, :3] @ self.T_M_end[:3, 3] + pose[..., :3, 3]
         return np.broadcast_to(self.shape.centre_at(q[..., self.driven]), B.shape), B
 
     def mode(self, q: Array, T_F_M: Array) -> int:
-        """Working mode of coordinates q (n,) of the chain, at which the body has a pose."""
+        """Return the working mode of coordinates q (n,) of the chain at the body's pose."""
         B = (T_F_M @ self.T_M_end)[None, :3, 3]
-        value, angle = float(q[self.driven]), self.shape.family == "crank"
+        value, is_angle = float(q[self.driven]), self.shape.family == "crank"
 
-        def away(mode: int) -> float:
+        def distance(mode: int) -> float:
             d = float(self.shape.driven(B, mode)[0][0]) - value
-            d = (d + np.pi) % (2.0 * np.pi) - np.pi if angle else d
+            d = (d + np.pi) % (2.0 * np.pi) - np.pi if is_angle else d
             return abs(d) if np.isfinite(d) else np.inf
 
-        return min(self.shape.modes, key=away)
+        return min(self.shape.modes, key=distance)

@@ -1,7 +1,8 @@
-r"""What is within limits: decided here, for joints and for the legs of platforms.
+r"""Limits of joints and of the legs of platforms.
 
-Lengths of legs are limits that the mechanism comes to rest on; angles of their joints, distances
-between them and their forces are limits of what may be used.
+The mechanism can come to rest on limits of joints and of the lengths of legs. It cannot on limits
+of the angles of the legs' joints, of distances between legs, and of their forces: these limit its
+use.
 """
 
 from __future__ import annotations
@@ -24,22 +25,22 @@ from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 
-#: A limit is kept to within this share of the quantity, or of its natural size: rounding.
-_SLACK = numerics.LIMIT_SLACK
-# Deflections that are doubted: of a joint's spring in rad, of the tip as a share of the reach.
-_WOUND, _MOVED = float(np.radians(5.0)), 0.1
-# Angles beyond their limits by this much, or beyond twice this where there is no limit, look like
-# degrees; those of a pose beyond this.
+#: Round-off of a quantity at its limit, relative to the quantity or to its natural size.
+_ROUNDOFF = numerics.LIMIT_SLACK
+# Largest plausible deflections: of a joint's spring in rad, of the tip over the reach.
+_MAX_WIND_UP, _MAX_TIP_DEFLECTION = float(np.radians(5.0)), 0.1
+# Angles beyond their limits look like degrees if they are larger than this, angles without limits
+# if they are larger than twice this, those of a pose if they are larger than this.
 _TURN = 2.0 * np.pi
 _DEGREES = ". Degrees? Angles are in radians"
 
 
-#: What is beyond its limits: name, value, unit, lower and upper limit.
+#: A quantity beyond its limits: name, value, unit, lower and upper limit.
 _Beyond = tuple[str, float, str, float, float]
 
 
 class _Placed(Protocol):
-    """Coordinates and pose of M: all that limits depend on."""
+    """Coordinates and the pose of M, on which limits depend."""
 
     @property
     def q(self) -> Array: ...
@@ -48,7 +49,7 @@ class _Placed(Protocol):
 
 
 class Limits:
-    """The limits of a mechanism: of its coordinates, or of a platform's legs.
+    """Limits of a mechanism's coordinates, or of a platform's legs.
 
     Parameters
     ----------
@@ -57,12 +58,12 @@ class Limits:
     ignore : bool
         Leave all limits out.
     contacts : bool
-        Only those that the mechanism can come to rest on: joints, lengths of legs.
+        Only limits on which the mechanism can come to rest: of joints and lengths of legs.
 
     Attributes
     ----------
     names : tuple of str
-        What is limited.
+        Names of the limited quantities.
     lower, upper : ndarray (m,)
         Bounds, in rad or length units.
     columns : ndarray of int (m,)
@@ -70,7 +71,7 @@ class Limits:
     are_angles : ndarray of bool (m,)
         Which are angles: of joints that turn, and of joints of a platform's legs.
     legs : Platform or None
-        Whose legs are limited.
+        The platform with limited legs.
     left_out : ndarray of int (m,)
         -1 where the lower, 1 where the upper bound is left out, see `leaving_out`.
     """
@@ -103,7 +104,7 @@ class Limits:
         return len(self.names)
 
     def values(self, q: Array, pose: Array) -> Array:
-        """The limited quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        """Return the quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
         if self.legs is None:
             own = np.asarray(q[..., self.columns])
             if self._rods is None:
@@ -118,17 +119,17 @@ class Limits:
         return np.concatenate([lengths, more], axis=-1)
 
     def holds(self, q: Array, pose: Array) -> bool:
-        """Whether everything is within its limits at one posture, to the last digit."""
-        if self.legs is None and self._rods is None:  # a few comparisons, no arrays
+        """Whether all quantities are within their limits at one posture, to the last digit."""
+        if self.legs is None and self._rods is None:  # comparing lists is faster than arrays
             own = q.tolist()
             each = zip(self.columns.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
             return all(low <= own[j] <= high for j, low, high in each)
         return not len(self) or bool(self._within(self.values(q, pose)))
 
     def leaving_out(self, sides: Array) -> Limits:
-        """The same without the lower bounds where `sides` (m,) is -1, the upper ones where it is 1.
+        """Remove the lower bounds where `sides` (m,) is -1, the upper ones where it is 1.
 
-        What is beyond a bound already does not come to rest on it.
+        A quantity that is beyond a bound already does not come to rest on it.
         """
         if not sides.any():
             return self
@@ -140,14 +141,14 @@ class Limits:
 
     def side(self, values: Array, sizes: Array | float = 1.0) -> Array:
         """-1 where a quantity (..., m) is below its limit, 1 above, 0 within (to rounding)."""
-        slack = _SLACK * np.maximum(sizes, np.abs(values))
-        below, above = values < self.lower - slack, values > self.upper + slack
+        roundoff = _ROUNDOFF * np.maximum(sizes, np.abs(values))
+        below, above = values < self.lower - roundoff, values > self.upper + roundoff
         return np.where(below, -1, np.where(above, 1, 0))
 
     def exceeded(self, values: Array) -> Array:
-        """Where one of the quantities (..., m) is beyond its limits: `side` is not 0."""
+        """Whether one of the quantities (..., m) is beyond its limits, so that `side` is not 0."""
         beyond = ~self._within(values)
-        if beyond.any():  # or a last digit, or no number, is the reason
+        if beyond.any():  # some may be round-off or NaN
             beyond[beyond] = self.side(values[beyond]).any(axis=-1)
         return beyond
 
@@ -155,18 +156,18 @@ class Limits:
         return np.asarray(((values >= self.lower) & (values <= self.upper)).all(axis=-1))
 
     def excess(self, values: Array) -> Array:
-        """How far quantities (..., m) are beyond their limits; 0 within."""
+        """Distance by which quantities (..., m) are beyond their limits; 0 within."""
         beyond = np.maximum(self.lower - values, values - self.upper)
         return np.where(self.side(values) == 0, 0.0, beyond)
 
 
-#: Limits follow from the mechanism alone and are needed at every posture.
-_KNOWN: WeakKeyDictionary[Mechanism, dict[tuple[bool, bool], Limits]] = WeakKeyDictionary()
+#: Limits depend on the mechanism alone and are needed at every posture.
+_CACHE: WeakKeyDictionary[Mechanism, dict[tuple[bool, bool], Limits]] = WeakKeyDictionary()
 
 
 def limits_of(mechanism: Mechanism, *, ignore: bool = False, contacts: bool = False) -> Limits:
-    """The limits of a mechanism, see `Limits`; kept once computed."""
-    known = _KNOWN.setdefault(mechanism, {})
+    """Return the limits of a mechanism, see `Limits`; they are cached."""
+    known = _CACHE.setdefault(mechanism, {})
     limits = known.get((ignore, contacts))
     if limits is None:
         limits = known[ignore, contacts] = Limits(mechanism, ignore, contacts=contacts)
@@ -174,64 +175,68 @@ def limits_of(mechanism: Mechanism, *, ignore: bool = False, contacts: bool = Fa
 
 
 def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """Numbers for JSON: None where a limit is infinite."""
+    """Return numbers for JSON: None where a limit is infinite."""
     return {name: x if np.isfinite(x) else None for name, x in numbers.items()}
 
 
 def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[Note]:
-    """Notes of what is beyond its limits at a posture, and of angles that look like degrees.
+    """Return notes on quantities beyond their limits, and on angles that look like degrees.
 
     Parameters
     ----------
     mechanism : Mechanism
         The mechanism.
     posture : MechanismPosture
-        At its coordinates; anything with `q` and `pose`.
+        Its posture; anything with `q` and `pose`.
     what : str
-        Words before the message: which posture is meant.
+        Name of the posture, which precedes the message.
     """
     limits = limits_of(mechanism)
-    turned: dict[str, float] = {}
-    farthest = max(map(abs, posture.q.tolist()), default=0.0)
+    large: dict[str, float] = {}
+    largest = max(map(abs, posture.q.tolist()), default=0.0)
     # Joints may turn several times; the angles of a pose rarely do.
-    most = 2.0 * _TURN if limits.legs is None else _TURN
-    if farthest > most:
-        turned = {
+    plausible = 2.0 * _TURN if limits.legs is None else _TURN
+    if largest > plausible:
+        large = {
             c.name: x
             for c, x in zip(mechanism.coordinates, posture.q.tolist(), strict=True)
-            if c.type == "revolute" and abs(x) > most and c.name not in limits.names
+            if c.type == "revolute" and abs(x) > plausible and c.name not in limits.names
         }
-    if not turned and limits.holds(posture.q, posture.pose):
+    if not large and limits.holds(posture.q, posture.pose):
         return []
     notes = []
     values = limits.values(posture.q, posture.pose)
-    sides = limits.side(values)
-    if sides.any():
-        units, degrees = {True: "rad", False: mechanism.units.length}, False
-        beyond = list[_Beyond]()
-        for i in np.flatnonzero(sides):
-            name, x, is_angle = limits.names[i], float(values[i]), bool(limits.are_angles[i])
-            beyond.append((name, x, units[is_angle], limits.lower[i], limits.upper[i]))
-            degrees |= is_angle and abs(x) > _TURN
+    which = np.flatnonzero(limits.side(values))
+    if which.size:
+        lengths, are_angles = mechanism.units.length, limits.are_angles
+        beyond = [
+            (
+                limits.names[i],
+                float(values[i]),
+                "rad" if are_angles[i] else lengths,
+                limits.lower[i],
+                limits.upper[i],
+            )
+            for i in which
+        ]
+        degrees = bool((are_angles[which] & (np.abs(values[which]) > _TURN)).any())
         notes.append(_note_beyond(what, beyond, _DEGREES * degrees, code="beyond-limits"))
-    if turned:
-        words = [f"{name} is at {x:.6g} rad" for name, x in turned.items()]
-        notes.append(
-            Note("many-turns", f"{what}several turns: {'; '.join(words)}{_DEGREES}", turned)
-        )
+    if large:
+        words = "; ".join(f"{name} is at {x:.6g} rad" for name, x in large.items())
+        notes.append(Note("many-turns", f"{what}several turns: {words}{_DEGREES}", large))
     return notes
 
 
 def beyond_limits(notes: Iterable[Note]) -> list[str]:
-    """Sentences for a headline on what is beyond its limits."""
+    """Return sentences for a headline on quantities beyond their limits."""
     words = [note.message for note in notes if note.code == "beyond-limits"]
     return [f"{message[0].upper()}{message[1:]}." for message in words]
 
 
 def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
-    """Tensions (m,) of the legs of a platform at a posture; None of other mechanisms.
+    """Return the tensions (m,) of a platform's legs at a posture; None for other mechanisms.
 
-    Their rest lengths must be known, or NaN is what they exert.
+    Legs without a rest length have NaN.
     """
     springs = elastic.springs
     if not isinstance(springs, LineSprings) or not isinstance(elastic.mechanism, Platform):
@@ -241,18 +246,18 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
 
 def forces_beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
     """Which tensions (..., m) are beyond their bounds (m, 2), to rounding of the largest."""
-    slack = numerics.LIMIT_SLACK * np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
-    below, above = tensions < bounds[:, 0] - slack, tensions > bounds[:, 1] + slack
+    roundoff = _ROUNDOFF * np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
+    below, above = tensions < bounds[:, 0] - roundoff, tensions > bounds[:, 1] + roundoff
     return np.asarray(below | above)
 
 
 def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
-    """A note of legs that pull or push beyond their limits at a posture.
+    """Return a note on legs whose forces are beyond their limits at a posture.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        With the rest lengths that are used.
+        The mechanism with its final rest lengths.
     posture : MechanismPosture
         Anything with `q` and `pose`.
     """
@@ -270,7 +275,7 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
 
 
 def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
-    """Doubts joints that wind up by more than 5 deg, and a tip that moves by a tenth of the reach.
+    """Return a note on joint deflections over 5 deg, and tip deflections over a tenth of the reach.
 
     Also legs and cables that a load stretches by a tenth of their length; where their rest lengths
     were given, or are springs' without a platform, the stretch is meant.
@@ -278,22 +283,22 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     Parameters
     ----------
     elastic : ElasticMechanism
-        With the rest positions that are used.
+        The mechanism with its final rest positions.
     q : ndarray (n,)
-        Where it is.
+        Its coordinates.
     """
     springs, chain, units = elastic.springs, elastic.mechanism, elastic.units
     if isinstance(chain, Platform) and isinstance(springs, LineSprings):
         return _stretched(elastic, chain, springs, q)
     if not isinstance(springs, JointSprings) or not isinstance(chain, Chain):
         return []
-    # Rigid joints and free ones carry no torque of a spring, wherever they are.
+    # Rigid joints and free joints have no spring torque at any position.
     torque = springs.torque(q)
     x = np.where(np.isnan(springs.rest) | (torque == 0.0), 0.0, q - springs.rest)
     x[list(chain.undriven)] = 0.0
-    if not chain.has_lengths and np.abs(x).sum() <= _WOUND:
-        return []  # nor does the tip move far
-    wound = np.flatnonzero((np.abs(x) > _WOUND) & ~chain.is_length)
+    if not chain.has_lengths and np.abs(x).sum() <= _MAX_WIND_UP:
+        return []  # the deflection of the tip is small as well
+    wound = np.flatnonzero((np.abs(x) > _MAX_WIND_UP) & ~chain.is_length)
     wound = wound[np.argsort(-np.abs(x[wound]))]
     parts = [
         f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
@@ -307,7 +312,7 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
         reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
-        if moved > _MOVED * reach > 0.0:
+        if moved > _MAX_TIP_DEFLECTION * reach > 0.0:
             parts.append(f"the tip moves by {moved:.3g} {units.length}, its reach is {reach:.3g}")
             values |= {"moved": moved, "reach": reach}
     if not parts:

@@ -1,4 +1,4 @@
-r"""A mechanism in another unit of length: the one place that converts.
+r"""Convert mechanisms to another unit of length; the only place that does so.
 
 Lengths are multiplied by a, such as 1000 from m to mm, forces stay. A moment, the stiffness of a
 joint that turns, and an energy are then a times as large in number (N mm), the stiffness of one
@@ -25,7 +25,7 @@ from cartstiff.potentials.line_springs import LineSprings
 
 
 def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -> ElasticMechanism:
-    """The same mechanism with its numbers in another unit of length.
+    """Return the mechanism with its numbers in another unit of length.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
     length : str
         A name of `cartstiff.mechanisms.contract.LENGTHS`.
     shown_angle : {"rad", "deg"}
-        What tables for people show angles in; numbers stay in radians.
+        Unit of angles in tables for people; numbers stay in radians.
 
     Raises
     ------
@@ -65,14 +65,14 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
 
 
 def shown_factors(elastic: ElasticMechanism) -> dict[str, float]:
-    """Radians of what tables for people hold, by coordinate; empty where they hold radians."""
+    """Return the radians per unit of tables for people, by coordinate; empty for radians."""
     if elastic.units.shown_angle != "deg":
         return {}
     return {c.name: np.pi / 180.0 for c in elastic.mechanism.coordinates if not c.is_length}
 
 
 def shown(elastic: ElasticMechanism, q: Array) -> Array:
-    """Coordinates (..., n) as tables for people have them, under `names_with_units`."""
+    """Return coordinates (..., n) in the units of tables for people, as `names_with_units`."""
     factors = shown_factors(elastic)
     return q / np.array([factors.get(name, 1.0) for name in elastic.names]) if factors else q
 

@@ -3,13 +3,13 @@ r"""A rigid body held by lines from the ground: Stewart-Gough platforms, line sp
 The coordinates are the body's pose; derivatives are taken in exponential coordinates at the pose,
 so the body Jacobian is the identity and the Hessian of any potential is its K^B.
 
-A leg's mass is that of a bar on the base's joint and a bar on the platform's joint. The line from
+A leg's mass consists of a bar on the base's joint and a bar on the platform's joint. The line from
 the base point a to the platform point b has length L and direction u; the platform point moves with
 v, so that the line turns with ``u' = P v / L``, ``P = 1 - u u^T``. The bar on the base has its
 centre at ``a + c_f u``, the one on the platform at ``b - c_m u``. Both are straight cylinders from
-their joint to twice that distance, so that a turn of the line meets ``J = m (c^2 / 3 + r^2 / 4)``
-about each centre; a spin about the line itself is left out, since joints of platforms leave it
-open. Their kinetic energy is ``1/2 v^T A v`` with
+their joint to twice that distance, with the moment of inertia ``J = m (c^2 / 3 + r^2 / 4)`` about
+each centre across the line; a spin about the line is left out, since it does not follow from the
+platform's motion. Their kinetic energy is ``1/2 v^T A v`` with
 
     A = m_m u u^T + ( m_m (1 - c_m/L)^2 + (m_f c_f^2 + J_f + J_m) / L^2 ) P
 """
@@ -95,7 +95,7 @@ class Struts:
 
     @property
     def mass(self) -> float:
-        """Of all legs [kg]."""
+        """Mass [kg] of all legs."""
         return float(self.fixed.sum() + self.moving.sum())
 
     @property
@@ -108,7 +108,7 @@ class Struts:
         return about[0], about[1]
 
     def mass_matrix(self, lines: LineGeometry, points: Array) -> Array:
-        """Their part (..., 6, 6) of the platform's mass matrix, on body twists."""
+        """Return their part (..., 6, 6) of the platform's mass matrix, on body twists."""
         per = 1.0 / lines.lengths
         beyond = 1.0 - self.moving_com * per
         across = self.moving * (beyond * beyond)
@@ -120,46 +120,40 @@ class Struts:
 
     def momentum(self, lines: LineGeometry, points: Array, pose: Array) -> Array:
         """Momentum (moment about F's origin, linear; axes of F) per body twist, (6, 6)."""
-        R, p = pose[:3, :3], pose[:3, 3]
+        R = pose[:3, :3]
         total = np.zeros((6, 6))
-        turning = self.turning_moments
+        fixed, moving = self._centres(lines, points, pose)
+        near, far = self.turning_moments
         for k, point in enumerate(points):
-            u, L = R @ lines.directions[k], lines.lengths[k]
-            b = R @ point + p
+            u = R @ lines.directions[k]
             v = R @ _velocity(point)
-            turn = (v - np.outer(u, u @ v)) / L  # of the direction
+            turn = (v - np.outer(u, u @ v)) / lines.lengths[k]  # of the line's direction
             spin = se3.skew(u) @ turn
             for mass, J, at, velocity in (
-                (
-                    self.fixed[k],
-                    turning[0][k],
-                    b + (self.fixed_com[k] - L) * u,
-                    self.fixed_com[k] * turn,
-                ),
-                (
-                    self.moving[k],
-                    turning[1][k],
-                    b - self.moving_com[k] * u,
-                    v - self.moving_com[k] * turn,
-                ),
+                (self.fixed[k], near[k], fixed[k], self.fixed_com[k] * turn),
+                (self.moving[k], far[k], moving[k], v - self.moving_com[k] * turn),
             ):
                 total[:3] += mass * se3.skew(at) @ velocity + J * spin
                 total[3:] += mass * velocity
         return total
 
-    def centre(self, lines: LineGeometry, points: Array, pose: Array) -> tuple[float, Array]:
-        """Mass of the legs and the sum (3,) of mass times position in F."""
+    def _centres(self, lines: LineGeometry, points: Array, pose: Array) -> tuple[Array, Array]:
+        """Mass centres (m, 3) in F of the bars on the base's and the platform's joints."""
         u, b = lines.directions @ pose[:3, :3].T, points @ pose[:3, :3].T + pose[:3, 3]
         fixed = b + (self.fixed_com - lines.lengths)[:, None] * u
-        moving = b - self.moving_com[:, None] * u
+        return fixed, b - self.moving_com[:, None] * u
+
+    def centre(self, lines: LineGeometry, points: Array, pose: Array) -> tuple[float, Array]:
+        """Return the mass of the legs and the sum (3,) of mass times position in F."""
+        fixed, moving = self._centres(lines, points, pose)
         return self.mass, self.fixed @ fixed + self.moving @ moving
 
     def gravity(
         self, lines: LineGeometry, points: Array, pose: Array, weight: Array
     ) -> tuple[Any, Array, Array]:
-        """Energy of their weights, `weight` (3,) per kg in F, with derivatives on body twists.
+        """Return the energy of their weights, `weight` (3,) per kg in F, with its derivatives.
 
-        Of lines and a pose that are recorded as well.
+        The derivatives are on body twists; lines and pose may be recorded.
         """
         in_body = weight @ pose[:3, :3]
         energy = (weight @ pose[:3, 3]) * -self.mass
@@ -171,7 +165,7 @@ class Struts:
             across = in_body - u * along
             energy = energy - (b @ in_body) * (fixed + moving) - along * (share - L * fixed)
             alpha, K = held_force(in_body * moving + across * (per * share), b)
-            # Along the motion of b the share of the weight that u carries changes as well.
+            # The direction u, along which a part of the weight acts, changes with b as well.
             P = np.eye(3) - np.outer(u, u)
             second = np.outer(u, across) + np.outer(across, u) + P * along
             D = _velocity(b)
@@ -187,7 +181,7 @@ def _velocity(point: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LegLimits:
-    """Limits of m legs, besides their lengths; None where there is none.
+    """Limits of m legs other than their lengths; None where there is none.
 
     Attributes
     ----------
@@ -196,7 +190,7 @@ class LegLimits:
     base_angles, platform_angles : ndarray (m,) or None
         Largest angle of each leg from the axis of its joint, in rad.
     diameters : ndarray (m,) or None
-        Of the legs as cylinders: two come no nearer than the mean of theirs.
+        Diameters of the legs: the distance of two legs is at least the mean of theirs.
     forces : ndarray (m, 2) or None
         Least and largest tension of each leg; compression is negative.
     """
@@ -211,7 +205,7 @@ class LegLimits:
     length_powers: ClassVar = {"diameters": 1}
 
     def pairs(self, anchors: Array, points: Array) -> list[tuple[int, int]]:
-        """Legs that may come near each other: all that share no joint."""
+        """Return the pairs of legs that can touch each other: those without a common joint."""
         if self.diameters is None:
             return []
         size = max(float(np.abs(anchors).max()), float(np.abs(points).max()))
@@ -222,7 +216,7 @@ class LegLimits:
         ]
 
     def rows(self, anchors: Array, points: Array) -> list[tuple[str, float, float, bool]]:
-        """Name, lower and upper limit, and whether it is an angle, of each limited quantity."""
+        """Return name, lower and upper limit of each quantity, and whether it is an angle."""
         limits: list[tuple[str, float, float, bool]] = []
         for where, angles in (("base", self.base_angles), ("platform", self.platform_angles)):
             if angles is not None:
@@ -243,7 +237,7 @@ class LegLimits:
         return limits
 
     def values(self, anchors: Array, points: Array, pose: Array) -> Array:
-        """The quantities of `rows` (..., k) at poses (..., 4, 4) of M."""
+        """Return the quantities of `rows` (..., k) at poses (..., 4, 4) of M."""
         R, p = pose[..., :3, :3], pose[..., None, :3, 3]
         ends = points @ R.swapaxes(-1, -2) + p
         along = ends - anchors
@@ -255,45 +249,38 @@ class LegLimits:
             parts.append(_angles(-along, self.platform_axes @ R.swapaxes(-1, -2)))
         pairs = np.array(self.pairs(anchors, points), np.intp).reshape(-1, 2)
         if len(pairs):
-            starts = np.broadcast_to(anchors, ends.shape)
-            first, second = pairs.T
-            parts.append(
-                distances_of_segments(
-                    starts[..., first, :],
-                    ends[..., first, :],
-                    starts[..., second, :],
-                    ends[..., second, :],
-                )
-            )
+            starts, (i, j) = np.broadcast_to(anchors, ends.shape), pairs.T
+            segments = (starts[..., i, :], ends[..., i, :], starts[..., j, :], ends[..., j, :])
+            parts.append(distances_of_segments(*segments))
         return np.concatenate(parts, axis=-1) if parts else np.empty((*pose.shape[:-2], 0))
 
 
 class RodLimits:
-    """Rods of legs made of joints come no nearer to each other than the mean of their diameters.
+    """Limits of the distances of rods of legs by name: at least the mean of their diameters.
 
-    Rods that end at one point of the body, or struts that start at one point, are no such pair.
+    Rods that end at one point of the body, or struts that start at one point, have no such limit.
     """
 
     def __init__(self, legs: Sequence[PlacedLeg]) -> None:
         places = [place for leg in legs for place in (leg.shape.anchor, leg.T_M_end[:3, 3])]
-        near = numerics.NEARBY * float(np.abs(places).max())
+        same = numerics.NEARBY * float(np.abs(places).max())
         self._pairs = []
         for (i, a), (j, b) in combinations(enumerate(legs, start=1), 2):
             ends = np.abs(a.T_M_end[:3, 3] - b.T_M_end[:3, 3]).max()
             fixed = a.shape.family == b.shape.family == "strut"
             start = np.abs(a.shape.anchor - b.shape.anchor).max() if fixed else np.inf
-            if a.diameter and b.diameter and min(ends, start) > near:
+            if a.diameter and b.diameter and min(ends, start) > same:
                 self._pairs.append((f"distance of leg{i} and leg{j}", a, b))
 
     def rows(self) -> list[tuple[str, float, float, bool]]:
-        """As of `LegLimits`."""
+        """Return rows as `LegLimits.rows`."""
         return [
             (name, 0.5 * ((a.diameter or 0.0) + (b.diameter or 0.0)), np.inf, False)
             for name, a, b in self._pairs
         ]
 
     def values(self, q: Array, pose: Array) -> Array:
-        """Distances (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        """Return distances (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M."""
         distances = [
             distances_of_segments(*a.rod(q, pose), *b.rod(q, pose)) for _, a, b in self._pairs
         ]
@@ -307,9 +294,9 @@ def _angles(u: Array, axes: Array) -> Array:
 
 
 def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Least distances (...) between segments from a to b and from c to d, arrays (..., 3).
+    """Return the least distances (...) of segments from a to b and from c to d, arrays (..., 3).
 
-    The least distance of the lines, where it is within both segments; else one of an end.
+    It is the least distance of the lines, where that is within both segments; else that of an end.
     """
     u, v, w = b - a, d - c, a - c
     uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
@@ -355,7 +342,7 @@ class PlatformPosture(MechanismPosture):
         self.coordinate_lengths = np.array([1.0] * 3 + [self.length] * 3)
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
-        """Pose ``T_a_b`` of "world" and "body" and its map."""
+        """Return the pose ``T_a_b`` of "world" and "body" and its map."""
         frames = {"world", "body"}
         for name in (frame_a, frame_b):
             if name not in frames:
@@ -381,7 +368,7 @@ class PlatformPosture(MechanismPosture):
         )
 
     def mass_matrix(self) -> Array:
-        """Masses' matrix (6, 6) of body and legs, on body twists."""
+        """Mass matrix (6, 6) of body and legs, on body twists."""
         platform = self._platform
         if platform.struts is None:
             return platform.body_inertia
@@ -404,7 +391,7 @@ class PlatformPosture(MechanismPosture):
         return line_geometry(self.pose, self._platform.anchors, self._platform.points)
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
-        """The platform's own `lines`, where these are its anchors and points."""
+        """Return the platform's own `lines` for its own anchors and points."""
         own = self._platform
         return self.lines if anchors is own.anchors and points is own.points else None
 
@@ -446,11 +433,11 @@ class Platform(Mechanism):
     mass_centre : array_like, shape (3,)
         Its mass centre in P.
     inertia : array_like, shape (3, 3)
-        About its mass centre, along the axes of P; kg and the unit of length squared.
+        Inertia about its mass centre, axes of P; kg and the unit of length squared.
     struts : Struts, optional
         Masses of the legs; none by default.
     leg_limits : LegLimits, optional
-        Limits besides the lengths; its platform axes in the frame of interest.
+        Limits other than the lengths; its platform axes in the frame of interest.
     """
 
     length_powers: ClassVar = {
@@ -480,7 +467,7 @@ class Platform(Mechanism):
         self.units = units
         self.anchors = checked_array(base, None, "base points")
         self.T_P_M = np.eye(4) if T_P_M is None else checked_pose(T_P_M, "T_P_M")
-        self.frame_offset = self.T_P_M
+        self.frame_offset, T_M_P = self.T_P_M, se3.inverse(self.T_P_M)
         points_P = checked_array(platform, None, "platform points")
         if points_P.shape != self.anchors.shape or points_P.ndim != 2 or points_P.shape[1] != 3:
             raise InputError(
@@ -488,7 +475,6 @@ class Platform(Mechanism):
                 expected=f"two arrays of shape {self.anchors.shape}",
                 got=f"{points_P.shape}",
             )
-        T_M_P = se3.inverse(self.T_P_M)
         self.points_P = points_P
         self.points = points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
         self.limits = (
@@ -503,7 +489,7 @@ class Platform(Mechanism):
         )
         self.struts = struts
         self.leg_limits = leg_limits
-        #: Whether others differ from it in size only: one program is made for all of them.
+        #: Whether it is one of many platforms that share a program and differ in their points.
         self.is_one_of_many = False
         self.coordinates = tuple(
             Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
@@ -515,7 +501,7 @@ class Platform(Mechanism):
         self.close()
 
     def close(self) -> None:
-        """What is kept of a platform elsewhere stays true: its arrays cannot be written to."""
+        """Make its arrays read-only, so that results that are cached for it stay valid."""
         for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre", "body_inertia"):
             getattr(self, name).flags.writeable = False
 
@@ -524,16 +510,15 @@ class Platform(Mechanism):
         return self.mass / self.units.newtons * acceleration
 
     def as_one_of_many(self) -> Platform:
-        """The same, for computing many platforms that differ in their points."""
+        """Return a copy for computing many platforms that differ in their points."""
         other = copy(self)
         other.is_one_of_many = True
         other.close()
         return other
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
-        """The same body with other anchors in F and other points of its own, in P."""
-        other = copy(self)
-        T_M_P = se3.inverse(self.T_P_M)
+        """Return the platform with other anchors in F and other points of the body in P."""
+        other, T_M_P = copy(self), se3.inverse(self.T_P_M)
         other.anchors = checked_array(base, None, "base points")
         other.points_P = checked_array(platform, None, "platform points")
         other.points = other.points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
@@ -541,20 +526,20 @@ class Platform(Mechanism):
         return other
 
     def at(self, q: ArrayLike) -> PlatformPosture:
-        """Posture at a pose of P in F: x, y, z, roll, pitch, yaw (fixed axes)."""
+        """Return the posture at a pose of P in F: x, y, z, roll, pitch, yaw (fixed axes)."""
         return PlatformPosture(self, self.checked(q, "pose"))
 
     def pose_of(self, q: Array) -> Array:
-        """Pose ``T_F_M`` from the pose of P in F."""
+        """Return the pose ``T_F_M`` from the pose of P in F."""
         return se3.from_roll_pitch_yaw(q[:3], q[3:]) @ self.T_P_M
 
     def coordinates_of(self, T_F_M: ArrayLike) -> Array:
-        """Coordinates x, y, z, roll, pitch, yaw (..., 6) of P from poses (..., 4, 4) of M."""
+        """Return coordinates (..., 6) of P: x, y, z, roll, pitch, yaw, from poses of M."""
         T_F_P = real_array(T_F_M) @ se3.inverse(self.T_P_M)
         return np.concatenate([T_F_P[..., :3, 3], se3.roll_pitch_yaw(T_F_P)], axis=-1)
 
     def displaced(self, q: Array, step: Array) -> Array:
-        """Coordinates after a small body twist `step`."""
+        """Return coordinates after a small body twist `step`."""
         return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
 
     @property
@@ -564,12 +549,12 @@ class Platform(Mechanism):
         return {f"leg{i + 1}": (low, high) for i, (low, high) in enumerate(limits)}
 
     def masses(self) -> dict[str, float]:
-        """Mass [kg] of the platform with its payload, and of the legs where they have one."""
+        """Masses [kg] of the platform with its payload, and of the legs where they have one."""
         masses = {self.frame: self.mass}
         return masses if self.struts is None else masses | {"legs": self.struts.mass}
 
     def with_mass(self, mass: float, centre: Array) -> Platform:
-        """The same platform with a point mass [kg] added at a point of M."""
+        """Return the platform with a point mass [kg] added at a point of M."""
         other = copy(self)
         other.mass = self.mass + mass
         first = self.mass * self.mass_centre + mass * np.asarray(centre, float)
@@ -579,7 +564,7 @@ class Platform(Mechanism):
         return other
 
     def with_masses(self, masses: Mapping[str, float]) -> Platform:
-        """The same platform with other masses [kg]: its own by its frame's name, of all "legs"."""
+        """Return the platform with other masses [kg], by its frame's name and "legs"."""
         own = masses.get(self.frame, self.mass) - self.mass
         other = self.with_mass(own, self.mass_centre)
         other.mass_centre = self.mass_centre
@@ -591,11 +576,11 @@ class Platform(Mechanism):
         return other
 
     def leg_lengths(self, q: ArrayLike) -> Array:
-        """Lengths of the legs at a pose."""
+        """Return the lengths of the legs at a pose."""
         return self.at(q).lines.lengths
 
     def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:
-        """Pose coordinates at which the six legs have given lengths, near `start`.
+        """Return the pose coordinates near `start` at which the six legs have given lengths.
 
         Newton's method on SE(3) with the line coordinates as its matrix, steps bounded to keep
         the assembly mode.

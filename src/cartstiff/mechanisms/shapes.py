@@ -1,11 +1,13 @@
-"""What a link looks like: a mesh in a file, or a plain body."""
+"""Shapes of links: meshes in files, and simple bodies; sizes change by `rescaled`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import POSE
 
 
 @dataclass(frozen=True)
@@ -15,12 +17,16 @@ class MeshFile:
     path: Path
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
+    length_powers: ClassVar = {"scale": 1}
+
 
 @dataclass(frozen=True)
 class Box:
     """A box with full side lengths along x, y, z."""
 
     sides: tuple[float, float, float]
+
+    length_powers: ClassVar = {"sides": 1}
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,8 @@ class Cylinder:
     radius: float
     length: float
 
+    length_powers: ClassVar = {"radius": 1, "length": 1}
+
 
 @dataclass(frozen=True)
 class Capsule:
@@ -38,12 +46,16 @@ class Capsule:
     radius: float
     length: float
 
+    length_powers: ClassVar = {"radius": 1, "length": 1}
+
 
 @dataclass(frozen=True)
 class Sphere:
     """A sphere (an ellipsoid, if its three radii differ)."""
 
     radii: tuple[float, float, float]
+
+    length_powers: ClassVar = {"radii": 1}
 
 
 Shape = MeshFile | Box | Cylinder | Capsule | Sphere
@@ -69,3 +81,5 @@ class Piece:
     T_l_v: Array
     shape: Shape
     colour: tuple[float, float, float, float] | None
+
+    length_powers: ClassVar = {"T_l_v": POSE, "shape": 0}

@@ -1,4 +1,4 @@
-"""Stiffness and mass matrices of finite-element programs, reduced to one link that gives."""
+"""Stiffness and mass matrices of finite-element programs, reduced to one compliant link."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SuperelementMass:
     Attributes
     ----------
     mass : float
-        Of all nodes, kg.
+        Mass of all nodes, kg.
     centre : ndarray, shape (3,)
         Mass centre from the tip, in the axes of the nodes.
     inertia : ndarray, shape (3, 3)
@@ -33,7 +33,7 @@ class SuperelementMass:
     share : ndarray, shape (6, 6)
         W, order angular-linear.
     rest : ndarray, shape (6, 6)
-        R: what no rigid body has, such as the middle of a bar that bends between still ends.
+        R: the energy that no rigid body has, as of a bar that bends between fixed ends.
     """
 
     mass: float
@@ -51,24 +51,24 @@ def superelement_spring(
     tip: int = -1,
     order: Order = "linear-angular",
 ) -> Array:
-    r"""Stiffness at one node of a superelement that is clamped at another, the others left free.
+    r"""Return the stiffness at one node of a superelement clamped at another, with free others.
 
-    With the clamped node's rows and columns struck out, and r all but the tip t:
+    Without the clamped node's rows and columns, and with r all rows but those of the tip t, it is
     :math:`K_{tt} - K_{tr} K_{rr}^{-1} K_{rt}`. In a mechanism file it is the ``stiffness`` of a
     link under ``flexible``, with the tip as ``offset`` if the link's frame is at the base.
 
     Parameters
     ----------
     stiffness : array_like, shape (6 N, 6 N)
-        Of the free body: six rows a node, forces per displacement, as finite-element programs write
-        it after a reduction to N nodes with six freedoms each.
+        Stiffness of the free body: six rows a node, forces per displacement, as finite-element
+        programs write it after a reduction to N nodes with six freedoms each.
     nodes : array_like, shape (N, 3)
-        Where the nodes are, in the same axes and unit of length.
+        Positions of the nodes, in the same axes and unit of length.
     base, tip : int
         Index of the node that is fixed to the link's near side, and of the one that carries what
         is beyond; from 0, negative ones from the end.
     order : {"linear-angular", "angular-linear"}
-        Of a node's six rows.
+        Order of a node's six rows.
 
     Returns
     -------
@@ -79,8 +79,8 @@ def superelement_spring(
     ------
     InputError
         If the matrix is not symmetric, if it resists the body's motion as a whole (a unit or the
-        order of the rows is another one, or the body is held somewhere), or if what is free besides
-        the tip can move by itself, or is known to fewer than four digits.
+        order of the rows is another one, or the body is held somewhere), or if the other free nodes
+        can move without a force, or their inverse has fewer than four digits.
     """
     K, _, parts = _sorted(stiffness, nodes, base, tip, order)
     to_tip = _static_modes(K, parts)
@@ -97,7 +97,7 @@ def superelement_mass(
     tip: int = -1,
     order: Order = "linear-angular",
 ) -> SuperelementMass:
-    r"""Mass of a superelement whose other nodes follow its base and its tip without inertia.
+    r"""Return the mass of a superelement whose other nodes follow its base and tip statically.
 
     Guyan's reduction: with the motions :math:`\Phi` of the body as a whole and the static ones
     :math:`\Psi` of all nodes when the tip moves by 1 and the base rests,
@@ -115,7 +115,7 @@ def superelement_mass(
     ------
     InputError
         As there; and if the mass matrix is not symmetric, is that of no body (the mass differs by
-        direction, or the moments of inertia contradict it), or gives a motion negative energy.
+        direction, or the moments of inertia contradict it), or has a motion with negative energy.
 
     References
     ----------
@@ -126,7 +126,7 @@ def superelement_mass(
     rigid, modes = _rigid(points - points[parts.tip_node]), _static_modes(K, parts)
     whole, both = rigid.T @ M @ rigid, rigid.T @ M @ modes
     inertia = _body_of(whole)
-    # Pseudo-inverse: masses on one line do not turn about it.
+    # Pseudo-inverse: masses on one line have no moment of inertia about it.
     sizes = numerics.equilibration(whole)
     values, vectors = np.linalg.eigh(whole / np.outer(sizes, sizes))
     held = values > numerics.IDLE * values[-1]
@@ -148,7 +148,7 @@ def superelement_mass(
 
 @dataclass(frozen=True)
 class _Parts:
-    """Rows of the tip, and of all nodes but tip and base."""
+    """Rows of the tip, and of the nodes other than tip and base."""
 
     tip_node: int
     tip: slice
@@ -156,7 +156,7 @@ class _Parts:
 
 
 def _ordered(matrix: ArrayLike, n: int, order: Order, what: str) -> Array:
-    """A symmetric matrix of n nodes, each angular-linear."""
+    """Check a matrix of n nodes and make it symmetric, each node angular-linear."""
     K = checked_array(matrix, (6 * n, 6 * n), what)
     if order not in ORDERS:
         raise InputError("unknown order", expected="linear-angular or angular-linear", got=order)
@@ -172,7 +172,7 @@ def _ordered(matrix: ArrayLike, n: int, order: Order, what: str) -> Array:
 def _sorted(
     stiffness: ArrayLike, nodes: ArrayLike, base: int, tip: int, order: Order
 ) -> tuple[Array, Array, _Parts]:
-    """Stiffness (6 N, 6 N) angular-linear, nodes (N, 3), and which rows are whose."""
+    """Stiffness (6 N, 6 N) angular-linear, nodes (N, 3), and the rows of tip and other nodes."""
     points = checked_array(nodes, ("nodes", 3), "nodes")
     n = len(points)
     K = _ordered(stiffness, n, order, "stiffness of the superelement")
@@ -233,7 +233,7 @@ def _static_modes(K: Array, parts: _Parts) -> Array:
 
 
 def _body_of(whole: Array) -> tuple[float, Array, Array]:
-    """Mass, mass centre and inertia about it, of a body's matrix (6, 6) about the origin.
+    """Mass, mass centre and inertia about it, from a body's matrix (6, 6) about the origin.
 
     ``[[J, m c x], [-m c x, m 1]]``.
     """

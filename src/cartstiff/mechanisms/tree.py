@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -27,12 +27,12 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.potentials.contract import POSE, Evaluation, SecondOrderMap
 
-#: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
+#: Largest number for a tree. Pinocchio's workspace grows with its cube: 200 take 0.3 GB, 600 7 GB.
 MOST_COORDINATES = 200
 
 
 def check_coordinates(model: pin.Model) -> None:
-    """Refuse a model with more than `MOST_COORDINATES`, before memory is taken for it.
+    """Refuse a model with more than `MOST_COORDINATES` before memory is allocated for it.
 
     Raises
     ------
@@ -45,8 +45,8 @@ def check_coordinates(model: pin.Model) -> None:
         )
 
 
-# How joints with several coordinates are written as successive one-coordinate joints; the order
-# is that of Pinocchio's own configuration, translations before rotations.
+# Successive one-coordinate joints that replace joints with several coordinates, in the order of
+# Pinocchio's own configuration, translations before rotations.
 _EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
     "JointModelSpherical": (("x", "RX"), ("y", "RY"), ("z", "RZ")),
     "JointModelSphericalZYX": (("z", "RZ"), ("y", "RY"), ("x", "RX")),
@@ -74,7 +74,7 @@ _UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": 
 
 
 def _axis(joint: Any) -> Array:
-    """Axis of an unbounded revolute joint, which has no attribute for it: turn it by 90 deg."""
+    """Axis of an unbounded revolute joint, which has no attribute for it, by a turn of 90 deg."""
     model = pin.Model()
     model.addJoint(0, joint, pin.SE3.Identity(), "joint")
     data = pin.Data(model)
@@ -84,12 +84,27 @@ def _axis(joint: Any) -> Array:
 
 
 def primitive(kind: str) -> Any:
-    """Pinocchio's joint about or along an axis: "RX" ... "PZ"."""
+    """Return Pinocchio's joint about or along an axis: "RX" ... "PZ"."""
     return getattr(pin, f"JointModel{kind}")()
 
 
+def axis_coordinate(name: str, kind: str) -> Coordinate:
+    """Return the coordinate of the joint `primitive` of a kind."""
+    return Coordinate(name, PLAIN[f"JointModel{kind}"])  # type: ignore[arg-type]
+
+
+def add_joint(
+    model: pin.Model, parent: int, joint: Any, T: Array, name: str, limits: ArrayLike
+) -> int:
+    """Add a joint with one coordinate and its limits to a model; return the joint's index."""
+    unbounded = np.full(1, np.inf)  # efforts and velocities
+    lower, upper = np.array(limits, float)[:, None]
+    added = model.addJoint(parent, joint, pin.SE3(T), name, unbounded, unbounded, lower, upper)
+    return int(added)
+
+
 def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
-    """One-coordinate joints (name, type, model, placement) that together make `joint`.
+    """Return the one-coordinate joints (name, type, model, placement) that replace `joint`.
 
     Raises
     ------
@@ -106,8 +121,7 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
         parts = [("", "revolute", pin.JointModelRevoluteUnaligned(_axis(joint)))]
     elif short in _EXPANSIONS:
         for suffix, kind in _EXPANSIONS[short]:
-            turns = kind.startswith("R")
-            parts.append((f".{suffix}", "revolute" if turns else "prismatic", primitive(kind)))
+            parts.append((f".{suffix}", PLAIN[f"JointModel{kind}"], primitive(kind)))
     elif short == "JointModelUniversal":
         concrete = joint.extract()
         for i, axis in enumerate((concrete.axis1, concrete.axis2), start=1):
@@ -131,7 +145,7 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
 
 
 def standing(model: pin.Model, i: int, q: Array) -> Any:
-    """Pose ``T_parent_i`` of a joint at a configuration, as Pinocchio's SE3."""
+    """Return the pose ``T_parent_i`` of a joint at a configuration, as Pinocchio's SE3."""
     joint = model.joints[i]
     data = joint.createData()
     joint.calc(data, q)
@@ -139,7 +153,7 @@ def standing(model: pin.Model, i: int, q: Array) -> Any:
 
 
 def planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
-    """A planar joint across an axis: its x and y are those of the least turn of z to the axis."""
+    """Return a planar joint across an axis; the least turn of z to the axis gives its x and y."""
     z = np.array([0.0, 0.0, 1.0])
     R = pin.Quaternion.FromTwoVectors(z, axis).toRotationMatrix()
     slides = [pin.JointModelPrismaticUnaligned(R[:, i]) for i in range(2)]
@@ -151,7 +165,7 @@ def planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
 
 
 def set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
-    """Put a joint with one coordinate at a position (rad, m) in a configuration."""
+    """Set the position (rad, m) of a joint with one coordinate in a configuration."""
     joint = model.joints[index]
     if joint.nv != 1:
         raise InputError(
@@ -166,7 +180,7 @@ def set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
 
 
 def limits_of_joint(model: pin.Model, index: int) -> tuple[float, float]:
-    """Limits of a joint; infinite where it has none or more than one number."""
+    """Return the limits of a joint; infinite without limits and with several numbers."""
     joint = model.joints[index]
     if joint.nq != 1:
         return -np.inf, np.inf
@@ -195,15 +209,15 @@ WORLD = FixedFrame(0, np.eye(4))
 
 @dataclass(frozen=True)
 class Route:
-    """Joints met on the way from one frame to another, in order.
+    """Joints on the path from one frame to another, in order.
 
     Attributes
     ----------
     order : ndarray of int
-        Joints (counted from 0) in the order of the way: from frame a up to the common ancestor,
+        Joints (counted from 0) in the order of the path: from frame a up to the common ancestor,
         then down to frame b.
     signs : ndarray
-        For every joint of the tree: -1 on the way up, +1 on the way down, 0 elsewhere.
+        For every joint of the tree: -1 on the path up, +1 on the path down, 0 elsewhere.
     """
 
     order: NDArray[np.intp]
@@ -220,7 +234,7 @@ class KinematicTree:
     coordinates : tuple of Coordinate
         One per joint, in Pinocchio's order.
     mimic : ndarray (joints, n) or None
-        Where joints follow others: all joint positions are ``mimic @ q + offset``.
+        Matrix of joints that follow others: joint positions are ``mimic @ q + offset``.
 
     Raises
     ------
@@ -238,7 +252,7 @@ class KinematicTree:
     ) -> None:
         check_coordinates(model)
         self.model, self.coordinates = model, coordinates
-        #: Frames, or what places all of them, or the one that is named.
+        #: Frames, or a function that returns all of them, or the named one.
         self.given_frames = frames if callable(frames) else dict(frames)
         self.mimic, self.offset = mimic, np.zeros(model.nv) + (0.0 if offset is None else offset)
         self._parents = [int(p) for p in model.parents]
@@ -246,9 +260,9 @@ class KinematicTree:
         self._workspaces: list[Any] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but what is made anew when it is needed."""
-        made: dict[str, Any] = {"given_frames": {}, "_paths": {}, "_workspaces": []}
-        return {**vars(self), "frames": self.frames, **made}
+        """State without caches and workspaces."""
+        emptied: dict[str, Any] = {"given_frames": {}, "_paths": {}, "_workspaces": []}
+        return {**vars(self), "frames": self.frames, **emptied}
 
     @cached_property
     def frames(self) -> dict[str, FixedFrame]:
@@ -258,9 +272,9 @@ class KinematicTree:
 
     @contextmanager
     def workspace(self) -> Iterator[Any]:
-        """Pinocchio's workspace of the model: as many are made as are used at the same time.
+        """Provide Pinocchio's workspace of the model, one for each simultaneous use.
 
-        They cost more to make than to use, and grow with the cube of the coordinates.
+        Workspaces cost more to make than to use, and grow with the cube of the coordinates.
         """
         try:
             data = self._workspaces.pop()
@@ -277,11 +291,16 @@ class KinematicTree:
         return len(self.coordinates)
 
     @cached_property
-    def depth_first(self) -> tuple[KinematicTree, NDArray[np.intp]]:
-        """The same tree with each joint's subtree in one piece, and the places of its coordinates.
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return [c.name for c in self.coordinates]
 
-        Pinocchio's mass matrix and derivatives of gravity take this order for granted. It is this
-        tree itself where the order is right, and then the indices are those of all coordinates.
+    @cached_property
+    def depth_first(self) -> tuple[KinematicTree, NDArray[np.intp]]:
+        """Tree in depth-first order of the joints, and the indices of its coordinates in this one.
+
+        Pinocchio's mass matrix and derivatives of gravity require this order. The tree itself is
+        returned where it has this order.
         """
         here = np.arange(self.model.nv)
         supports = [{0, *self.support(j)} for j in range(self.model.njoints)]
@@ -301,7 +320,7 @@ class KinematicTree:
         return KinematicTree(model, tuple(self.coordinates[k] for k in places), {}), places
 
     def placement(self, name: str) -> FixedFrame:
-        """A named frame, with the joint that carries it.
+        """Return a named frame, with the joint that carries it.
 
         Raises
         ------
@@ -315,7 +334,7 @@ class KinematicTree:
             raise UnknownNameError("frame", name, self.frames) from None
 
     def support(self, joint: int) -> list[int]:
-        """Joints from the root to `joint`, in order, without the universe."""
+        """Return the joints from the root to `joint`, in order, without the universe."""
         chain: list[int] = []
         while joint > 0:
             chain.append(joint)
@@ -323,7 +342,7 @@ class KinematicTree:
         return chain[::-1]
 
     def path(self, joint_a: int, joint_b: int) -> Route:
-        """Path between two joints; joint j has coordinate j - 1."""
+        """Return the path between two joints; joint j has coordinate j - 1."""
         key = (joint_a, joint_b)
         if key not in self._paths:
             up, down = self.support(joint_a), self.support(joint_b)
@@ -338,7 +357,7 @@ class KinematicTree:
         return self._paths[key]
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
-        """The same tree with another model."""
+        """Return the tree with another model."""
         return KinematicTree(model, self.coordinates, self.frames, self.mimic, self.offset)
 
     def copy_joint(
@@ -349,9 +368,9 @@ class KinematicTree:
         T_root: Array | None = None,
         prefix: str = "",
     ) -> int:
-        """Add a joint with all that it carries to another model; the joint's number there.
+        """Add a joint with its masses to another model; return its index there.
 
-        On the parent there, and placed as here; of one on the ground that is at ``T_root``.
+        The joint keeps its placement in its parent; one on the ground is placed from ``T_root``.
         """
         own = self.model
         placement = own.jointPlacements[joint]
@@ -369,11 +388,9 @@ class KinematicTree:
         masses: Mapping[int, float] | None = None,
         frames: Mapping[str, FixedFrame] | None = None,
     ) -> KinematicTree:
-        """The same tree with other poses ``T_parent_joint`` or masses [kg] of joints, from 1.
+        """Return the tree with other poses ``T_parent_joint``, masses [kg] of joints, or frames.
 
-        Named frames may be elsewhere, too.
-
-        Centres of mass stay where they are, and the moments of inertia about them.
+        Joints are counted from 1. Mass centres, and moments of inertia about them, do not change.
         """
         model = self.model.copy()
         for joint, T in (placements or {}).items():
@@ -386,7 +403,7 @@ class KinematicTree:
         return other
 
     def with_mass(self, at: FixedFrame, mass: float, point: Array) -> KinematicTree:
-        """The same tree with a point mass [kg] at a point (3,) of a frame."""
+        """Return the tree with a point mass [kg] at a point (3,) of a frame."""
         model = self.model.copy()
         if at.joint > 0:
             centre = (at.T_j_f @ np.append(point, 1.0))[:3]
@@ -395,20 +412,20 @@ class KinematicTree:
         return self._with_model(model)
 
     def mass_matrix(self, q: Array) -> Array:
-        """Masses' matrix (n, n) at one posture, without mimics."""
+        """Mass matrix (n, n) at one posture, without mimics."""
         tree, places = self.depth_first
         with tree.workspace() as data:
-            ordered = np.triu(pin.crba(tree.model, data, q[places]))  # all that Pinocchio fills
+            ordered = np.triu(pin.crba(tree.model, data, q[places]))  # Pinocchio fills this part
         full = np.empty_like(ordered)
         full[places[:, None], places] = ordered + np.triu(ordered, 1).T
         return full
 
     def placements(self) -> list[Array]:
-        """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
+        """Return the poses ``T_parent_joint`` of all joints, in their order from joint 1."""
         return [np.array(T.homogeneous) for T in list(self.model.jointPlacements)[1:]]
 
     def screws(self) -> Array:
-        """Constant twists (joints, 6) of the joints per coordinate, each in its own frame."""
+        """Return the constant twists (joints, 6) of the joints, each in its own frame."""
         model = self.model
         screws = np.empty((model.nv, 6))
         with self.workspace() as data:
@@ -419,13 +436,13 @@ class KinematicTree:
         return screws
 
     def masses(self) -> tuple[Array, Array]:
-        """Masses (joints,) that the joints carry, and their centres (joints, 3) in their frames."""
+        """Return masses (joints,) that the joints carry, and their centres (joints, 3) there."""
         inertias = list(self.model.inertias)[1:]
         centres = np.array([body.lever for body in inertias]).reshape(-1, 3)
         return np.array([body.mass for body in inertias]), centres
 
     def links(self) -> dict[int, str]:
-        """Name of the (first) link or site on each joint that carries one, by index from 1."""
+        """Return the name of the first link or site on each joint, by the joint's index from 1."""
         names: dict[int, str] = {}
         for name, placement in self.frames.items():
             if placement.joint > 0:
@@ -433,12 +450,12 @@ class KinematicTree:
         return names
 
     def at(self, q: Array) -> TreeState:
-        """Kinematics at coordinates q (n,)."""
+        """Return the kinematics at coordinates q (n,)."""
         return TreeState(self, q)
 
 
 class TreeState:
-    """The tree at one posture; frames and Jacobians are computed when asked for."""
+    """The tree at one posture; frames and Jacobians are computed when they are needed."""
 
     def __init__(self, tree: KinematicTree, q: Array) -> None:
         self.tree = tree
@@ -446,7 +463,7 @@ class TreeState:
         with tree.workspace() as data:
             pin.computeJointJacobians(tree.model, data, self.q)
             self._poses = data.oMi.copy()
-            # As Pinocchio orders it; eigenpy hands a matrix with one column over as a vector.
+            # In Pinocchio's order; eigenpy converts a matrix with one column to a vector.
             self._twists = np.array(data.J).reshape(6, -1)
 
     @cached_property
@@ -455,16 +472,16 @@ class TreeState:
         return self._twists.take(SWAP, axis=0)
 
     def pose(self, frame: FixedFrame) -> Array:
-        """Pose ``T_F_f``."""
+        """Return the pose ``T_F_f``."""
         return np.asarray(self._poses[frame.joint].homogeneous @ frame.T_j_f)
 
     def joint_poses(self, joints: Sequence[int]) -> Array:
-        """Poses ``T_F_j`` (m, 4, 4) of some joints."""
+        """Return the poses ``T_F_j`` (m, 4, 4) of some joints."""
         poses = {joint: self._poses[joint].homogeneous for joint in set(joints)}
         return np.array([poses[joint] for joint in joints])
 
     def relative(self, a: FixedFrame, b: FixedFrame) -> tuple[Array, SecondOrderMap]:
-        """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
+        """Return the pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
         T_F_b, path = self.pose(b), self.tree.path(a.joint, b.joint)
         J = pin.SE3(T_F_b).toActionMatrixInverse().dot(self._twists).take(SWAP, axis=0)
         J *= path.signs
@@ -474,7 +491,7 @@ class TreeState:
         return se3.inverse(self.pose(a)) @ T_F_b, SecondOrderMap(own, curvature)
 
     def gravity(self, acceleration: Array) -> Evaluation:
-        """Energy of all masses in a uniform field with the given acceleration, with derivatives."""
+        """Return the energy of all masses in a uniform field, with derivatives."""
         tree, places = self.tree.depth_first
         model = _with_gravity(tree.model, acceleration)
         q = self.q[places]
@@ -489,7 +506,7 @@ class TreeState:
         return Evaluation(float(energy), gradient, hessian)
 
     def mass_matrix(self) -> Array:
-        """Masses' matrix (n, n): kinetic energy ``1/2 dq^T M dq``."""
+        """Mass matrix (n, n): kinetic energy ``1/2 dq^T M dq``."""
         full = self.tree.mass_matrix(self.q)
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
 

@@ -1,7 +1,7 @@
-"""Rewriting Pinocchio models as plain trees, and joining and extending such trees.
+"""Rewrite Pinocchio models as plain trees; join and extend such trees.
 
 Continuous joints become plain revolutes, spherical, planar and composite joints are expanded,
-locked joints become links, flexible links get six virtual joints.
+locked joints become links, compliant links get six virtual joints.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from cartstiff.mechanisms.tree import (
     WORLD,
     FixedFrame,
     KinematicTree,
+    axis_coordinate,
     check_coordinates,
     expansion,
     limits_of_joint,
@@ -44,7 +45,7 @@ from cartstiff.mechanisms.tree import (
 
 
 def find_frame(model: pin.Model, name: str) -> Any:
-    """Pinocchio's frame of a name: a link before a site before a joint of the same name.
+    """Return Pinocchio's frame of a name: a link before a site before a joint of the same name.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def find_frame(model: pin.Model, name: str) -> Any:
 
 
 def _index_of_frame(model: pin.Model, name: str) -> int:
-    for kind in _FIRST:  # Pinocchio finds a name sooner, if only one frame of the kind has it
+    for kind in _PREFERRED:  # Pinocchio's search is faster, if one frame of the kind has the name
         with suppress(ValueError):
             if model.existFrame(name, kind):
                 return int(model.getFrameId(name, kind))
@@ -66,17 +67,12 @@ def _index_of_frame(model: pin.Model, name: str) -> int:
     return min(named, key=lambda i: _precedence(model.frames[i].type))
 
 
-_FIRST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+_PREFERRED = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
 def _precedence(kind: Any) -> int:
-    """Links, sites, joints: a name met twice means the first of these."""
-    return _FIRST.index(kind) if kind in _FIRST else len(_FIRST)
-
-
-def _have_frames(model: pin.Model) -> bool:
-    """Whether every joint has a frame of its own, as joints that are read from files have."""
-    return all(model.existFrame(name, pin.JOINT) for name in list(model.names)[1:])
+    """Rank of links, sites and joints with the same name."""
+    return _PREFERRED.index(kind) if kind in _PREFERRED else len(_PREFERRED)
 
 
 def plain_tree(
@@ -93,14 +89,13 @@ def plain_tree(
     model : pinocchio.Model
         Any model; it is not modified.
     keep : collection of int, optional
-        Joint indices that stay movable; all others become links at their neutral position.
+        Indices of joints that stay movable; all others become links at their neutral position.
         Default: all.
     locked : mapping of int to float, optional
         Positions of one-coordinate joints that become links.
     flexible : mapping of str to Give, optional
-        Links that give, by frame name: virtual joints are put there, and everything the link
-        carries hangs on them; the link's own frame and mass, and what it is fixed to, stay at the
-        near side.
+        Compliant links by frame name: virtual joints are added there, which carry everything that
+        the link carries; the link's own frame and mass stay at the near side.
     planar_axes : mapping of str to ndarray (3,), optional
         Unit normals of the planes in which planar joints move, by joint name; default z.
 
@@ -116,13 +111,14 @@ def plain_tree(
     for index, value in locked.items():
         set_position(model, index, value, fixed_q)
     still = [i for i in range(1, model.njoints) if i not in kept]
-    # Pinocchio joins links faster than the loop below. It dies where a joint has no frame of its
-    # own, and refuses where several frames have one name.
-    if still and not flexible and _have_frames(model):
+    # Pinocchio joins links faster than the loop below. It crashes where a joint has no frame of its
+    # own (joints from files have one), and refuses several frames of one name.
+    joints = list(model.names)[1:]
+    if still and not flexible and all(model.existFrame(name, pin.JOINT) for name in joints):
         with suppress(ValueError):
             model = pin.buildReducedModel(model, still, fixed_q)
             kept, locked = set(range(1, model.njoints)), {}
-    # Each look into one of Pinocchio's lists costs as much as the arithmetic.
+    # Access to one of Pinocchio's lists costs as much as the arithmetic.
     parents, names = model.parents.tolist(), list(model.names)
     placements = [T.homogeneous for T in model.jointPlacements]
 
@@ -136,17 +132,17 @@ def plain_tree(
     followers: list[Follower] = []
 
     def side(frame: int, joint: int) -> Place:
-        """Where what is fixed to a joint hangs: on it, or on the last spring that carries it."""
+        """Place that carries a frame on a joint: the joint, or the last spring that carries it."""
         if joint not in beyond:
             return near[joint]
-        hung = [place for carried, place in beyond[joint] if frame in carried]
-        if frame == UNFRAMED and len(hung) > 1:
+        carriers = [place for carried, place in beyond[joint] if frame in carried]
+        if frame == UNFRAMED and len(carriers) > 1:
             raise InputError(
                 "several compliant links are fixed together, and a joint has no frame that tells "
                 "which of them carries it",
                 expected="a frame for each joint",
             )
-        return hung[-1] if hung else near[joint]
+        return carriers[-1] if carriers else near[joint]
 
     def carry(joint: int, T_j: Array, inertia: Any) -> None:
         """Fix a mass to a joint."""
@@ -167,9 +163,7 @@ def plain_tree(
                 full = f"{spring.link}.{suffix}"
                 T_j = T_j @ se3.pose(translation=(along, 0.0, 0.0))
                 joint = plain.addJoint(joint, primitive(kind), pin.SE3(T_j), full)
-                coordinates.append(
-                    Coordinate(full, "prismatic" if kind.startswith("P") else "revolute")
-                )
+                coordinates.append(axis_coordinate(full, kind))
                 T_j = np.eye(4)
                 if k % len(SEGMENT) == 0:  # a node of the beam
                     carry(joint, T_j, give.half(-1.0))
@@ -177,8 +171,7 @@ def plain_tree(
             place = joint, se3.inverse(give.end)
             beyond.setdefault(i, []).append((spring.carried, place))
         for (joint, T_j), inertia in masses_by_side(model, i, side, near[i], i in beyond):
-            if joint > 0:  # a flywheel without mass has its inertia all the same
-                plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
+            carry(joint, T_j, inertia)
 
     soften(0)
     frame_of: dict[int, int] = {}
@@ -189,8 +182,8 @@ def plain_tree(
     for i in range(1, model.njoints):
         parent, T_p = side(frame_of.get(i, UNFRAMED), parents[i])
         if i not in kept:
-            is_drawn = i not in locked and model.joints[i].shortname() in PLAIN  # is at zero
-            T = placements[i] if is_drawn else standing(model, i, fixed_q).homogeneous
+            is_at_zero = i not in locked and model.joints[i].shortname() in PLAIN
+            T = placements[i] if is_at_zero else standing(model, i, fixed_q).homogeneous
             near[i] = (parent, T_p @ T)
         else:
             T = T_p @ placements[i]
@@ -199,7 +192,7 @@ def plain_tree(
                 parts = planar(names[i], (planar_axes or {})[names[i]])
             for k, (name, kind, joint, T_part) in enumerate(parts, start=int(model.idx_vs[i])):
                 lower, upper = limits_of_joint(model, i) if len(parts) == 1 else (-np.inf, np.inf)
-                unique = _unique(name, [c.name for c in coordinates])
+                unique = free_name(name, [c.name for c in coordinates])
                 parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
                 plain.armature[plain.idx_vs[parent]] = model.armature[k]
                 plain.damping[plain.idx_vs[parent]] = model.damping[k]
@@ -232,7 +225,7 @@ def plain_tree(
 
 
 def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
-    """One tree of several, each a triple (prefix of its names, tree, ``T_F_root``)."""
+    """Join several trees, each a triple (prefix of its names, tree, ``T_F_root``)."""
     ((first, only, T_F_only), *others) = parts
     if not (others or first) and np.array_equal(T_F_only, np.eye(4)):
         return only
@@ -266,17 +259,17 @@ def _block_diagonal(blocks: Sequence[Array]) -> Array:
 def extended(
     tree: KinematicTree, frame: str, joints: Sequence[tuple[str, str]], end: str
 ) -> KinematicTree:
-    """The tree with more joints at a frame, (name, kind as "RX" or "PZ"), ending in frame `end`."""
+    """Return the tree with more joints (name, kind as "RX") from a frame to a new frame `end`."""
     at = tree.placement(frame)
     model = tree.model.copy()
     joint, T = at.joint, at.T_j_f
     new = []
     for name, kind in joints:
         joint = model.addJoint(joint, primitive(kind), pin.SE3(T), name)
-        new.append(Coordinate(name, "revolute" if kind.startswith("R") else "prismatic"))
+        new.append(axis_coordinate(name, kind))
         T = np.eye(4)
     frames = {**tree.frames, end: FixedFrame(joint, T)}
-    # Pinocchio keeps joints in the order of their addition: the new ones come last.
+    # Pinocchio keeps joints in the order of their addition: the new ones are last.
     mimic = tree.mimic
     if mimic is not None:
         mimic = _block_diagonal([mimic, np.eye(len(new))])
@@ -287,7 +280,7 @@ def extended(
 def part_of(
     tree: KinematicTree, joints: Sequence[int], root: int = 0
 ) -> tuple[KinematicTree, NDArray[np.intp]]:
-    """Some joints as a tree of their own, and the indices of their coordinates.
+    """Return some joints as a tree of their own, and the indices of their coordinates.
 
     Parameters
     ----------
@@ -314,7 +307,8 @@ def part_of(
     return KinematicTree(model, coordinates, {"world": WORLD}, mimic, tree.offset[rows]), columns
 
 
-def _unique(name: str, taken: Collection[str]) -> str:
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return the name, with a number behind it if it is taken."""
     if name not in taken:
         return name
     k = 2

@@ -1,11 +1,11 @@
 """Compiles one MJCF file with MuJoCo; run as a script in a process of its own (`compiled`).
 
-Whatever a stranger's file does to the compiler stays in that process. The answer is the compiled
-model as data, or one line under "error".
+A file from an unknown source cannot harm more than that process. The answer is the compiled model
+as data, or one line under "error".
 
 Only the parts that statics needs are compiled: textures are left out, and a mesh is read only where
 a mass depends on it. A unit tetrahedron replaces every other mesh. MuJoCo places a mesh by its own
-centre and reports where that is, so the pose of the file's mesh follows without reading it.
+centre and reports the centre's place, so the pose of the file's mesh follows without reading it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Any
 from cartstiff.child_process import read_regular, serve
 
 _MEGABYTES, _SECONDS = 2048, 8
-# Bytes of an included file, and how deep files include others.
-_LARGEST, _DEEPEST = 64 * 1024 * 1024, 20
+# Largest size of an included file, and largest depth of includes.
+_MAX_BYTES, _MAX_DEPTH = 64 * 1024 * 1024, 20
 _ARENA = 64 * 1024**2
 _TETRAHEDRON = [1.0, 1, 1, 1, -1, -1, -1, 1, -1, -1, -1, 1]
 _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
@@ -27,7 +27,7 @@ _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
 NO_MASS = 1e-14
 
 _FIELDS = """
-qpos0 qpos_spring key_qpos opt.gravity opt.wind opt.density opt.viscosity opt.disableflags
+qpos0 qpos_spring key_qpos opt.gravity opt.wind opt.density opt.viscosity
 body_parentid body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp
 body_mocapid body_plugin
 jnt_type jnt_bodyid jnt_qposadr jnt_pos jnt_axis jnt_limited jnt_range jnt_stiffness
@@ -40,6 +40,15 @@ tendon_adr tendon_num tendon_stiffness tendon_stiffnesspoly tendon_lengthspring
 wrap_type wrap_objid actuator_trntype actuator_trnid actuator_gear actuator_biastype
 actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
 """
+#: Fields whose numbers are replaced by MuJoCo's names of them.
+_ENUMERATIONS = {
+    "jnt_type": "mjtJoint",
+    "geom_type": "mjtGeom",
+    "eq_type": "mjtEq",
+    "eq_objtype": "mjtObj",
+    "wrap_type": "mjtWrap",
+    "actuator_biastype": "mjtBias",
+}
 _NAMED = {
     "body": "body",
     "jnt": "joint",
@@ -55,17 +64,17 @@ _NAMED = {
 
 
 def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
-    """Data of the compiled model; at most `largest` of each count (``nv``, ``nbody``, ...)."""
+    """Return the compiled model; at most `largest` of each count (``nv``, ``nbody``, ...)."""
     import mujoco
 
     _check_includes(Path(path), Path(path).parent, [])
     spec = mujoco.MjSpec.from_file(path)
     spec.compiler.fusestatic = False  # keeps the names of bodies that do not move
     spec.compiler.discardvisual = False
-    # Compiling sets up a simulation: nothing collides here, so that it needs little.
+    # Compiling sets up a simulation, which needs little memory here: nothing collides.
     spec.memory = _ARENA
     spec.njmax = spec.nconmax = spec.nstack = -1
-    meshes, lost = _thin(mujoco, spec)
+    meshes, lost = _reduced(mujoco, spec)
     massless = False
     try:
         model = spec.compile()
@@ -87,29 +96,22 @@ def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
     for key, kind in _NAMED.items():
         addresses = getattr(model, f"name_{key}adr", [])
         data[f"{kind}_names"] = [_name(model.names, int(a)) for a in addresses]
-    data["enums"] = {
-        kind: {int(v): k for k, v in getattr(mujoco, kind).__members__.items()}
-        for kind in (
-            "mjtJoint",
-            "mjtGeom",
-            "mjtEq",
-            "mjtObj",
-            "mjtWrap",
-            "mjtDisableBit",
-            "mjtBias",
-        )
-    }
-    # Weights below the bound are the bound's, not the file's.
+    for field, kind in _ENUMERATIONS.items():
+        names = {int(v): k for k, v in getattr(mujoco, kind).__members__.items()}
+        data[field] = [names[value] for value in data[field] or ()]
+    bits = mujoco.mjtDisableBit.__members__.items()
+    data["disabled"] = [name for name, bit in bits if int(bit) & model.opt.disableflags]
+    # Masses up to this bound are the bound's, not the file's.
     data["no_mass"] = NO_MASS if massless else 0.0
     data["meshes"], data["lost_meshes"] = meshes, lost
     return data
 
 
 def _check_includes(path: Path, folder: Path, above: list[Path]) -> None:
-    """Refuse what MuJoCo would open and wait for, or follow without end: included files."""
-    if path in above or len(above) > _DEEPEST:
+    """Refuse included files that MuJoCo would wait for, and endless includes."""
+    if path in above or len(above) > _MAX_DEPTH:
         raise ValueError(f"{path.name} includes itself")
-    text = read_regular(str(path), _LARGEST)
+    text = read_regular(str(path), _MAX_BYTES)
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise ValueError(f"XML document types and entities are not supported, in {path.name}")
     for name in re.findall(rb"<(?:include|model)\b[^>]*?\bfile\s*=\s*[\"']([^\"']*)", text):
@@ -122,11 +124,11 @@ def _name(names: bytes, start: int) -> str:
     return names[start : names.index(b"\0", start)].decode("utf-8", "backslashreplace")
 
 
-def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]:
-    """Leave out what is costly and plays no part; returns mesh files, and meshes that are lost.
+def _reduced(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """Remove costly parts without effect; return mesh files, and missing meshes with their bodies.
 
-    The second maps the file of each mesh that a mass depends on, and that is missing, to the
-    bodies that lack the mass.
+    The second maps the file of each missing mesh on which a mass depends to the bodies that lack
+    the mass.
     """
     for texture in spec.textures:
         texture.file = ""
@@ -137,12 +139,12 @@ def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]
     for field in spec.hfields:
         if field.file:
             field.file, field.nrow, field.ncol, field.userdata = "", 2, 2, [0.0, 0.0, 1.0, 1.0]
-    weighed: dict[str, list[Any]] = {}
+    heavy_by_mesh: dict[str, list[Any]] = {}
     for geom in (geoms := list(spec.geoms)):
         # Nothing collides here, so that no hulls are needed.
         geom.contype = geom.conaffinity = 0
-        if geom.meshname and _weighs(mujoco, geom):
-            weighed.setdefault(geom.meshname, []).append(geom)
+        if geom.meshname and _has_mass(mujoco, geom):
+            heavy_by_mesh.setdefault(geom.meshname, []).append(geom)
     fitted = {g.meshname for g in geoms if g.meshname and g.type not in _mesh_types(mujoco)}
     files: dict[str, Any] = {}
     lost: dict[str, list[str]] = {}
@@ -158,7 +160,7 @@ def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]
             "refpos": list(map(float, mesh.refpos)),
             "refquat": list(map(float, mesh.refquat)),
         }
-        heavy = weighed.get(mesh.name, [])
+        heavy = heavy_by_mesh.get(mesh.name, [])
         if there and (heavy or mesh.name in fitted):
             continue
         if heavy:
@@ -176,7 +178,7 @@ def _mesh_types(mujoco: Any) -> tuple[Any, Any]:
     return mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF
 
 
-def _weighs(mujoco: Any, geom: Any) -> bool:
+def _has_mass(mujoco: Any, geom: Any) -> bool:
     """Whether the inertia of a geom's body is taken from it."""
     compiler = geom.compiler if hasattr(geom, "compiler") else None
     inferred = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
