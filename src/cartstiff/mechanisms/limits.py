@@ -27,8 +27,9 @@ from cartstiff.potentials.springs import JointSprings
 
 #: Round-off of a quantity at its limit, relative to the quantity or to its natural size.
 _ROUNDOFF = numerics.LIMIT_SLACK
-# Largest plausible deflections: of a joint's spring in rad, of the tip over the reach.
-_MAX_WIND_UP, _MAX_TIP_DEFLECTION = float(np.radians(5.0)), 0.1
+# Largest plausible deflections: of a joint in rad, of the tip over the reach, of a leg over its
+# length.
+_MAX_WIND_UP, _MAX_RELATIVE_DEFLECTION = float(np.radians(5.0)), 0.1
 # Angles beyond their limits look like degrees if they are larger than this, angles without limits
 # if they are larger than twice this, those of a pose if they are larger than this.
 _TURN = 2.0 * np.pi
@@ -277,8 +278,8 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
 def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     """Return a note on joint deflections over 5 deg, and tip deflections over a tenth of the reach.
 
-    Also legs and cables that a load stretches by a tenth of their length; where their rest lengths
-    were given, or are springs' without a platform, the stretch is meant.
+    Also on legs and cables that a load stretches by a tenth of their length; where rest lengths
+    were given, or are those of springs without a platform, the stretch is intended.
 
     Parameters
     ----------
@@ -312,7 +313,7 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
         reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
-        if moved > _MAX_TIP_DEFLECTION * reach > 0.0:
+        if moved > _MAX_RELATIVE_DEFLECTION * reach > 0.0:
             parts.append(f"the tip moves by {moved:.3g} {units.length}, its reach is {reach:.3g}")
             values |= {"moved": moved, "reach": reach}
     if not parts:
@@ -324,14 +325,14 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
 def _stretched(
     elastic: ElasticMechanism, platform: Platform, springs: LineSprings, q: Array
 ) -> list[Note]:
-    """Doubts legs of a platform, and cables, as `deflection_notes`."""
+    """Note on stretched legs of a platform, and cables, as `deflection_notes`."""
     if springs.balanced_at is None:
         return []
     lengths, units = springs.lengths_at(platform.at(q).pose), elastic.units
     tensions = springs.tensions(lengths)
     x = tensions / springs.stiffness
     of_robots = springs.cables | (platform.kind == "stewart-gough")
-    long = np.flatnonzero(of_robots & (np.abs(x) > _MOVED * lengths))
+    long = np.flatnonzero(of_robots & (np.abs(x) > _MAX_RELATIVE_DEFLECTION * lengths))
     if not long.size:
         return []
     long = long[np.argsort(-np.abs(x[long]))]
