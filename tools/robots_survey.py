@@ -6,9 +6,10 @@ Without folders the URDFs of example-robot-data; else every .urdf, .xacro and MJ
 them, with arguments for xacro files that ask for them; a folder of an installed package may be
 given by the package's name. Each file is loaded and analysed with nothing named; its pose is
 compared with MuJoCo's reading of the same MJCF, or with yourdfpy's of the same URDF (of a xacro
-file: of what is made of it; without yourdfpy Pinocchio's). A line a robot; at the end how many
-load, are refused or are wrong, how many poses were compared, and how many arms show a 6x6 matrix:
-what stands on the floor with six to twelve joints that give the body six motions.
+file: of what is made of it; without yourdfpy Pinocchio's). A line a robot: name, maker (the folder
+below FOLDER), frame, posture [deg, mm], stiffness in the softest direction [N/mm], verdict; at the
+end how many load, are refused or are wrong, how many poses were compared, and how many arms show a
+6x6 matrix: what stands on the floor with six to twelve joints that give the body six motions.
 Files that MuJoCo refuses as well, and parts of robots that only others include, stand apart. Exit
 code 1 if anything is wrong, or if fewer than 95 % of the arms show one.
 """
@@ -134,7 +135,7 @@ def pose_by_yourdfpy(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndar
 
 def pose_by_pinocchio(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndarray | None:
     """Pose of the arm's frame; None where joints are expanded, which have no like in the file."""
-    model = pin.buildModelFromXML(text)
+    model = pin.buildModelFromXML(text, mimic=True)
     at = pin.neutral(model)
     for name, value in zip(arm.names, q, strict=True):
         if not model.existJointName(name):
@@ -184,6 +185,25 @@ def loaded(path: Path, values: dict[str, str]) -> ElasticMechanism:
     return cartstiff.load(str(path), xacro_args=own if path.suffix == ".xacro" else None)
 
 
+def described(arm: ElasticMechanism, result: cartstiff.PostureStiffness) -> str:
+    """Frame, posture, and the softest direction's stiffness."""
+    lengths = [c.is_length for c in arm.mechanism.coordinates]
+    shown = np.where(lengths, 1e3 * result.q, np.degrees(result.q))
+    posture = ",".join(f"{value:.0f}" for value in shown)
+    C = result.compliances["B"]
+    largest = 0.0 if C is None else float(np.linalg.eigvalsh(C[3:, 3:])[-1])
+    stiffness = f"{1e-3 / largest:.4g}" if largest > 0.0 else "-"
+    return f"{arm.mechanism.frame:24} {posture:36} {stiffness:>9}"
+
+
+def maker(path: Path, folders: list[str]) -> str:
+    """The folder below the one that was given, in which the robot lies."""
+    for folder in map(folder_of, folders):
+        if path.is_relative_to(folder) and path.parent != folder:
+            return path.relative_to(folder).parts[0]
+    return path.parent.name
+
+
 def surveyed(path: Path, values: dict[str, str], count: Counter[str]) -> str:
     """What is said of one file; counted as well."""
     try:
@@ -200,7 +220,7 @@ def surveyed(path: Path, values: dict[str, str], count: Counter[str]) -> str:
     difference = 0.0 if wanted is None else float(np.abs(wanted - result.pose).max())
     wrong = difference > SAME
     count["wrong" if wrong else "loads"] += 1
-    words = f"{len(arm.names)} joints to {arm.mechanism.frame}"
+    words = described(arm, result)
     if wanted is None:
         words += ", pose not compared"
     else:
@@ -222,7 +242,8 @@ def main() -> int:
     values = dict(word.split(":=", 1) for word in given if ":=" in word)
     folders = [word for word in given if ":=" not in word]
     for path in files_below(folders) if folders else files():
-        print(f"{path.name:40} {surveyed(path, values, count)}", flush=True)
+        row = f"{path.name:36} {maker(path, folders)[:20]:20} {surveyed(path, values, count)}"
+        print(row, flush=True)
     print(", ".join(f"{key} {count[key]}" for key in ("loads", "refused", "parts", "wrong")))
     compared = [f"{who} {count[who]}" for who in ("MuJoCo", "yourdfpy", "Pinocchio")]
     print(f"poses compared within {SAME:g}: {', '.join(compared)}")
