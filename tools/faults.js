@@ -28,7 +28,8 @@
             const pen = document.createElement("canvas").getContext("2d");
             pen.font = getComputedStyle(node).font;
             const text = node.selectedOptions[0]?.text ?? "";
-            if (pen.measureText(text).width + 8 > node.clientWidth) found.push(`cut: select "${text}"`);
+            const arrow = 22; // with the space around both
+            if (pen.measureText(text).width + arrow > node.clientWidth) found.push(`cut: select "${text}"`);
         }
     }
     if (document.documentElement.scrollWidth > innerWidth) found.push("the page is wider than its window");

@@ -17,7 +17,8 @@ from typing import Any
 
 from tools.screenshot import launch, ready, settled
 
-SIZES = ((1920, 1080), (1280, 720), (1024, 768), (390, 844))
+#: A screen, a large one, a tablet, a phone upright and across.
+SIZES = ((1440, 900), (2560, 1440), (1024, 768), (390, 844), (844, 390))
 
 #: Tells what is wrong with the picture of a page.
 FAULTS = Path(__file__).with_name("faults.js").read_text(encoding="utf-8")
@@ -73,7 +74,9 @@ def main() -> int:
     parser.add_argument("--exported", action="store_true")
     parser.add_argument("--load", action="store_true", help="with a load of 100 downwards")
     parser.add_argument("--theme", choices=("light", "dark"), action="append")
+    parser.add_argument("--width", type=int, action="append", help="only sizes of this width")
     options = parser.parse_args()
+    sizes = [size for size in SIZES if size[0] in (options.width or (size[0],))]
     count = 0
     with sync_playwright() as playwright:
         browser = launch(playwright)
@@ -90,7 +93,7 @@ def main() -> int:
                         url + ("#load=0,0,0,0,0,-100&load_axes=inertial" if options.load else "")
                     )
                     ready(page)
-                    for size in SIZES:
+                    for size in sizes:
                         for fault in looked_at(page, size, options.output, f"{name}-{theme}"):
                             count += 1
                             print(f"{name} {theme} {size[0]}x{size[1]}: {fault}", flush=True)

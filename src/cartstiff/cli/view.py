@@ -163,7 +163,7 @@ def command(
     others : [OTHER]...
         Other mechanisms.
     port
-        Port of this machine; 0 takes a free one.
+        Port of this machine; 0 takes 7266, where links lead, or a free one.
     host : ADDRESS
         Address to listen on. Any other than the default lets in other machines that know the
         printed address; what they exchange is not encrypted.

@@ -65,6 +65,11 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 
+_DOOR_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
 
 def is_local_name(host_header: str, names: tuple[str, ...] = ()) -> bool:
     """Whether a Host header is an address, "localhost", or one of `names`.
@@ -101,10 +106,24 @@ class Guarded(RequestHandler):
 
 
 class _Refused(Guarded):
-    """The same 403 for whatever comes without the token, or under a strange name."""
+    """The same 403 for whatever comes without the token, or under a strange name.
+
+    People get it as a page that asks for the address; it keeps the state that a link holds.
+    """
 
     def send_error(self, status_code: int = 403, **_: Any) -> None:  # noqa: ARG002
         super().send_error(403, reason="open the whole address that cartstiff has printed")
+
+    def write_error(self, status_code: int, **options: Any) -> None:
+        """In words, or as a page for a browser that goes here."""
+        request = self.request
+        if request.method != "GET" or "text/html" not in request.headers.get("Accept", ""):
+            super().write_error(status_code, **options)
+            return
+        kind, page = self.application.settings["files"]["/page/door.html"]
+        self.set_header("Content-Type", kind)
+        self.set_header("Content-Security-Policy", _DOOR_POLICY)
+        self.finish(page)
 
     def prepare(self) -> None:
         self.send_error()
@@ -457,6 +476,8 @@ def _zipped(content: bytes) -> bytes:
     return gzip.compress(content, 6, mtime=0)
 
 
+#: Port that `serve` takes where it is free: links hold it, and live on when the page is served anew.
+USUAL_PORT = 7266
 #: The largest number of a TCP port.
 _LAST_PORT = 65535
 
@@ -590,7 +611,7 @@ def serve(
     source : Source
         What is shown.
     host, port
-        Where; see `PageServer`.
+        Where; see `PageServer`. Port 0 takes `USUAL_PORT` if it is free.
     ready : callable
         Told the page's address once it answers.
     last : bool
@@ -610,6 +631,11 @@ def serve(
         end.set()
         for function in wake:
             function()
+
+    if port == 0:
+        with suppress(InputError):
+            _listening(host, USUAL_PORT).close()
+            port = USUAL_PORT
 
     async def run() -> None:
         server = PageServer(source, host=host, port=port, beside=beside)

@@ -123,7 +123,7 @@ class EllipsoidPicture:
                 self._labels[i].hide()
         return {
             "shown": solid,
-            "reason": None if solid and not flat else _reason(shape),
+            "reason": None if solid and not flat else _reason(shape, unit),
             "definiteness": shape.definiteness,
             "eigenvalues": principal,
             "axes": shape.axes.tolist(),
@@ -217,16 +217,16 @@ def _along(
     return [x + length * a, y + length * b, z + length * c]
 
 
-def _reason(shape: Ellipsoid) -> str:
+def _reason(shape: Ellipsoid, unit: str) -> str:
     kind = shape.definiteness
-    low = number(float(shape.eigenvalues[0]))
+    low = number(float(shape.eigenvalues[0]), unit)
     if kind == "positive semidefinite":
         size = numerics.ZERO * float(np.abs(shape.eigenvalues).max())
         zeros = int(np.sum(np.abs(shape.eigenvalues) <= size))
         return _FLAT[max(1, zeros)]
     if kind == "zero":
         return "zero: there is nothing to draw"
-    return f"{kind}: the smallest principal value is {low}, and no ellipsoid belongs to it"
+    return f"{kind}: the smallest principal value is {low}"
 
 
 def _darker(colour: int) -> int:

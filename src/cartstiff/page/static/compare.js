@@ -3,6 +3,7 @@
 
 import { byId, el, inSize, short } from "./dom.js";
 import { Pane } from "./pane.js";
+import { sup } from "./matrix.js";
 import { freeness } from "./numbers.js";
 import { actsAt } from "./program.js";
 import { LOOKS, METRES, Store, givenLoad } from "./store.js";
@@ -209,7 +210,8 @@ export function compareCard(store) {
       return [times / factor, unit];
     });
     const [moving, turning] = freeness(store.shown);
-    const heads = ["moves", `${stiff ? "softest" : "most compliant"}, ${moving}`, `in rotation, ${turning}`];
+    const symbol = `${stiff ? "K" : "C"}${sup(store.shown.connection)}`;
+    const heads = ["moves", `${stiff ? "softest" : "most compliant"} of ${symbol}, ${moving}`, `in rotation, ${turning}`];
     const line = (name, title, found, note, ...buttons) => el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note), ...buttons),
       ...found);
     const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x * sizes[k][0]), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));

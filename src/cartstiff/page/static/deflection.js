@@ -1,11 +1,15 @@
 // The first question: how far does the load move the point, and what gives way.
 
-import { byId, el, engineering, inSize, short } from "./dom.js";
+import { byId, el, engineering, inSize, short, typeset } from "./dom.js";
+import { sup } from "./matrix.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
 import { sway } from "./sway.js";
 
-// A load to begin with, in the unit of force.
+// Loads to begin with: a size in the unit of force, and directions in the room.
 const EXAMPLE = 100;
+const EXAMPLES = [["downwards", [0, 0, -1]], ["sideways along x", [1, 0, 0]], ["along y", [0, 1, 0]]];
+// A posture is better if the load moves the point by this share less, as the report says it.
+const BETTER = 0.01;
 
 /** Load, weight and what is taken for granted, in a line. */
 function assumptions(store, moved) {
@@ -23,19 +27,44 @@ function together(values, unit) {
   return `(${values.map((x) => short(Math.abs(x) > CLOSE * most ? x / factor : 0)).join(", ")}) ${name}`;
 }
 
+/** Go to the posture that differs in one coordinate and at which the load moves the point least; says how much less. */
+async function better(store) {
+  const state = structuredClone({ ...store.state, ...store.given() });
+  const here = Math.hypot(...store.numbers.moved.displacement);
+  const { sliders, coordinates, platform } = store.hello.mechanism;
+  let best = { deflection: [here] };
+  for (const coordinate of sliders) {
+    const { rows } = await store.ask({ do: "sweep", coordinate, steps: 61, refined: false, state });
+    for (const row of rows) if (row.deflection?.[0] < best.deflection[0]) best = { ...row, coordinate };
+  }
+  const share = 1 - best.deflection[0] / here;
+  if (!(share > BETTER)) return "No single coordinate, moved from here, makes it better by 1 %";
+  store.change({ q: best.q.slice(), moved: best.coordinate });
+  return `Better (one ${platform ? "coordinate" : "joint"} changed, ${coordinates[best.coordinate].name}): ${Math.round(100 * share)} % less displacement; the tip is then at another place (u goes back)`;
+}
+
 export function deflectionPanel(store) {
   const head = el("div", { class: "moved-head" });
   const detail = el("div", { class: "moved-detail" });
   const line = el("p", { class: "moved-line dim small" });
   const bars = el("div", { class: "moved-bars", tabindex: 0, role: "group", "aria-label": "Shares of the joints or legs" });
-  const example = el("button", { type: "button", title: "A force of 100 downwards in the room; then drag the arrow, or type numbers on the left",
-    onclick: () => store.change({ load: [0, 0, 0, 0, 0, -EXAMPLE], load_axes: "inertial" }) });
-  store.on("hello", () => { example.textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
-  const [softest, stable, doubt] = ["softest", "stable", "doubt"].map((name) => el("p", { class: `fact ${name}` }));
-  byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), sway(store)),
-    head, bars, softest, stable, doubt, detail, line));
+  const examples = EXAMPLES.map(([words, way]) => el("button", { type: "button", title: `A force of ${EXAMPLE} ${words} in the room; then drag the arrow, or type numbers on the left`,
+    onclick: () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "inertial" }) }, words));
+  store.on("hello", () => { examples[0].textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
+  const [softest, stable, apart, doubt, found] = ["softest", "stable", "apart", "doubt", "found"].map((name) => el("p", { class: `fact ${name}` }));
+  apart.title = "Largest difference of two entries, over the square root of the product of the two diagonal entries beside it";
+  const search = el("button", { type: "button", class: "quiet", title: "The best posture that differs from this one in one coordinate", onclick: async () => {
+    store.searching = search.disabled = true;
+    const words = await better(store).catch(({ message }) => message);
+    store.searching = search.disabled = false;
+    found.textContent = words;
+    store.tell("rows", store.rows);
+  } }, "Better posture");
+  store.on("state", () => { found.textContent = ""; });
+  byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), search, sway(store)),
+    head, found, bars, softest, stable, apart, doubt, detail, line));
 
-  /** What is true with a load or without: the softest direction, stability, how sure the springs are. */
+  /** What is true with a load or without: the softest direction, stability, whether A or K matters, how sure the springs are. */
   function facts() {
     const { softest: soft, moved, result } = store.numbers;
     softest.hidden = stable.hidden = !soft;
@@ -44,6 +73,10 @@ export function deflectionPanel(store) {
         soft.direction ? ` along (${soft.direction.map((x) => short(Number(x.toFixed(2)), 2)).join(", ")}) of the room` : " along more than one direction alike");
       stable.textContent = moved?.resisted === false ? "" : "Stable: every small push is resisted";
     }
+    const [A, K] = ["A", "K"].map((name) => store.matrix(name, store.numbers, "stiffness"));
+    const most = A && K && Math.max(...A.flatMap((row, i) => row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])))));
+    apart.hidden = !Number.isFinite(most) || !soft;
+    apart.textContent = most < CLOSE ? `K${sup("A")} and K${sup("K")} are the same here` : `K${sup("A")} and K${sup("K")} differ by up to ${short(100 * most, 2)} %`;
     const { source } = store.hello.mechanism;
     const assumed = result.notes.find(({ code }) => code === "stiffness-assumed");
     doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !/illustrative/i.test(source));
@@ -55,6 +88,7 @@ export function deflectionPanel(store) {
     const { moved, result } = store.numbers;
     const { wrench } = result;
     facts();
+    search.hidden = !store.source.moves || !moved?.resisted || !moved.displacement.some((x) => x);
     for (const node of [bars, detail, line]) node.replaceChildren();
     const say = (kind, ...words) => {
       head.className = `moved-head ${kind}`;
@@ -63,7 +97,7 @@ export function deflectionPanel(store) {
     if (!moved) {
       if (!wrench) return say("dim", "no load can be held here");
       if (store.shown.load?.some((x) => x)) return say("dim", "no compliance exists here: how far the load moves it is not said");
-      return say("dim", "no load", ...(store.source.moves && store.hello.mechanism.takes_load ? [" ", example] : []));
+      return say("dim", "no load", ...(store.source.moves && store.hello.mechanism.takes_load ? [" ", ...examples] : []));
     }
     if (!moved.resisted) return say("bad", "Unstable: the load pushes it away");
     // A turn that is rounding beside the way is none.
@@ -90,7 +124,7 @@ export function deflectionPanel(store) {
       bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), ROUNDING)}%`;
       bars.append(el("div", { class: "moved-bar", title: `${name}: part of the point's way` },
         el("span", { class: "moved-name" }, name), el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, bar),
-        el("span", { class: "num" }, share === null ? "–" : `${Math.round(100 * share) || 0} %`)));
+        el("span", { class: "num" }, share === null ? "–" : typeset(`${Math.round(100 * share) || 0} %`))));
     }
     for (const note of moved.notes) bars.append(el("div", { class: "dim small" }, note));
   });

@@ -33,6 +33,9 @@ export function loaded(share) {
 
 const MINUS = "\u2212";
 
+/** Words with numbers as people write them: a negative one has a minus, not a hyphen. */
+export const typeset = (text) => text.replaceAll(/(?<![\w)])-(?=[\d.])/g, MINUS);
+
 // As in `cartstiff.mechanisms.contract`, which a test compares.
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"]];
 const STIFF = [[1e9, "MN/mm"], [1e6, "kN/mm"], [1e3, "N/mm"], [1, "N/m"]];

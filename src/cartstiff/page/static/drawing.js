@@ -245,7 +245,7 @@ export class Drawing {
     const { length } = this.scene.units;
     const cut = Math.max(...lengths) >= scale.most ? `; cut at ${inLength(scale.most, length)}: the stiffest axis is longer` : "";
     const words = solid ? scale.words(unit, length, assets.bar) + cut
-      : `not drawn: ${kind}: the smallest principal value is ${number(values[0], "")}, and no ellipsoid belongs to it`;
+      : `not drawn: ${kind}: the smallest principal value is ${number(values[0], unit)}`;
     return { mark: freedom, text: `${called}: ${words}` };
   }
 

@@ -9,8 +9,8 @@ const SHINING = /^(translation ellipsoid|rotation ellipsoid|wrench|deflection)$/
 const SHINE = 0.45;
 
 // Places around the point, in sizes of the label, nearest first.
-const PLACES = [0, 1, 2, 3]
-  .flatMap((ring) => [-1, -0.5, 0, 0.5, 1].flatMap((x) => [-ring, ring].map((y) => [x, y])))
+const PLACES = [0, 1, 2, 3, 4, 5]
+  .flatMap((ring) => [-1.5, -1, -0.5, 0, 0.5, 1, 1.5].flatMap((x) => [-ring, ring].map((y) => [x, y])))
   .sort((a, b) => Math.hypot(a[0], 0.7 * a[1]) - Math.hypot(b[0], 0.7 * b[1]));
 // Space between labels, as a share of their size.
 const GAP = 1.06;
@@ -28,6 +28,18 @@ function onScreen(sprite, camera) {
   const inside = (at, half) => (Math.abs(at) < 1 ? Math.max(half - 1, Math.min(1 - half, at)) : at);
   const [x0, y0] = [inside(middle.x, width), inside(middle.y, height)];
   return { sprite, x: x0, y: y0, shift: [(x0 - middle.x) / (2 * width), (y0 - middle.y) / (2 * height)], width, height };
+}
+
+// Share of an ellipsoid's half sizes within which no value is written.
+const CORE = 0.72;
+
+/** Middle and half sizes of the core of an ellipsoid, a unit ball that is stretched, on the screen. */
+function coreOf(ball, camera) {
+  const view = camera.matrixWorldInverse.clone().multiply(ball.matrixWorld).elements;
+  const [x, , , , , y] = camera.projectionMatrix.elements;
+  const [width, height] = [0, 1].map((k) => (CORE * Math.hypot(view[k], view[k + 4], view[k + 8])) / -view[14]);
+  const middle = ball.position.clone().setFromMatrixPosition(ball.matrixWorld).project(camera);
+  return { x: middle.x, y: middle.y, width: width * x, height: height * y };
 }
 
 /** Names of the nodes from below the mechanism's place down to an object. */
@@ -88,16 +100,21 @@ export function arrange(scene, camera, lit, boxes) {
   meshes.forEach(shine);
   const labels = written(sprites, lit).map((sprite) => onScreen(sprite, camera)).filter(Boolean);
   const placed = [...boxes];
+  const M = scene.getObjectByName("M");
+  const ball = M && M.position.clone().setFromMatrixPosition(M.matrixWorld).project(camera);
+  const cores = meshes.filter((mesh) => !mesh.userData.isTwin && /ellipsoid.*body/.test(pathOf(mesh).join())).map((mesh) => coreOf(mesh, camera));
+  if (ball && labels.length) cores.push({ x: ball.x, y: ball.y, width: labels[0].height / camera.aspect, height: labels[0].height });
   for (const label of labels) {
     const { sprite, width, height } = label;
-    const free = ([dx, dy]) => {
+    const kept = /ellipsoid|wrench/.test(pathOf(sprite)[0]) ? [...placed, ...cores] : placed;
+    const free = ([dx, dy], others = kept) => {
       const x = label.x + 2 * dx * width * GAP, y = label.y + 2 * dy * height * GAP;
       const inside = (at, half, to) => Math.abs(at) >= 1 || Math.abs(to) + half <= 1.001;
-      return inside(label.x, width, x) && inside(label.y, height, y) && placed.every((other) => Math.abs(other.x - x) >= (other.width + width) * 0.99
+      return inside(label.x, width, x) && inside(label.y, height, y) && others.every((other) => Math.abs(other.x - x) >= (other.width + width) * 0.99
         || Math.abs(other.y - y) >= (other.height + height) * 0.99);
     };
     const before = sprite.userData.place;
-    const place = before && free(before) ? before : PLACES.find(free) ?? PLACES[0];
+    const place = before && free(before) ? before : PLACES.find((at) => free(at)) ?? PLACES.find((at) => free(at, placed)) ?? PLACES[0];
     sprite.userData.place = place;
     sprite.center.set(0.5 - place[0] * GAP - label.shift[0], 0.5 - place[1] * GAP - label.shift[1]);
     placed.push({ x: label.x + 2 * place[0] * width * GAP, y: label.y + 2 * place[1] * height * GAP, width, height });

@@ -1,7 +1,7 @@
 // What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
 // file that carries all of it.
 
-import { byId, el, short } from "./dom.js";
+import { byId, el, short, typeset } from "./dom.js";
 import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
@@ -30,7 +30,7 @@ export function legendBox(store) {
     length = legend.bar.length;
     box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale, ` ${legend.bar.text}`),
       ...(legend.lines ?? []).map(({ mark, text, title = text }) => el("div", { title },
-        el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${text}`)));
+        el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
     bar.hidden = !legend.cloud;
     if (legend.cloud) bar.replaceChildren(...colourBar(legend.cloud));
     // An address may ask for another posture than the one that the first picture was framed for.

@@ -15,7 +15,7 @@ import { ComputingSource, PostureSource } from "./offline.js";
 import { Pane } from "./pane.js";
 import { picking } from "./pick.js";
 import { posePanel } from "./pose.js";
-import { sharing } from "./share.js";
+import { linkTo, sharing } from "./share.js";
 import { Store } from "./store.js";
 import { strip } from "./strip.js";
 
@@ -85,7 +85,10 @@ function banners(store, source) {
   source.onstatus = (status) => {
     if (status === "lost" && !lost) show(source.alone ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"
       : "The server does not answer. The page shows the last posture and tries again by itself …", "warning");
-    if (status === "strange") show("The server has been started anew. Open the address that it has printed.", "warning");
+    if (status === "strange") {
+      show("The server has been started anew: the address that it has printed lets you in again, with what is shown here. ", "warning");
+      banner.append(el("a", { href: linkTo(store) }, "Enter"));
+    }
     if (status === "connected" && lost) show(null);
     lost = status !== "connected";
     document.body.classList.toggle("lost", lost && !source.alone);
@@ -133,6 +136,11 @@ async function fromServer() {
   const viewer = import(new URL("viewer.js", location.href));
   source.connect();
   await viewer;
+  try {
+    localStorage.setItem("address", location.pathname); // for links, which hold no secret
+  } catch {
+    // Links will ask for it.
+  }
   build(source);
 }
 

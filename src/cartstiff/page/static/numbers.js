@@ -61,11 +61,11 @@ export function numbersPanel(store) {
     (value) => store.change({ others: value }));
   store.on("state", () => chooseOthers(store.state.others));
 
-  const [condition, blocks, pose] = ["Condition number", "… of translation, rotation (held)", "Position"].map(fact);
+  const [condition, blocks, pose] = ["Condition number", "… translation; rotation (held)", "Position"].map(fact);
   const meters = el("div", { class: "meters" });
   const facts = el("dl", { class: "facts" }, ...condition.nodes, ...blocks.nodes, ...pose.nodes);
   byId("right").append(
-    el("div", { class: "card principal-card" }, el("div", { class: "row" }, head, others, el("span", { class: "grow" }),
+    el("div", { class: "card principal-card" }, el("div", { class: "row" }, head, others,
       el("button", { type: "button", class: "quiet", title: "Everything that the matrix says (i)", onclick: () => showReport(store) }, "Full analysis")),
     principal, facts, meters));
 
@@ -113,7 +113,7 @@ export function numbersPanel(store) {
     condition.value.textContent = !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
       : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`;
     condition.value.title = indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: ${indices.eigenvalues.map((x) => short(x)).join(", ")}` : "";
-    blocks.value.textContent = indices ? `${short(indices.translational_condition)}, ${short(indices.rotational_condition)}` : "–";
+    blocks.value.textContent = indices ? `${short(indices.translational_condition)}; ${short(indices.rotational_condition)}` : "–";
     const [x, y, z] = chop(numbers.position, numbers.singularity[0]?.length).map((c) => short(c, 4));
     pose.value.textContent = `${x}, ${y}, ${z} ${length}`;
     pose.value.title = `roll, pitch, yaw ${numbers.angles.map((a) => short((a * 180) / Math.PI, 4)).join(", ")}°`;

@@ -1,7 +1,7 @@
 // The picture: meshcat's viewer in a pane of ours.
 
 /* global MeshCat */
-import { byId } from "./dom.js";
+import { byId, typeset } from "./dom.js";
 import { arrange } from "./labels.js";
 import { CLOSE } from "./numerics.js";
 
@@ -306,7 +306,8 @@ function box({ offsetLeft, offsetTop, offsetWidth, offsetHeight }, width, height
 }
 
 /** A line of text on a canvas; colours are numbers, for light and dark. */
-function penned(canvas, { text, letters, paper }) {
+function penned(canvas, { text: said, letters, paper }) {
+  const text = typeset(said);
   const theme = Number(document.documentElement.dataset.theme === "dark");
   const pen = canvas.getContext("2d");
   const font = "26px system-ui, sans-serif";

@@ -64,6 +64,9 @@ export function fromHash(hash, first) {
   return found;
 }
 
+/** The address of what is shown: without the secret of a server, which is new for the next one; it asks for that. */
+export const linkTo = (store) => `${store.source.live ? location.origin + "/" + location.search : location.href.split("#")[0]}#${toHash(store)}`;
+
 export function sharing(store) {
   const actions = byId("actions");
   const button = (text, title, onclick) => el("button", { type: "button", title, onclick }, text);
@@ -83,7 +86,7 @@ export function sharing(store) {
   });
   html.id = "export";
   actions.append(
-    button("Link", "Copy the address of this state", () => copy(location.href.split("#")[0] + "#" + toHash(store), "Address")),
+    button("Link", "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff has printed", () => copy(linkTo(store), "Address (without its secret)")),
     pictureFile(store, () => file(store)),
     saved("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () =>
       [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`, "application/json"]),

@@ -11,6 +11,8 @@ import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 export const MARGIN = { left: 52, right: 12, top: 20, bottom: 18 };
 // Length of a line in the key, and width of a letter in a gap, in dots.
 const [SAMPLE, LETTERS] = [26, 6];
+// Width from which on the key names what is compared, too: that has its name at its end.
+const KEY_FITS = 460;
 // Half the width of the slider's thumb: its middle runs below the plot.
 const THUMB = 8;
 // What of a state curves depend on, besides the posture.
@@ -229,7 +231,7 @@ export function strip(store) {
     plot.classList.toggle("stale", series !== null);
     const waits = slow >= SLOW_SWEEPS && !now;
     again.hidden = !waits;
-    if (isPlaying() || waits) return;
+    if (isPlaying() || waits || store.searching) return;
     timer = setTimeout(() => compute(wanted), now ? 0 : 350);
   }
 
@@ -315,7 +317,7 @@ export function strip(store) {
   function lineKey(names, isCompared, width) {
     let x = width - MARGIN.right;
     const kinds = names.map((name, k) => [name, `${store.plot.of} curve-${k}`]);
-    for (const [name, kind] of [...kinds, ...(isCompared ? [["compared", "other"]] : [])].toReversed()) {
+    for (const [name, kind] of [...kinds, ...(isCompared && width > KEY_FITS ? [["compared", "other"]] : [])].toReversed()) {
       const text = lettered(x, MARGIN.top - 8, name, "end", "unit key");
       plot.append(text);
       x -= text.getComputedTextLength() + 4;
