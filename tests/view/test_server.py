@@ -6,6 +6,7 @@ import contextlib
 import gzip
 import json
 import random
+import signal
 import socket
 import threading
 import time
@@ -232,6 +233,41 @@ def test_without_the_token_there_is_a_403_and_nothing_else(page, method):
         assert token not in answer
         assert "Server:" not in head
         assert "Set-Cookie" not in head
+
+
+def test_a_browser_without_the_token_is_asked_for_the_address_and_told_nothing(page):
+    token = urlsplit(page.url).path.strip("/")
+    start = page.url.removesuffix(f"{token}/")
+    told = [
+        get(f"{start}{path}", Accept="text/html,*/*;q=0.8", Host=host)
+        for path in ("", token.swapcase(), "page/main.js", "x/socket")
+        for host in ("127.0.0.1", "elsewhere.example")
+    ]
+    for status, body, headers in told:
+        assert status == 403
+        assert body == told[0][1]
+        assert b"Address that cartstiff has printed" in body
+        assert token.encode() not in body
+        assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert "Set-Cookie" not in headers
+
+
+def test_a_page_that_is_served_anew_has_the_same_port_if_it_is_free(platform):
+    found = []
+
+    def ask(url):
+        found.append(urlsplit(url).port)
+        signal.raise_signal(signal.SIGTERM)
+
+    for _ in range(2):
+        serving.serve(Source(platform), ready=ask)
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        taken.bind(("127.0.0.1", serving.USUAL_PORT))
+        taken.listen()
+        serving.serve(Source(platform), ready=ask)
+    assert found[:2] == [serving.USUAL_PORT] * 2
+    assert found[2] != serving.USUAL_PORT
 
 
 def test_a_socket_needs_the_token(page):

@@ -476,7 +476,7 @@ def _zipped(content: bytes) -> bytes:
     return gzip.compress(content, 6, mtime=0)
 
 
-#: Port that `serve` takes where it is free: links hold it, and live on when the page is served anew.
+#: Port that `serve` takes where it is free: links that hold it outlive a restart.
 USUAL_PORT = 7266
 #: The largest number of a TCP port.
 _LAST_PORT = 65535

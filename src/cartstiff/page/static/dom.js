@@ -157,6 +157,13 @@ export function reveal(node) {
   node.scrollIntoView({ block: "nearest" });
 }
 
+/** Put a box of words beside a pointer, within another box. */
+export function placeBeside(tip, { clientX, clientY }, { left, top, width, height }, [right, down]) {
+  tip.hidden = false;
+  tip.style.left = `${clamp(clientX - left + right, 4, width - tip.offsetWidth - 6)}px`;
+  tip.style.top = `${clamp(clientY - top + down, 4, height - tip.offsetHeight - 6)}px`;
+}
+
 /** A short message that goes away. */
 export function toast(text) {
   document.querySelector(".toast")?.remove();

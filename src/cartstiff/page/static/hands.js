@@ -1,7 +1,7 @@
 // Hands in the picture: handles at the tool and at the load's arrows.
 
 /* global MeshCat */
-import { byId, chop, el, engineering, hues, short } from "./dom.js";
+import { placeBeside, byId, chop, el, engineering, hues, short } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 import { limitRings } from "./rings.js";
 
@@ -355,16 +355,13 @@ export function hands(store) {
 
   function say(event) {
     if (event) hold.last = event;
-    const { left, top, width, height } = byId("stage").getBoundingClientRect();
     const length = store.unit("length");
     const p = store.numbers.position.map((x) => short(x, 4)).join(", ");
     const said = { ball: p, arm: `${AXIS_NAMES[hold.axis]}: ${p}`, ring: `about ${AXIS_NAMES[hold.axis]}` }[hold.kind];
     tip.textContent = hold.kind === "ring" ? said : hold.words ?? (LOAD.includes(hold.kind) ? `${hold.kind === "twirl" ? "turn: moment" : `pull: ${hold.kind}`}` : `${said} ${length}`);
     if (hold.stopped) tip.textContent += ` · ${hold.stopped}`;
     tip.classList.toggle("stopped", Boolean(hold.stopped));
-    tip.hidden = false;
-    tip.style.left = `${Math.max(4, Math.min(hold.last.clientX - left + 18, width - tip.offsetWidth - 6))}px`;
-    tip.style.top = `${Math.max(4, Math.min(hold.last.clientY - top + 18, height - tip.offsetHeight - 6))}px`;
+    placeBeside(tip, hold.last, byId("stage").getBoundingClientRect(), [18, 18]);
   }
 
   /** Limits that stop the hand: named beside it, their rows coloured, the ball red. */

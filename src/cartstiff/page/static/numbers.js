@@ -46,10 +46,8 @@ export function numbersPanel(store) {
     const name = el("th", { scope: "row" }, el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `,
       el("span", { class: "unit" }));
     const cells = [0, 1, 2].map(() => el("td", { class: "num" }));
-    const ratios = [0, 1, 2].map(() => el("td", { class: "num ratio" }));
-    const compare = el("tr", { class: "compare", hidden: true }, el("th", { scope: "row", class: "dim" }, ""), ...ratios);
-    rows[kind] = { name, cells, ratios, compare };
-    body.append(el("tr", { "data-row-of": kind }, name, ...cells), compare);
+    rows[kind] = { name, cells };
+    body.append(el("tr", { "data-row-of": kind }, name, ...cells));
   }
   const [low, high] = [0, 1].map(() => el("th", { scope: "col" }));
   const whose = el("td", { class: "dim" });
@@ -85,11 +83,9 @@ export function numbersPanel(store) {
     low.textContent = stiff ? "softest" : "stiffest";
     high.textContent = stiff ? "stiffest" : "softest";
     const units = store.blockUnits();
-    const kept = store.rows.find(({ own }) => own);
-    const before = kept?.comparable ? kept.numbers.principal : null;
     const [free, turned] = freeness(shown);
     for (const [kind, unit, others] of [["translation", units[1][1], free], ["rotation", units[0][0], turned]]) {
-      const { name, cells, ratios, compare } = rows[kind];
+      const { name, cells } = rows[kind];
       const found = numbers.principal?.[kind];
       const size = found ? Math.max(...found.values.map((x) => Math.abs(reading(kind, x)))) : 0;
       const [factor, read] = !store.fine || kind === "rotation" ? inSize(size, unit) : [1, unit];
@@ -100,12 +96,6 @@ export function numbersPanel(store) {
         cell.classList.toggle("negative", x !== null && x < -BLANK * size);
         cell.title = x === null ? "does not exist here"
           : `${sure(x, size)} ${unit}\nalong (${found.axes[i].map((c) => short(c, 3)).join(", ")})${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
-      });
-      compare.hidden = !kept;
-      if (kept) compare.firstChild.textContent = `over state ${kept.title}`;
-      if (kept) ratios.forEach((cell, i) => {
-        const [x, y] = [found?.values[i], before?.[kind].values[i]]; // a ratio has no unit
-        cell.textContent = x != null && y ? `× ${short(x / y, 3)}` : "–";
       });
     }
     const { indices } = numbers;
@@ -132,7 +122,6 @@ export function numbersPanel(store) {
 
   store.on("numbers", update);
   store.on("units", update);
-  store.on("rows", update);
 }
 
 export function notesCard(store) {

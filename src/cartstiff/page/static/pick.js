@@ -1,7 +1,7 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
 /* global MeshCat */
-import { byId, el, engineering, reveal, short, toast } from "./dom.js";
+import { placeBeside, byId, el, engineering, reveal, short, toast } from "./dom.js";
 import { pathOf } from "./labels.js";
 
 // A press that moved less than this (dots) is a click.
@@ -134,10 +134,7 @@ export function picking(store) {
     tip.hidden = !what;
     if (!what) return;
     tip.textContent = words(store, what);
-    const { left, top, width, height } = byId("stage").getBoundingClientRect();
-    const [x, y] = [event.clientX - left, event.clientY - top];
-    tip.style.left = `${Math.max(4, Math.min(x + 14, width - tip.offsetWidth - 6))}px`;
-    tip.style.top = `${Math.max(4, Math.min(y + 16, height - tip.offsetHeight - 6))}px`;
+    placeBeside(tip, event, byId("stage").getBoundingClientRect(), [14, 16]);
   }
 
   // A row that is pointed at has its values written in the picture.

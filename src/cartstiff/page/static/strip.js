@@ -1,7 +1,7 @@
 // A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { CURVES, plotted } from "./curves.js";
-import { LOST, SUPERSEDED, byId, clamp, download, el, short, toast } from "./dom.js";
+import { LOST, SUPERSEDED, placeBeside, byId, clamp, download, el, short, toast } from "./dom.js";
 import { CLOSER, EDGE, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
 import { grid, lettered, sized, through, ticks } from "./grid.js";
@@ -115,9 +115,7 @@ export function strip(store) {
     reading.hidden = !words;
     if (!words) return;
     reading.textContent = words;
-    const strip = byId("strip").getBoundingClientRect();
-    reading.style.left = `${clamp(event.clientX - strip.left + 12, 4, strip.width - reading.offsetWidth - 6)}px`;
-    reading.style.top = `${clamp(event.clientY - strip.top - 30, 2, strip.height - 26)}px`;
+    placeBeside(reading, event, byId("strip").getBoundingClientRect(), [12, -30]);
   }
 
   /** Show something else. */

@@ -1,0 +1,153 @@
+"""What a stranger asks of a page: each answer is there after three clicks at most."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tools.screenshot import ready, settled
+
+import cartstiff
+
+SIDEWAYS = np.array([0.0, 0.0, 0.0, 100.0, 0.0, 0.0])
+MILLI = {"m": 1e3, "mm": 1.0, "µm": 1e-3}
+
+
+class Stranger:
+    """Somebody who clicks, and is counted."""
+
+    def __init__(self, page):
+        self.page, self.clicks = page, 0
+
+    def click(self, what):
+        self.page.click(what)
+        self.clicks += 1
+        assert self.clicks <= 3
+        settled(self.page)
+
+    def reads(self, what):
+        return self.page.inner_text(what).replace("\u2212", "-")
+
+    @property
+    def millimetres(self):
+        """How far the tip moves."""
+        value, unit = self.reads(".moved-head").split(" moves ")[1].split(" ")[:2]
+        return float(value) * MILLI[unit]
+
+
+@pytest.fixture
+def stranger(serve, pages):
+    return Stranger(pages.shared(serve("ur5").url))
+
+
+def pushed(arm, q=None):
+    return cartstiff.analyse(arm, q, wrench=SIDEWAYS, load_axes="world")
+
+
+def way(result):
+    """How far (mm) the tip moves, by the Jacobian where no load acts and by the tangent."""
+    return 1e3 * np.linalg.norm(np.linalg.solve(result.tangent, result.wrench)[3:])
+
+
+def test_how_far_does_the_tip_move_under_100_n_sideways(stranger):
+    stranger.click("text=sideways along x")
+    assert stranger.millimetres == pytest.approx(way(pushed(cartstiff.load("ur5"))), rel=1e-3)
+
+
+def test_which_joint_is_to_be_stiffened(stranger):
+    """The one that, twice as stiff, leaves least of the motion."""
+    stranger.click("text=sideways along x")
+    arm = cartstiff.load("ur5")
+    result = pushed(arm)
+    J, k = result.jacobian, arm.springs.stiffness
+
+    def left(factor):
+        return np.linalg.norm((J @ ((J.T @ result.wrench) / (factor * k)))[3:])
+
+    best = min(range(6), key=lambda j: left(np.where(np.arange(6) == j, 2.0, 1.0)))
+    assert stranger.page.inner_text(".moved-name >> nth=0") == arm.names[best]
+
+
+def test_whether_a_or_k_matters(stranger):
+    assert "are the same here" in stranger.reads(".apart")
+    stranger.click("text=sideways along x")
+    found = pushed(cartstiff.load("ur5")).matrices
+    scale = np.sqrt(np.abs(np.diag(found["K"])))
+    apart = 100 * np.max(np.abs(found["A"] - found["K"]) / np.outer(scale, scale))
+    shown = float(stranger.reads(".apart").split("up to ")[1].split(" ")[0])
+    assert shown == pytest.approx(apart, rel=0.06)
+    # Open, the matrix has the difference marked.
+    stranger.click(".matrix-card > summary")
+    stranger.click(".connections [data-value=A]")
+    assert "entries differ" in stranger.reads(".differs")
+
+
+def test_the_softest_direction(stranger):
+    result = cartstiff.analyse(cartstiff.load("ur5"))
+    values, axes = np.linalg.eigh(np.linalg.inv(result.tangent)[3:, 3:])
+    said = stranger.reads(".softest")
+    assert float(said.split(": ")[1].split(" ")[0]) == pytest.approx(1e-3 / values[-1], rel=1e-3)
+    along = [float(x) for x in said.split("(")[2].split(")")[0].split(",")]
+    assert abs(along @ result.pose[:3, :3] @ axes[:, -1]) == pytest.approx(1, abs=0.02)
+
+
+def test_a_better_posture(stranger):
+    """As good as the best that differs in one joint, on a grid of the API's."""
+    stranger.click("text=sideways along x")
+    before = stranger.millimetres
+    stranger.page.click("text=Better posture")
+    stranger.clicks += 1
+    stranger.page.wait_for_selector(".found:has-text('less displacement')")
+    settled(stranger.page)
+    arm = cartstiff.load("ur5")
+    q = np.array(stranger.page.evaluate("() => window.cartstiff.numbers.result.q"))
+    assert np.count_nonzero(np.abs(q - arm.q) > 1e-9) == 1
+    assert stranger.millimetres == pytest.approx(way(pushed(arm, q)), rel=1e-3)
+    share = float(stranger.reads(".found").split("): ")[1].split(" ")[0])
+    assert share == pytest.approx(100 * (1 - stranger.millimetres / before), abs=1)
+    least = before
+    for j in range(6):
+        for x in np.linspace(-np.pi, np.pi, 25):
+            there = pushed(arm, np.where(np.arange(6) == j, x, arm.q))
+            if there.tangent is not None and np.linalg.eigvalsh(there.tangent)[0] > 0:
+                least = min(least, way(there))
+    assert stranger.millimetres <= 1.02 * least
+    stranger.page.keyboard.press("u")
+    settled(stranger.page)
+    assert stranger.millimetres == before
+
+
+def test_a_link_outlives_a_restart_and_holds_no_secret(pages):
+    from cartstiff.page.server import Background
+    from cartstiff.page.source import Source
+
+    arm = cartstiff.load("ur5")
+    server = Background(Source(arm))
+    port, secret = server.server.port, server.url.split("/")[3]
+    page = pages.open(server.url)
+    page.watch.without_server()
+    page.focus("#slider-2")
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    q = page.evaluate("() => window.cartstiff.numbers.result.q")
+    page.evaluate("() => { navigator.clipboard.writeText = async (x) => { window.copied = x; }; }")
+    page.click("text=Link")
+    link = page.evaluate("() => window.copied")
+    assert secret not in link
+    page.goto("about:blank")
+    page.goto(link)  # this browser was let in before
+    ready(page)
+    assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
+    server.close()
+    server = Background(Source(arm), port=port)
+    try:
+        # The page that was open says how one gets in again, and keeps its state.
+        page.wait_for_selector("#banner a:has-text('Enter')")
+        page.click("#banner a")
+        page.fill("input", server.url)
+        page.click("button")
+        ready(page)
+        assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
+        assert page.url.startswith(server.url)
+    finally:
+        page.goto("about:blank")
+        server.close()
