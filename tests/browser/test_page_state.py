@@ -147,7 +147,8 @@ def test_the_first_view_holds_the_tool_and_nothing_is_wider_than_the_screen(serv
     assert_seen(page, width)
 
 
-#: Corners of what is framed: largest share of the pane's half width, and dots down from its top.
+#: Corners of what is framed: largest share of the pane's half width, and dots down from its top;
+#: where the legend begins and the buttons end.
 CORNERS = """() => {
     const { pane } = window.cartstiff;
     const { camera } = pane.viewer;
@@ -157,20 +158,23 @@ CORNERS = """() => {
         return camera.position.clone().set(x, z, -y).project(camera);
     });
     return [Math.max(...found.map(({ x }) => Math.abs(x))),
-        Math.max(...found.map(({ y }) => (1 - y) / 2 * pane.node.clientHeight)),
-        document.getElementById("legend").offsetTop];
+        ...[Math.max, Math.min].map((most) =>
+            most(...found.map(({ y }) => (1 - y) / 2 * pane.node.clientHeight))),
+        document.getElementById("legend").offsetTop,
+        document.getElementById("cameras").offsetTop
+            + document.getElementById("cameras").offsetHeight];
 }"""
 
 
-@pytest.mark.parametrize("viewport", [(1280, 720), (1024, 768)])
+@pytest.mark.parametrize("viewport", [(1280, 720), (1024, 768), (390, 844)])
 def test_all_corners_of_what_is_framed_are_seen_beside_the_legend(serve, pages, viewport):
     """The sphere around a wide frame of cables is not what shows."""
     width, height = viewport
     page = pages.open(serve("cable-robot").url, viewport={"width": width, "height": height})
     settled(page)
-    across, lowest, legend = page.evaluate(CORNERS)
+    across, lowest, highest, legend, buttons = page.evaluate(CORNERS)
     assert across < 0.95
-    assert lowest < legend
+    assert buttons <= highest < lowest < legend
 
 
 def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):

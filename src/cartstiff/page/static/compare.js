@@ -57,9 +57,10 @@ class Row {
     return JSON.stringify(this.units) === JSON.stringify(this.main.hello.mechanism.units);
   }
 
-  /** The state to show now. */
+  /** The state to show now: read as what is shown, where what is wanted has no answer. */
   wished() {
-    const { state, legend } = this.main;
+    const { legend, refused } = this.main;
+    const state = refused === null ? this.main.state : this.main.shown;
     const looks = { ...LOOKS(state), quantity: state.quantity, mode: null, ghost: null, measures: this.sameUnits ? legend?.measures ?? null : null };
     if (this.own) return { ...structuredClone(this.kept.state), ...looks, load_at: actsAt(this.kept.state), point: state.point, axes: state.axes, moved: null };
     const shared = Object.fromEntries(SHARED.map((key) => [key, state[key]]));
@@ -246,8 +247,10 @@ export function compareCard(store) {
     reconcile();
   });
   store.on("kept", reconcile);
+  const refresh = () => { for (const row of store.rows) row.refresh(); };
+  store.on("refused", refresh);
   store.on("numbers", () => {
-    for (const row of store.rows) row.refresh();
+    refresh();
     update();
   });
   store.on("units", update);

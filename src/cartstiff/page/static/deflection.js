@@ -1,6 +1,6 @@
 // The first question: how far does the load move the point, and what gives way.
 
-import { SUPERSEDED, byId, el, engineering, inSize, short, typeset } from "./dom.js";
+import { byId, el, engineering, inSize, short, typeset } from "./dom.js";
 import { sup } from "./matrix.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
 import { sway } from "./sway.js";
@@ -34,12 +34,7 @@ async function better(store) {
   const { sliders, coordinates, platform } = store.hello.mechanism;
   let best = { deflection: [here] };
   for (const coordinate of sliders) {
-    let rows = null;
-    while (!rows) { // curves that are asked for meanwhile take its place once
-      rows = await store.ask({ do: "sweep", coordinate, steps: TRIED, refined: false, state }).then((answer) => answer.rows, (error) => {
-        if (error.message !== SUPERSEDED) throw error;
-      });
-    }
+    const { rows } = await store.insist({ do: "sweep", coordinate, steps: TRIED, refined: false, state });
     for (const row of rows) if (row.deflection?.[0] < best.deflection[0]) best = { ...row, coordinate };
   }
   const share = 1 - best.deflection[0] / here;

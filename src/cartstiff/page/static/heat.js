@@ -1,6 +1,6 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
-import { SUPERSEDED, clamp, download, el, hues, short } from "./dom.js";
+import { clamp, download, el, hues, short } from "./dom.js";
 import { between } from "./drawing.js";
 import { lettered, sized } from "./grid.js";
 import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
@@ -96,17 +96,12 @@ export function heat(store, what) {
 
   /** Rows along a coordinate: of two sweeps at once the server answers the newer, and curves go first. */
   async function swept(coordinate, state, key) {
-    while (asked === key) {
-      if (what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
-      else {
-        try {
-          return (await store.ask({ do: "sweep", coordinate, steps: CELLS, refined: false, state })).rows;
-        } catch ({ message }) {
-          if (message !== SUPERSEDED) return null;
-        }
-      }
-    }
-    return null;
+    const isWanted = async () => {
+      while (what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
+      return asked === key;
+    };
+    const answer = await store.insist({ do: "sweep", coordinate, steps: CELLS, refined: false, state }, isWanted).catch(() => null);
+    return answer?.rows;
   }
 
   /** Why a cell has no colour. */

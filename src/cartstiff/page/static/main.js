@@ -136,11 +136,7 @@ async function fromServer() {
   const viewer = import(new URL("viewer.js", location.href));
   source.connect();
   await viewer;
-  try {
-    localStorage.setItem("address", location.pathname); // for links, which hold no secret
-  } catch {
-    // Links will ask for it.
-  }
+  Promise.resolve().then(() => localStorage.setItem("address", location.pathname)).catch(() => {}); // for links, which hold no secret
   build(source);
 }
 

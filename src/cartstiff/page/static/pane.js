@@ -21,7 +21,7 @@ const BRACE = 0x7b;
 // Distance of the camera over that at which the sphere around everything just fits.
 const FILLED = 0.95;
 // Share of the free picture within which all corners of what is framed lie.
-const ROOM = 0.9;
+const ROOM = 0.94;
 // Boxes of words over the picture.
 const OVER = ["cameras", "show", "legend", "colour-bar"];
 
@@ -41,7 +41,7 @@ export class Pane {
     };
     window.onload = null;
     this.viewer.gui.domElement.style.display = "none";
-    this.covered = 0;
+    this.covered = this.above = 0; // by the legend, and by buttons
     this.boxes = []; // what stands over the picture, as labels are kept
     this.framed = null; // the last view that was framed
     this.lit = null;
@@ -103,12 +103,13 @@ export class Pane {
     this.viewer.set_dirty();
   }
 
-  /** Put the middle of the picture into the middle of what the legend leaves free. */
+  /** Put the middle of the picture into the middle of what legend and buttons leave free. */
   center() {
     const { clientWidth: width, clientHeight: height } = this.node;
     // Never back, and not under a hand: a legend that comes and goes does not shake the picture.
     if (this.over.includes("legend") && !this.holding) this.covered = Math.max(this.covered, byId("legend").offsetHeight);
-    this.viewer.camera.setViewOffset(width, height, 0, this.covered / 2, width, height);
+    if (this.over.includes("cameras")) this.above = byId("cameras").offsetTop + byId("cameras").offsetHeight;
+    this.viewer.camera.setViewOffset(width, height, 0, (this.covered - this.above) / 2, width, height);
     this.boxes = this.over.map((id) => box(byId(id), width, height));
     // A view that nobody has turned is framed anew for another shape of the pane.
     this.frameAnew(this.framed?.bounds);
@@ -215,7 +216,7 @@ export class Pane {
     const middle = up(low.map((x, i) => (x + high[i]) / 2));
     const direction = preset === "fit" ? camera.position.clone().sub(controls.target)
       : camera.position.clone().set(...up(DIRECTIONS[preset]));
-    const free = Math.max(0.3, (height - this.covered) / Math.max(1, height));
+    const free = Math.max(0.3, (height - this.covered - this.above) / Math.max(1, height));
     const half = Math.tan((camera.fov * Math.PI) / 360) * Math.min(free, width / Math.max(1, height));
     const radius = Math.max(CLOSE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
     controls.target.set(...middle);

@@ -3,7 +3,7 @@
 // One question is in flight; while it is, only the newest state is kept.
 
 import { cross, rotation, times } from "./algebra.js";
-import { LOST } from "./dom.js";
+import { LOST, SUPERSEDED } from "./dom.js";
 
 // Time (ms) after which what is shown is said to be of another posture.
 const LATE = 700;
@@ -166,6 +166,17 @@ export class Store {
       this.waiting.set(id, { resolve, reject });
       this.source.ask({ id, state: this.state, ...message });
     });
+  }
+
+  /** Ask again where a newer question took its place, as long as the answer is wanted; undefined if it no longer is. */
+  async insist(message, isWanted = () => true) {
+    while (await isWanted()) {
+      try {
+        return await this.ask(message);
+      } catch (error) {
+        if (error.message !== SUPERSEDED) throw error;
+      }
+    }
   }
 
   receive(data, commands) {
