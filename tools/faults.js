@@ -58,6 +58,14 @@
     for (const [label, { left, top, right, bottom }] of labels) {
         if (left < canvas.left - 1 || right > canvas.right + 1 || top < canvas.top - 1 || bottom > canvas.bottom + 1) found.push(`cut: ${label}`);
     }
+    let tool = null;
+    viewer.scene.traverse((node) => { if (node.name === "M") tool = node; });
+    const p = viewer.camera.position.clone().setFromMatrixPosition(tool.matrixWorld).project(viewer.camera);
+    const [mx, my] = [(p.x + 1) / 2 * canvas.width + canvas.left, (1 - p.y) / 2 * canvas.height + canvas.top];
+    for (const [label, { left, top, right, bottom }] of labels) {
+        if (/ellipsoid|wrench/.test(label) && mx > left && mx < right && my > top && my < bottom) found.push(`over M: ${label}`);
+        if (bottom - top < 14) found.push(`small: ${label} (${(bottom - top).toFixed(1)} high)`);
+    }
     const all = [...boxes, ...labels];
     all.forEach(([one, a], i) => {
         for (const [other, b] of all.slice(0, i)) {
@@ -65,9 +73,6 @@
             if (x > 1 && y > 1) found.push(`over each other: ${other}, ${one} (${x.toFixed(0)} x ${y.toFixed(0)})`);
         }
     });
-    let tool = null;
-    viewer.scene.traverse((node) => { if (node.name === "M") tool = node; });
-    const p = viewer.camera.position.clone().setFromMatrixPosition(tool.matrixWorld).project(viewer.camera);
     if (Math.max(Math.abs(p.x), Math.abs(p.y)) > 0.95) found.push(`the tool is at the edge: ${p.x.toFixed(2)}, ${p.y.toFixed(2)}`);
     return found;
 }

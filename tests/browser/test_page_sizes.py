@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tools.look import looked_at
 from tools.screenshot import settled
 
 import cartstiff
@@ -54,6 +55,19 @@ def test_the_picture_is_the_widest_and_the_answer_is_under_it_on_a_phone(ur5):
             assert ur5.evaluate(SMALL) == []
             assert 0 <= found["answer"]["top"] - found["stage"]["bottom"] < 20
             assert found["strip"]["top"] >= found["answer"]["bottom"]
+
+
+def test_labels_are_legible_and_keep_off_what_they_name(ur5):
+    """On a phone across, too, where the picture has most of the height and swipes scroll."""
+    ur5.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -100] })")
+    settled(ur5)
+    for size in ((844, 390), (390, 844)):
+        assert looked_at(ur5, size) == []
+        assert ur5.evaluate("() => document.querySelector('#stage').clientHeight") > 0.5 * size[1]
+    assert ur5.evaluate("() => getComputedStyle(document.querySelector('.plot')).touchAction") in (
+        "pan-y",
+        "auto",
+    )
 
 
 def test_escape_closes_what_is_open(ur5):

@@ -33,7 +33,8 @@ RUN = """async ([wishes, presses]) => {
             whose: text(".principal thead td"), unit: text(".block-unit"), place: text(".place") });
     };
     store.on("numbers", listener);
-    const rest = (done) => (store.busy === null && !store.wanted ? done() : setTimeout(rest, 3, done));
+    const isIdle = () => store.busy === null && !store.wanted;
+    const rest = (done) => (isIdle() ? done() : setTimeout(rest, 3, done));
     const refused = [];
     for (const [i, wish] of wishes.entries()) {
         store.change(wish);

@@ -22,6 +22,8 @@ const BRACE = 0x7b;
 const FILLED = 0.95;
 // Share of the free picture within which all corners of what is framed lie.
 const ROOM = 0.94;
+// Height (dots) of a picture in which labels are as large as the scene says.
+const USUAL_HEIGHT = 640;
 // Boxes of words over the picture.
 const OVER = ["cameras", "show", "legend", "colour-bar"];
 
@@ -52,6 +54,7 @@ export class Pane {
     new ResizeObserver(() => {
       this.size = [this.node.clientWidth, this.node.clientHeight];
       this.viewer.set_3d_pane_size();
+      this.rewrite();
     }).observe(this.node);
     new MutationObserver(() => this.rewrite()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
     const covering = new ResizeObserver(() => this.center());
@@ -169,9 +172,15 @@ export class Pane {
     }
     sprite.userData.label = label;
     const { width, height } = sprite.userData.canvas;
-    sprite.scale.set((label.height * width) / height, label.height, 1);
+    const tall = label.height * this.lettering;
+    sprite.scale.set((tall * width) / height, tall, 1);
     sprite.material.map.needsUpdate = true;
     this.viewer.set_dirty();
+  }
+
+  /** How much larger labels are than in a picture of the usual height: in a low one they stay legible. */
+  get lettering() {
+    return Math.sqrt(USUAL_HEIGHT / Math.max(1, this.size[1]));
   }
 
   /** Write every label in the colours of the theme. */
