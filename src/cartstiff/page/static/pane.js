@@ -23,7 +23,7 @@ const FILLED = 0.95;
 // Share of the free picture within which all corners of what is framed lie.
 const ROOM = 0.94;
 // Height (dots) of a picture in which labels are as large as the scene says.
-const USUAL_HEIGHT = 640;
+const USUAL_HEIGHT = 720;
 // Boxes of words over the picture.
 const OVER = ["cameras", "show", "legend", "colour-bar"];
 
