@@ -11,6 +11,7 @@ from tests.mechanisms.oracle import GRAVITY, Held, displaced
 from tests.support import gradient_of, relative_error
 
 from cartstiff import ElasticMechanism, JointSprings, LineSprings, analyse, load
+from cartstiff.mechanisms.elements import Elements
 
 # Sums of the same numbers in another order.
 SUM = 1e-12
@@ -151,3 +152,14 @@ def test_the_gradient_is_the_derivative_of_the_energy(name):
     if not mechanism.at(q).coordinates_are_pose:
         rates = gradient_of(lambda d: elastic.evaluate(mechanism.at(q + d)).gradient, sizes)
         assert relative_error(evaluation.hessian, rates) <= SLOPE
+
+
+def test_springs_beside_the_springs_of_joints_keep_their_stiffness_with_a_compliance():
+    """10 and 3 kN m/rad in parallel are 13, also where the compliances are set anew."""
+    beside = JointSprings(np.full(6, 3e3), np.zeros(6))
+    elastic = load("fanuc-r2000ic", stiffness=1e4).with_potential(beside)
+    elements = Elements(elastic)
+    same = elements.with_compliance(elements.compliance)
+    hessian = same.evaluate(same.mechanism.at(same.q)).hessian
+    np.testing.assert_allclose(hessian, 1.3e4 * np.eye(6), rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(same.springs.stiffness, np.full(6, 1e4))
