@@ -172,7 +172,7 @@ def described_text(text: str, floating: bool = False, ros: Ros | None = None) ->
     )
 
 
-# Blank lines and comments before an XML declaration: other readers of URDF pass them over.
+# Blank lines and comments before an XML declaration, which other readers of URDF accept.
 _DECLARATION = re.compile(r"\A(\s*(?:<!--(?:(?!-->).)*-->\s*)*)<\?xml[^>]*\?>", re.DOTALL)
 
 

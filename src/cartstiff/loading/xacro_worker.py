@@ -402,7 +402,7 @@ def _innermost(error: Exception) -> str:
 
 
 class _Values(dict[str, Any]):
-    """Values of arguments as ``$(eval)`` has them: numbers and truths where they are such."""
+    """Values of arguments for ``$(eval)``, with numbers and truth values converted."""
 
     def __init__(self, argument: Callable[[str], str]) -> None:
         super().__init__()
