@@ -182,12 +182,11 @@ def describe_workspace(reached: Workspace) -> str:
         *_shares(reached.positions.shares()),
     ]
     if (least := reached.least_turn) is not None and reached.turns is not None:
-        shown = elastic.units
         lines += [
             "",
             "Rotations at this position",
-            f"  about every axis by at least {number(least * shown.shown_per_radian, 4)} "
-            f"{shown.shown_angle}; "
+            f"  about every axis by at least {number(least * elastic.units.shown_per_radian, 4)} "
+            f"{elastic.units.shown_angle}; "
             f"{percent(reached.share_of_rotations)} of all rotations",
             *_shares(reached.turns.shares()),
         ]
