@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
 
 from cartstiff.errors import InputError
+from cartstiff.identify.fitting import Fit, Noise, robust_fit, solved
 from cartstiff.identify.identification import identify
+from cartstiff.identify.measurements import Observations
 from cartstiff.identify.table import read_measurements
 from cartstiff.report.identification import describe_identification
 
@@ -90,3 +94,28 @@ def test_suspects_are_ten_lines_in_text_and_all_in_json(tmp_path):
     line = next(x for x in describe_identification(result).splitlines() if x.startswith("Suspect"))
     assert line.endswith(" and 2 more")
     assert line.count(",") == 9
+
+
+def test_the_residual_of_a_row_that_was_left_out_is_that_of_a_prediction():
+    """Against the externally studentised residual, computed from the fit to all rows."""
+    x = np.append(np.linspace(0.0, 1.0, 15), 4.0)
+    rng = np.random.default_rng(3)
+    y = 1.0 + 2.0 * x + 1e-3 * rng.normal(size=x.size)
+    y[-1] += 0.5
+    A, m = np.stack([np.ones_like(x), x], axis=1), x.size
+    nothing, is_angle = np.zeros((m, 3)), np.zeros(m, bool)
+    seen = Observations(
+        np.arange(m), ("d",) * m, is_angle, is_angle, np.zeros((m, 6)), y, y, nothing, nothing
+    )
+    noise = Noise.of(np.full(m, np.nan), is_angle)
+    unknowns = SimpleNamespace(sizes=np.ones(2), is_bounded=np.zeros(2, bool), priors=[])
+    whole = solved(A, y, noise, sizes=unknowns.sizes, bounded=unknowns.is_bounded)
+    plain = Fit(whole, whole.theta, A, y, 1)
+    model = SimpleNamespace(observations=seen)
+    robust = robust_fit(model, unknowns, noise, np.zeros((m, 0)), plain)
+    assert robust.suspects.tolist() == [m - 1]
+    e = y - A @ np.linalg.solve(A.T @ A, A.T @ y)
+    h = A[-1] @ np.linalg.solve(A.T @ A, A[-1])
+    others = (np.sum(e**2) - e[-1] ** 2 / (1.0 - h)) / (m - 3)
+    expected = e[-1] / np.sqrt(others * (1.0 - h))
+    assert robust.standardised[-1] == pytest.approx(expected, rel=1e-9)

@@ -1,1 +1,1 @@
-"""What a stiffness matrix says: ellipsoids, centres, screws, indices, equilibrium."""
+"""Properties of a stiffness matrix: ellipsoids, centres, screws, indices, tolerances."""

@@ -2,8 +2,8 @@ r"""Asymmetry of K^A, and how much the choice of connection matters at a load.
 
     K^A - (K^A)^T = [[ [tau]x, [f]x ], [ [f]x, 0 ]]                        ([ZK]_ eq. 50)
 
-is known from the wrench (tau, f) alone, and every difference between two named connections is a
-part of the same matrix: nothing but the load decides whether the choice matters.
+follows from the wrench (tau, f) alone, and every difference between two named connections is a part
+of the same matrix: the load alone decides whether the choice matters.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cartstiff.arrays import (
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 
-#: Below this relative change of stiffness the choice of connection is said not to matter.
+#: Relative change of stiffness below which the choice of connection does not matter.
 THRESHOLD = 0.01
 
 _BLOCKS = (("rr", 0, 0), ("rt", 0, 1), ("tr", 1, 0), ("tt", 1, 1))
@@ -54,7 +54,7 @@ class Asymmetry(Result):
     size : float
         Largest entry of `measured`, relative in the same way.
     agrees : bool
-        Whether the residual is below 1e-8: what is left is rounding.
+        Whether the residual is below 1e-8, and thus rounding.
     """
 
     measured: Array
@@ -127,7 +127,7 @@ class ConnectionTable:
     rows : tuple of ConnectionDifference
         One for each other connection.
     threshold : float
-        Relative change above which the choice is said to matter.
+        Relative change above which the choice matters.
     measure : {"energy", "length"}
         "energy": the largest singular value of ``L^-1 dK L^-T`` with L L^T the reference, the same
         for every length and body frame. "length": that of dK_l over that of the reference K_l,
@@ -135,9 +135,9 @@ class ConnectionTable:
     length : float
         Length scale of "length".
     matters : bool
-        Whether it does for any row.
+        Whether the choice matters for any row.
     verdict : str
-        The answer in a sentence, with the threshold.
+        The result in a sentence, with the threshold.
     """
 
     reference: str

@@ -1,8 +1,8 @@
 """Centres of an elasticity: stiffness, compliance, elasticity, least coupling.
 
 Moving the origin to p (axes unchanged) changes the coupling block as ``K_rt' = K_rt - [p]x K_tt``
-and that of the compliance as ``C_tr' = C_tr - [p]x C_rr``. Each centre is the point where something
-about the coupling vanishes. Where a decoupling point exists, all of them are that point.
+and that of the compliance as ``C_tr' = C_tr - [p]x C_rr``. At each centre a property of the
+coupling vanishes. If a decoupling point exists, all centres are that point.
 
 Keys: [Loncaric]_, [LipkinPatterson]_, [CiblakLipkin]_.
 """
@@ -39,9 +39,9 @@ def _symmetrising_point(
 ) -> Array:
     """Point p with ``B - [p]x D`` symmetric, D the power of a block with principal axes e_i.
 
-    ``(tr D 1 - D) p = 2 unskew(B)`` and ``B = sum B e_i e_i^T``: along e_a it is what the other two
-    axes say, ``p . e_a = sum e_a . (e_i x B e_i) / sum d_i``, so that a stiff axis does not round
-    the others off.
+    ``(tr D 1 - D) p = 2 unskew(B)`` and ``B = sum B e_i e_i^T``: along e_a it follows from the
+    other two axes, ``p . e_a = sum e_a . (e_i x B e_i) / sum d_i``, so that a stiff axis adds no
+    rounding to the others.
 
     Parameters
     ----------
@@ -83,13 +83,13 @@ def centre_of_stiffness(stiffness: ArrayLike, compliance: ArrayLike | None = Non
     stiffness : array_like, shape (6, 6)
         Symmetric; the point is in the same frame.
     compliance : array_like, shape (6, 6), optional
-        Its inverse, which gives what the stiffness has no digits for.
+        Its inverse, for values that the stiffness does not resolve.
 
     Raises
     ------
     UndefinedError
         Code ``"no-centre-of-stiffness"`` where two principal values of K_tt add to zero (rank one,
-        or indefinite); code ``"ill-conditioned"`` where the matrices do not know it.
+        or indefinite); code ``"ill-conditioned"`` where the matrices do not resolve it.
     """
     known = _translation(*symmetric_pair(stiffness, compliance))
     return _symmetrising_point(*known, "centre of stiffness", "translational stiffness")
@@ -105,7 +105,7 @@ def centre_of_compliance(compliance: ArrayLike, stiffness: ArrayLike | None = No
     ------
     UndefinedError
         Code ``"no-centre-of-compliance"`` where two principal values of C_rr add to zero; code
-        ``"ill-conditioned"`` where the matrices do not know it.
+        ``"ill-conditioned"`` where the matrices do not resolve it.
     """
     C = as_symmetric(compliance, "compliance")
     K = None if stiffness is None else as_symmetric(stiffness)
@@ -128,7 +128,7 @@ def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = No
     ------
     UndefinedError
         Code ``"no-centre-of-elasticity"`` where K_tt is singular; code ``"ill-conditioned"`` where
-        the matrices do not know it.
+        the matrices do not resolve it.
     """
     K, C = symmetric_pair(stiffness, compliance)
     G = coupling_matrix(K, C)
@@ -152,7 +152,7 @@ def point_of_least_coupling(stiffness: ArrayLike, compliance: ArrayLike | None =
     ------
     UndefinedError
         Code ``"no-point-of-least-coupling"`` where K_tt has rank one or zero: a whole line
-        of points serves equally; code ``"ill-conditioned"`` where the matrices do not know it.
+        of points is equivalent; code ``"ill-conditioned"`` where the matrices do not resolve it.
     """
     known = _translation(*symmetric_pair(stiffness, compliance))
     name, block = "point of least coupling", "squared translational stiffness"
@@ -161,7 +161,7 @@ def point_of_least_coupling(stiffness: ArrayLike, compliance: ArrayLike | None =
 
 @dataclass(frozen=True, eq=False)
 class Centres(Result):
-    """All centres of one elasticity; what does not exist is None, with the reason.
+    """All centres of one elasticity; None, with the reason, for one that does not exist.
 
     Attributes
     ----------
@@ -233,13 +233,13 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
 
 
 def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
-    """Coupling block with what is only the rounding of its subtraction set to zero."""
+    """Coupling block, zero if it is only the rounding of its subtraction."""
     rounding = numerics.ZERO * max(float(np.abs(before).max()), float(np.abs(lever).max()))
     return np.zeros((3, 3)) if np.abs(coupling).max() <= rounding else coupling
 
 
 def _checked_pair(stiffness: ArrayLike, compliance: ArrayLike | None) -> tuple[Array, Array | None]:
-    """Stiffness and compliance; UndefinedError where the entries of K do not hold soft motions."""
+    """Stiffness and compliance; UndefinedError if the entries of K do not resolve soft motions."""
     K, C = symmetric_pair(stiffness, compliance)
     error = 0.0 if C is None else error_of_soft_directions(K, C)
     if error > numerics.LOST_ERROR:
@@ -259,8 +259,8 @@ def normal_form(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> No
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-stiffness"``; code ``"ill-conditioned"`` where no matrix of stiffnesses
-        holds the softer directions.
+        Code ``"no-centre-of-stiffness"``; code ``"ill-conditioned"`` where no stiffness matrix
+        resolves the softer directions.
     """
     K, C = _checked_pair(stiffness, compliance)
     p = centre_of_stiffness(K, C)
@@ -274,7 +274,7 @@ def normal_form(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> No
 
 @dataclass(frozen=True, eq=False)
 class DecouplingFrame(Result):
-    """The frame in which rotation and translation are coupled least.
+    """The frame with the least coupling of rotation and translation.
 
     Attributes
     ----------

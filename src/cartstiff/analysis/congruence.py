@@ -11,7 +11,7 @@ control:
     Kq = J^T K^B J + S_W + Z Kz Z^T
 
 with Z a null-space basis of J and Kz the stiffness of the self-motion, free to choose. Kq couples
-the joints in general; whether independent joint springs can do it is a question of its own.
+the joints in general; `fit_diagonal` shows whether independent joint springs suffice.
 """
 
 from __future__ import annotations
@@ -45,9 +45,6 @@ from cartstiff.geometry import se3
 from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 from cartstiff.stiffness.reduction import reduce_to
 
-# Joint compliances below this share of the largest are called zero: the joint is best locked.
-_LOCKED = numerics.ROUNDING
-
 
 @dataclass(frozen=True, eq=False)
 class DiagonalFit(Result):
@@ -56,10 +53,10 @@ class DiagonalFit(Result):
     Attributes
     ----------
     stiffness : ndarray, shape (n,)
-        One spring per joint, none negative; for more than six joints infinite where a joint is
-        best locked.
+        One spring per joint, none negative; for more than six joints infinite if locking the joint
+        is best.
     cartesian : ndarray, shape (6, 6) or None
-        The K^B they give; None if it is infinite in some direction.
+        Their K^B; None if it is infinite in some direction.
     residual : float
         For six joints ``|K_l - desired K_l| / |desired K_l|``, for more that of the compliances
         (Frobenius norms, angles times the length l). For six joints the least possible one; for
@@ -152,7 +149,7 @@ def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, 
     x = _nnls([np.outer(column, column) for column in J.T], C)
     if np.any(S):
         x = _iterate(C / size, J, S, x, size)
-    x = np.where(x > _LOCKED * x.max(), x, 0.0)
+    x = np.where(x > numerics.ROUNDING * x.max(), x, 0.0)  # zero: a locked joint
     reached = J @ np.linalg.solve(np.eye(len(x)) - x[:, None] * S, x[:, None] * J.T)
     with np.errstate(divide="ignore"):
         springs = 1.0 / x
@@ -233,25 +230,25 @@ class JointStiffness(Result):
     matrix : ndarray, shape (n, n)
         Kq, the Hessian of the joint energy; symmetric.
     load_term : ndarray, shape (n, n)
-        The part S of it that only answers the load.
+        The part S of it due to the load.
     torque : ndarray, shape (n,)
         ``J^T W``, the joint torques that the springs must exert at this posture.
     definiteness : str
-        Of Kq: "positive" can be made of passive springs between joints; anything else needs
+        Definiteness of Kq: passive springs between joints realise a positive one; others need
         active control.
     eigenvalues : ndarray, shape (n,)
-        Of Kq scaled to unit diagonal where that is possible, else of Kq.
+        Eigenvalues of Kq, scaled to unit diagonal if possible.
     off_diagonal : float
         Largest ``|Kq_ab| / sqrt(|Kq_aa Kq_bb|)``; 0 for independent joints.
     is_diagonal : bool
         Whether that is below 1e-9.
     is_feasible : bool or None
-        Whether independent, non-negative joint springs give exactly the desired stiffness. None
+        Whether independent, non-negative joint springs realise the desired stiffness exactly. None
         without a fit.
     stable : bool
         Whether Kq - S_W is positive definite: the posture is stable under the load.
     diagonal_fit : DiagonalFit or None
-        The best that independent springs can do. None for more than six joints if the desired
+        The best independent springs. None for more than six joints if the desired
         matrix is singular: its compliance cannot be fitted.
     """
 

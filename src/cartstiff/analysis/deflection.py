@@ -23,13 +23,13 @@ from cartstiff.arrays import (
     real_array,
 )
 from cartstiff.errors import UndefinedError
+from cartstiff.geometry import se3
 
 
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
     """Small displacement (3,) of a body point: ``v + omega x p``."""
-    a, b, c, *v = checked_vector(twist, 6, "twist").tolist()
-    x, y, z = checked_vector(point, 3, "point").tolist()
-    return np.array([v[0] + (b * z - c * y), v[1] + (c * x - a * z), v[2] + (a * y - b * x)])
+    t, p = checked_vector(twist, 6, "twist"), checked_vector(point, 3, "point")
+    return np.asarray(t[3:] + se3.skew(t[:3]) @ p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Deflection(Result):
     twist : ndarray, shape (6,)
         Small motion (rotation, translation) of the body frame, body components.
     point : ndarray, shape (3,)
-        Body point looked at.
+        A point of the body.
     displacement : ndarray, shape (3,)
         Displacement of that point, in the axes of the body frame.
     energy : float
@@ -65,7 +65,7 @@ def compliance_deflection(
     W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
     twist = C.dot(W)
     moved = displacement_of_point(twist, p)
-    for own in (W, p, twist, moved):  # nobody else's, so that they need not be copied
+    for own in (W, p, twist, moved):  # new arrays need no copy
         own.flags.writeable = False
     return Deflection(W, twist, p, moved, 0.5 * float(W.dot(twist)))
 
@@ -159,14 +159,14 @@ class SpringShares(Result):
     elongation : ndarray, shape (m,)
         Elongation of each spring: length, or angle for a spring in a revolute joint.
     force : ndarray, shape (m,)
-        Stiffness times elongation: what the deflection adds to the spring's force.
+        Stiffness times elongation: change of the spring's force by the deflection.
     energy : ndarray, shape (m,)
         ``1/2 k e^2``.
     share : ndarray, shape (m,)
         Over the energy of the deflection; NaN if that is zero.
     load_share : float
-        What the turning of the loaded springs' lines, and other potentials, take or give. With
-        it the shares add up to 1; it is zero where nothing is loaded.
+        Share of the turning of loaded springs' lines, and of other potentials. With it the shares
+        add up to 1; it is zero without a load.
     """
 
     elongation: Array
@@ -179,7 +179,7 @@ class SpringShares(Result):
 def spring_shares(
     elongation: ArrayLike, stiffness: ArrayLike, deflection: Deflection
 ) -> SpringShares:
-    """Energies of springs that are not in a row.
+    """Energies of springs that are not in series.
 
     Parameters
     ----------
@@ -195,6 +195,6 @@ def spring_shares(
     energy = 0.5 * force * elongation
     whole = deflection.energy
     share = energy / whole if whole != 0.0 else np.full(len(energy), np.nan)
-    for own in (force, energy, share):  # nobody else's, so that they need not be copied
+    for own in (force, energy, share):  # new arrays need no copy
         own.flags.writeable = False
     return SpringShares(elongation, force, energy, share, 1.0 - float(share.sum()))

@@ -1,9 +1,9 @@
 r"""Ellipsoids and directional stiffness: three dimensions of a six-dimensional matrix at a time.
 
-Two different blocks carry the same name in the literature; here the difference has a word:
+Two different blocks have the same name in the literature; here they are distinguished:
 
 * *held*: the other freedoms are locked. Translational stiffness K_tt, compliance K_tt^-1.
-* *free*: the other freedoms give way without load. Translational compliance C_tt, stiffness C_tt^-1
+* *free*: the other freedoms move without load. Translational compliance C_tt, stiffness C_tt^-1
   = K_tt - K_tr K_rr^-1 K_rt.
 
 Free is never stiffer than held when K is positive definite. Held translational and free rotational
@@ -60,7 +60,7 @@ class Ellipsoid:
         "positive", "positive semidefinite", "indefinite", "negative semidefinite", "negative" or
         "zero". Only a positive one is the ellipsoid of a stable elasticity.
     asymmetry : float
-        Largest entry of the antisymmetric part that the ellipsoid cannot show.
+        Largest entry of the antisymmetric part, which the ellipsoid does not include.
     """
 
     axes: Array
@@ -93,7 +93,7 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
     return Ellipsoid(axes, radii, values, sign, asymmetry)
 
 
-@lru_cache(maxsize=16)  # a page asks twice: for its numbers and for its picture
+@lru_cache(maxsize=16)  # a page needs it twice: for its numbers and for its picture
 def _principal(
     matrix: bytes, inverse: bytes, losses: tuple[float, float] = (1.0, 1.0)
 ) -> tuple[Array, Array, Array, Definiteness]:
@@ -112,7 +112,7 @@ def _principal(
 
 def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
     """`ellipsoid` from eigenvalues (3,), smallest first, and their vectors in columns (3, 3)."""
-    # In plain numbers, and in one array: those of three take longer.
+    # Plain numbers and one array: small arrays are slower.
     first, second, _ = vectors.T.tolist()
     (a, b, c), (d, e, f) = upright(first), upright(second)
     sizes = values.tolist()
@@ -140,8 +140,8 @@ def softest(compliances: ArrayLike, axes: ArrayLike) -> tuple[float, list[float]
     Returns
     -------
     (float, list of float or None) or None
-        None where a load is not resisted along every direction, or moves nothing; no direction
-        where two or three of the largest are alike.
+        None if a load is not resisted along every direction, or moves nothing; no direction if two
+        or three of the largest are equal.
     """
     least, middle, most = np.asarray(compliances, float).tolist()
     if not (least >= 0.0 and most > 0.0):
@@ -187,14 +187,14 @@ def stiffness_block(
     freedom : {"translation", "rotation"}
         Unit of the result: force per length, or moment per angle.
     others : {"free", "held"}
-        What the other three freedoms do.
+        State of the other three freedoms.
     T_m_n : array_like, shape (4, 4), optional
-        Frame N whose origin and axes are meant; default M.
+        Frame N with the origin and the axes of the block; default M.
 
     Raises
     ------
     UndefinedError
-        Code ``"singular"`` if free is asked and the other freedoms have no balance.
+        Code ``"singular"`` for free, if the other freedoms have no equilibrium.
     """
     keep, held = _choice(freedom, others)
     return _block(_in_frame(stiffness, T_m_n, True), keep, not held)
@@ -214,7 +214,7 @@ def compliance_block(
     Raises
     ------
     UndefinedError
-        Code ``"singular"`` if held is asked and no reaction can hold the other freedoms.
+        Code ``"singular"`` for held, if no reaction can hold the other freedoms.
     """
     keep, held = _choice(freedom, others)
     return _block(_in_frame(compliance, T_m_n, False), keep, held)
@@ -229,12 +229,12 @@ def stiffness_ellipsoid(
 ) -> Ellipsoid:
     """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses.
 
-    The inverse, the compliance (6, 6), gives what the stiffness has no digits for.
+    The inverse, the compliance (6, 6), resolves values that the stiffness does not.
 
     Raises
     ------
     UndefinedError
-        As `stiffness_block`; code ``"ill-conditioned"`` where neither knows a principal value.
+        As `stiffness_block`; code ``"ill-conditioned"`` where neither resolves a principal value.
     """
     return _of_pair(True, stiffness, inverse, freedom, others, T_m_n)
 
@@ -248,7 +248,7 @@ def compliance_ellipsoid(
 ) -> Ellipsoid:
     """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances.
 
-    The inverse, the stiffness (6, 6), gives what the compliance has no digits for. The errors are
+    The inverse, the stiffness (6, 6), resolves values that the compliance does not. The errors are
     those of `stiffness_ellipsoid`.
     """
     return _of_pair(False, compliance, inverse, freedom, others, T_m_n)
@@ -264,12 +264,12 @@ def _of_pair(
 ) -> Ellipsoid:
     """Ellipsoid of a block of a matrix; the same block of the inverse matrix is its inverse."""
     keep, held = _choice(freedom, others)
-    # Of the two blocks one is eliminated: for a stiffness held that of C, free that of K.
+    # One of the two blocks is eliminated: for a stiffness that of C if held, that of K if free.
     is_eliminated = held != is_stiffness
     own = _in_frame(matrix, T_m_n, is_stiffness)
     size = float(np.abs(own[keep, keep]).max())
     if inverse is None:
-        # Of a singular matrix, rounding is no stiffness: `eliminate` of indices decides its rank.
+        # Rounding of a singular matrix is no stiffness: `eliminate` by indices decides its rank.
         block = eliminate(own, [*range(6)[keep]]) if is_eliminated else own[keep, keep]
         return _without_rounding(ellipsoid(block), size)
     if not is_eliminated:
@@ -325,7 +325,7 @@ def stiffnesses_on_axes(
     freedom : {"translation", "rotation"}
         `stiffness_along` or `stiffness_about`.
     others : {"free", "held"}
-        What everything else does.
+        State of all other freedoms.
     """
     block, function = _BLOCKS[freedom], _FUNCTIONS[freedom]
     has_K, has_C = (np.isfinite(matrices).all(axis=(1, 2)) for matrices in (K, C))
@@ -334,11 +334,12 @@ def stiffnesses_on_axes(
         twists[:, block] = directions
         return stiffnesses_of_motions(twists, K, ~has_C)
     own = C[:, block, block]
-    give = np.einsum("ni,nij,nj->n", directions, own, directions)
-    # Without a K, a direction that does not give is held by the structure: no number says how much.
-    rigid = np.abs(give) <= numerics.ZERO * np.abs(own).max(axis=(1, 2))
+    compliance = np.einsum("ni,nij,nj->n", directions, own, directions)
+    # Without a K, a direction without compliance is held by the structure: its stiffness is
+    # unknown.
+    rigid = np.abs(compliance) <= numerics.ZERO * np.abs(own).max(axis=(1, 2))
     with np.errstate(divide="ignore"):
-        stiffness: Array = np.where(rigid & ~has_K, np.nan, 1.0 / give)
+        stiffness: Array = np.where(rigid & ~has_K, np.nan, 1.0 / compliance)
     for i in np.flatnonzero(has_K & ~has_C):
         with suppress(UndefinedError):
             stiffness[i] = function(K[i], directions[i], others="free")
@@ -370,7 +371,7 @@ def stiffness_along(
 ) -> float:
     r"""Force per displacement of a body point along a direction (force per length).
 
-    free: a force through the point moves it, everything else gives way: ``1 / (w^T C w)`` with
+    free: a force through the point moves it, all other freedoms are free: ``1 / (w^T C w)`` with
     w = (p x u, u). held: the body is guided to translate along u only: ``u^T K_tt u``, the same for
     every point.
 
@@ -393,7 +394,7 @@ def stiffness_about(
     r"""Moment per rotation about an axis (moment per angle).
 
     held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x u).
-    free: a pure moment along u, everything else gives way: ``1 / (u^T C_rr u)``, the same for
+    free: a pure moment along u, all other freedoms are free: ``1 / (u^T C_rr u)``, the same for
     every parallel axis.
 
     Raises

@@ -1,7 +1,7 @@
 r"""Indices of a stiffness: one number each, with the length scale it depends on.
 
 Angles are multiplied by a length l, so that ``K_l = D K D``, D = diag(1/l, 1/l, 1/l, 1, 1, 1), is
-in force per length throughout. Where an index depends on l, its exponent says how.
+in force per length throughout. An exponent describes how an index depends on l.
 """
 
 from __future__ import annotations
@@ -112,13 +112,13 @@ def indices_of(
     length : float
         Positive; see `cartstiff.analysis.metrics`.
     compliance : array_like, shape (6, 6), optional
-        The inverse, where it is known better than the stiffness tells it: near a singularity the
-        small eigenvalues come from there.
+        The inverse, if it is known better than by inversion: near a singularity the small
+        eigenvalues come from there.
 
     Raises
     ------
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an eigenvalue.
     """
     K, C = symmetric_pair(stiffness, compliance)
     values, x, kind = spectrum(K, length, C)
@@ -161,16 +161,16 @@ def spectrum(K: Array, length: float, C: Array | None = None) -> tuple[Array, Ar
 
 
 def _definiteness(K: Array) -> Definiteness:
-    """Of a stiffness without inverse: there the length decides what counts as zero.
+    """Definiteness of a stiffness without inverse, whose zeros depend on the length.
 
-    With one every value has a sign, which is the same at every length.
+    With an inverse every value has a sign, which is the same at every length.
     """
     values = numerics.eigenvalues(scale_lengths(K, balancing_length(K)))
     return definiteness(values, zero=0.0)
 
 
 def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
-    """Condition number of a diagonal block of K; NaN where neither K nor C knows it."""
+    """Condition number of a diagonal block of K; NaN where neither K nor C resolves it."""
     try:
         return condition(stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues)
     except UndefinedError:
@@ -198,7 +198,7 @@ def best_conditioned_length(
 
     For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are convex in
     ln l: the minimum lies between the neighbours of the best in a row of lengths, and the next row
-    is laid there. It depends on the origin of the frame.
+    is placed there. It depends on the origin of the frame.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def best_conditioned_length(
     while True:
         t = np.linspace(low, high, 33)
         smallest = at(start * np.exp(t))
-        # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
+        # Rounding of an ill-conditioned matrix can make its smallest eigenvalue negative.
         cost = np.where(smallest[:, 0] > 0.0, numerics.condition(smallest), np.inf)
         least = int(np.argmin(cost))
         if high - low <= numerics.NEGLIGIBLE_STEP:

@@ -33,7 +33,7 @@ from cartstiff.mechanisms.contract import Units
 
 #: Units with the names of the units of length and force left open.
 UNITS = Units("{length}", "{force}")
-#: Of a pure number, and of the entries of a stiffness and of a compliance.
+#: Units of a pure number, and of the entries of a stiffness and of a compliance.
 PURE, BY_BLOCK, BY_SOFT_BLOCK = "1", "of its block", "of its block, compliance"
 
 Definiteness = Literal[
@@ -102,7 +102,7 @@ def symmetric_pair(
 
 def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
-    # Asked for every posture of a page: on a few floats NumPy takes ten times as long.
+    # Called for every posture of a page: on a few floats NumPy takes ten times as long.
     values = real_array(eigenvalues).tolist()
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low > max(0.0, zero * high):
@@ -164,7 +164,7 @@ def with_angles_times(matrix: Array, factor: float | Array) -> Array:
 
 
 def balancing_length(matrix: ArrayLike) -> float:
-    """Length that makes both diagonal blocks equally large; for rounding only, never reported."""
+    """Length that makes both diagonal blocks equally large; for rounding only, not a result."""
     m = real_array(matrix)
     # Twice as fast as `np.linalg.norm` on nine numbers.
     rr, tt = (sqrt(x.dot(x)) for x in (m[s, s].ravel() for s in (ROTATION, TRANSLATION)))
@@ -200,7 +200,7 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     Raises
     ------
     UndefinedError
-        Code ``"singular"`` if they do: the others run away and no answer exists.
+        Code ``"singular"`` if they do: the others then have no equilibrium.
     """
     m = real_array(matrix)
     if keep in (ROTATION, TRANSLATION):
@@ -209,9 +209,9 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     return _eliminated(m, every[keep], np.delete(every, keep))
 
 
-@lru_cache(maxsize=16)  # a page asks several times: for its numbers and for its picture
+@lru_cache(maxsize=16)  # a page needs it several times: for its numbers and for its picture
 def _eliminated_block(matrix: bytes, is_rotation: bool) -> tuple[Array, float]:
-    """What `eliminate` and `loss_of_elimination` say of a block."""
+    """Results of `eliminate` and `loss_of_elimination` for a block."""
     m = np.frombuffer(matrix).reshape(6, 6)
     keep, rest = (ROTATION, TRANSLATION) if is_rotation else (TRANSLATION, ROTATION)
     free, loss, is_plain = _plainly_eliminated(m, keep, rest)
@@ -219,7 +219,7 @@ def _eliminated_block(matrix: bytes, is_rotation: bool) -> tuple[Array, float]:
 
 
 def _plainly_eliminated(m: Array, keep: slice, rest: slice) -> tuple[Array, float, bool]:
-    """By the inverse of ``M_oo``: block, loss, and whether it is so well conditioned as to do."""
+    """Block by the inverse of ``M_oo``, loss, and whether it is well conditioned."""
     inner = numerics.invert(m[rest, rest])
     if inner is None:
         return np.zeros((3, 3)), float("inf"), False
@@ -249,16 +249,16 @@ def _eliminated(m: Array, kept: slice | Array, others: slice | Array) -> Array:
 
 
 def eliminate_each(stack: Array, keep: slice) -> Array:
-    """`eliminate` of matrices (N, 6, 6) for a block (N, 3, 3); NaN where no answer exists."""
+    """`eliminate` of matrices (N, 6, 6) for a block (N, 3, 3); NaN where no balance exists."""
     every = np.arange(6)
     return _on_kept(stack, every[keep], np.delete(every, every[keep]))[0]
 
 
 def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array, Array]:
-    """What `eliminate` says of matrices (N, 6, 6), NaN where no balance exists, and why.
+    """`eliminate` of matrices (N, 6, 6), NaN where no balance exists, and the reasons.
 
-    That is how much of the load is left (N,), the singular values of ``M_oo`` (N, k), and the
-    lengths (N,), both with lengths measured so that both diagonal blocks are equally large.
+    These are the unbalanced load (N,), the singular values of ``M_oo`` (N, k), and the lengths
+    (N,), the former two in units of length that make both diagonal blocks equally large.
     """
     length = np.array([balancing_length(matrix) for matrix in m])
     d = np.ones((len(m), 6))
@@ -274,7 +274,7 @@ def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array,
     block = scaled[:, kept[:, None], kept]
     free = block - scaled[:, kept[:, None], others] @ moves
     is_all = np.abs(free).max(axis=(1, 2)) <= numerics.ZERO * np.abs(block).max(axis=(1, 2))
-    free[is_all] = 0.0  # all of it was taken away
+    free[is_all] = 0.0  # rounding of the subtraction
     # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
     # semidefinite matrix.
     free[left > np.sqrt(numerics.ZERO) * largest] = np.nan
@@ -282,7 +282,7 @@ def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array,
 
 
 def lost_digits(values: Array, what: str) -> UndefinedError:
-    """The error for principal values that neither a matrix nor its inverse knows."""
+    """The error for principal values that neither a matrix nor its inverse resolves."""
     return UndefinedError(
         f"{what} has principal values so far apart that neither it nor its inverse knows those "
         "between",
@@ -318,7 +318,7 @@ def stiffnesses_of_motions(
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:
-    """Relative error of `eliminate`, over that of its matrix: what its difference cancels."""
+    """Relative error of `eliminate` over that of its matrix, by cancellation."""
     m = real_array(matrix)
     try:
         return _eliminated_block(m.tobytes(), keep == ROTATION)[1]

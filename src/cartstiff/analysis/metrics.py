@@ -1,8 +1,8 @@
-r"""What makes radians and metres comparable: characteristic lengths, metrics, and their modes.
+r"""Characteristic lengths and metrics, which make radians and metres comparable; their modes.
 
 A number that mixes rotation and translation (a condition number, an eigenvalue of K) depends on the
-length by which angles are multiplied. It is always one of three, and the result says which:
-given by the user, the natural length of the elasticity, or the radius of gyration of a body.
+length by which angles are multiplied. It is one of three, and the result names it: given by the
+user, the natural length of the elasticity, or the radius of gyration of a body.
 
 More generally, with a metric M on twists (6x6, positive definite) ``K v = lambda M v`` is the same
 in every frame, provided the metric moves along.
@@ -34,7 +34,7 @@ _BLOCKS: tuple[tuple[str, Freedom, Others], ...] = (
     ("translational", "translation", "held"),
     ("free_rotational", "rotation", "free"),
 )
-#: What is said of a natural length.
+#: Reason for a natural length.
 NATURAL = "natural: there rotation and translation are equally stiff on average"
 
 
@@ -71,7 +71,7 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
     stiffness : array_like, shape (6, 6)
         Symmetric.
     compliance : array_like, shape (6, 6), optional
-        Its inverse, where that is known better than by inversion.
+        Its inverse, if it is known better than by inversion.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def length_of_pair(K: Array | None, C: Array | None) -> CharacteristicLength:
     return CharacteristicLength(value, "natural", NATURAL)
 
 
-#: Where the stiffness is not positive definite.
+#: The length if the stiffness is not positive definite.
 NOT_NATURAL = CharacteristicLength(
     1.0,
     "unit",
@@ -228,16 +228,16 @@ def modes(
     stiffness, metric : array_like, shape (6, 6)
         Symmetric, in the same frame; the metric positive definite.
     name : str
-        Carried in the result; under "inertia" the result has frequencies.
+        Name in the result; with "inertia" the result has frequencies.
     compliance : array_like, shape (6, 6), optional
-        The inverse, which gives what the stiffness has no digits for.
+        The inverse, for values that the stiffness does not resolve.
 
     Raises
     ------
     InputError
         If the metric is not positive definite.
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows a value.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves a value.
     """
     K, M = as_symmetric(stiffness), as_symmetric(metric, "metric")
     try:

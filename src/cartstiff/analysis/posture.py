@@ -1,7 +1,7 @@
-"""Everything that can be read from the stiffness at one posture, as one dict of plain values.
+"""All results of the stiffness at one posture, as one dict of plain values.
 
-To the sections of `cartstiff.analysis.posture`, which need only matrices, come those that need the
-mechanism: deflection, joint stiffness for a target, uncertainty.
+`summarise` needs only matrices; `analyse_posture` adds the sections that need the mechanism:
+deflection, joint stiffness for a target, uncertainty.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ from cartstiff.errors import (
     UnknownNameError,
     checked_kind,
 )
+from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED
 from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.platform import PlatformPosture
@@ -127,7 +128,7 @@ def deflection_section(
 
 
 class FoundDeflection(NamedTuple):
-    """What `deflection_section` tells."""
+    """Numbers of `deflection_section`."""
 
     whole: Deflection
     added: Array
@@ -157,23 +158,22 @@ def deflection_found(
 
 
 def _without_rounding(deflection: Deflection, length: float) -> Deflection:
-    """A motion with zeros for what is rounding beside the rest, angles times the length."""
+    """A motion without the parts that are rounding of the others, angles times the length."""
     twist, displacement = deflection.twist.tolist(), deflection.displacement.tolist()
     sizes = [*(length * abs(x) for x in twist[:3]), *map(abs, twist[3:] + displacement)]
-    if min(sizes) > (noise := numerics.ROUNDING * max(sizes)):
+    if min(sizes) > (rounding := numerics.ROUNDING * max(sizes)):
         return deflection
     scaled, moved = np.array(sizes[:6]), np.array(sizes[6:])
     return replace(
         deflection,
-        twist=read_only(np.where(scaled > noise, deflection.twist, 0.0)),
-        displacement=read_only(np.where(moved > noise, deflection.displacement, 0.0)),
+        twist=read_only(np.where(scaled > rounding, deflection.twist, 0.0)),
+        displacement=read_only(np.where(moved > rounding, deflection.displacement, 0.0)),
     )
 
 
 def _about_origin(point: Array, force: Array) -> Array:
     """Wrench (6,) that a force at a point adds to its moment about the origin."""
-    (x, y, z), (a, b, c) = point.tolist(), force.tolist()
-    return np.array([y * c - z * b, z * a - x * c, x * b - y * a, 0.0, 0.0, 0.0])
+    return np.append(se3.skew(point) @ force, np.zeros(3))
 
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
@@ -239,7 +239,7 @@ def _of_springs(
 
 
 def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
-    """Joint or leg stiffness that gives a desired K^B in M under the present load."""
+    """Joint or leg stiffness for a desired K^B in M under the present load."""
     K, W = as_symmetric(target, "target stiffness"), r.wrench
     if W is None:
         raise UndefinedError("no load balances this posture", code="unbalanced")
@@ -318,10 +318,10 @@ def summarise(
     compliance : array_like, shape (6, 6), optional
         In frame M. Default the inverse of the analysed matrix; needed where no stiffness exists.
     inverse : array_like, shape (6, 6), optional
-        Inverse of the symmetric part of the analysed matrix, in frame M, where it is known better
-        than the matrix tells it.
+        Inverse of the symmetric part of the analysed matrix, in frame M, if it is known better than
+        by inversion.
     is_singular : bool
-        Whether the analysed matrix is known to have no inverse, whatever its rounding says.
+        Whether the analysed matrix is known to have no inverse, even if rounding gives it one.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
         the frame of the analysis. Default the metric of the characteristic length.
@@ -433,7 +433,7 @@ def _ellipsoids(
     pairs: Mapping[str, tuple[Array | None, Array | None]],
     notes: Notes,
 ) -> dict[str, Any]:
-    """Nested by quantity, freedom and others; `pairs` by the last."""
+    """Ellipsoids nested by quantity, freedom and others; `pairs` by the last."""
     functions = {"stiffness": stiffness_ellipsoid, "compliance": compliance_ellipsoid}
 
     def shape(quantity: str, freedom: Any, others: Any) -> Ellipsoid | None:
@@ -586,15 +586,16 @@ def analyse_posture(
     threshold : float
         Relative change above which the choice of connection matters.
     springs : bool
-        Whether springs that give the matrix are looked for.
+        Whether springs that realise the matrix are constructed.
     progress : callable, optional
         Called with (done, total) while tolerances are propagated.
 
     Returns
     -------
     dict
-        The keys of `summarise`, and "deflection", "uncertainty"; "synthesis" has "target". What
-        was not asked for is None; what does not exist is None with a reason in "notes".
+        The keys of `summarise`, and "deflection", "uncertainty"; "synthesis" has "target".
+        Optional results are None by default; one that does not exist is None with a reason in
+        "notes".
 
     Raises
     ------
@@ -675,7 +676,7 @@ def analyse_posture(
 def _matrices(
     r: PostureStiffness, here: StiffnessInFrame, connection: str | None
 ) -> tuple[str, dict[str, Array | None]]:
-    """What is analysed, and the matrices that it is compared with."""
+    """The analysed connection, and the matrices that it is compared with."""
     if connection is None:
         connection = "load" if r.is_loaded else "B"
     names = ["A", "B", "K", "F", *(["load"] if r.is_loaded else [])]
@@ -685,18 +686,18 @@ def _matrices(
 
 
 def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
-    """The load about its own point, in M, and what it does while the body moves."""
+    """The load about its own point, in M, and its behaviour while the body moves."""
     if r.wrench is None or not r.is_loaded:
         return None
     moment, force = r.wrench[:3] - np.cross(r.load.at, r.wrench[3:]), r.wrench[3:]
-    missed = np.abs(r.change_by_load - change_from_symmetric(r, connection)).max()
+    difference = np.abs(r.change_by_load - change_from_symmetric(r, connection)).max()
     return {
         "kind": r.load.kind,
         "meaning": r.load.words,
         "at": r.load.at,
         "moment": moment,
         "force": force,
-        "is_tangent": missed <= numerics.SYMMETRY * np.abs(r.change_by_load).max(),
+        "is_tangent": difference <= numerics.SYMMETRY * np.abs(r.change_by_load).max(),
     }
 
 

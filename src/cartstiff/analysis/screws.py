@@ -3,7 +3,7 @@
 An *eigenscrew* s is a twist answered by a wrench on the same screw, ``K s = lambda Delta s`` with
 Delta = [[0, 1], [1, 0]] ([Ball]_'s principal screws of the potential; [PattersonLipkin]_). No
 length scale enters, and a change of frame carries the lines and leaves pitches and eigenvalues.
-Where eigenvalues are equal the screws are arbitrary within their eigenspace.
+Screws of equal eigenvalues are arbitrary within their eigenspace.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
+from cartstiff.analysis.ellipsoids import stiffness_ellipsoid, upright
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import (
     ROTATION,
@@ -32,10 +32,6 @@ from cartstiff.errors import UndefinedError
 #: The matrix Delta that takes a twist (omega, v) to the wrench (v, omega) on the same screw.
 SWAP_FORM: Final[Array] = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
 SWAP_FORM.flags.writeable = False
-
-# A direction vector shorter than this, next to its length-scaled partner, is rounding: the pitch
-# is then called infinite.
-_INFINITE_PITCH = numerics.INFINITE_PITCH
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +55,13 @@ class Screw(Result):
 
 def _screw(along: Array, moment: Array, length: float) -> Screw:
     size, lever = float(np.linalg.norm(along)), float(np.linalg.norm(moment))
-    if size * length <= _INFINITE_PITCH * lever or size == 0.0:
+    if size * length <= numerics.INFINITE_PITCH * lever or size == 0.0:
         unit = moment / lever if lever > 0 else np.full(3, np.nan)
         point, pitch = np.full(3, np.nan), float("inf") if lever > 0 else float("nan")
     else:
         unit = along / size
         point, pitch = np.cross(along, moment) / size**2, float(along @ moment) / size**2
-    if np.all(np.isfinite(unit)) and unit[np.argmax(np.abs(unit))] < 0:
-        unit = -unit
-    return Screw(unit, point, pitch)
+    return Screw(np.array(upright(unit.tolist())), point, pitch)
 
 
 def screw_of_twist(twist: ArrayLike, length: float = 1.0) -> Screw:
@@ -149,12 +143,12 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
     stiffness : array_like, shape (6, 6)
         Symmetric.
     compliance : array_like, shape (6, 6), optional
-        Its inverse, where it is known better than the stiffness tells it.
+        Its inverse, if it is known better than by inversion.
 
     Raises
     ------
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an eigenvalue.
     """
     K, C = symmetric_pair(stiffness, compliance)
     length = balancing_length(K)
@@ -293,12 +287,12 @@ def wrench_compliant_axes(
 
     ``K_tt e = k e`` and w = (K_rt e / k, e). Where k is zero no force answers: the axis has
     stiffness zero and, unless a moment answers, neither point nor pitch (NaN). The compliance,
-    the inverse where it is known, gives what the stiffness has no digits for.
+    the inverse if it is known, resolves values that the stiffness does not.
 
     Raises
     ------
     UndefinedError
-        Code ``"ill-conditioned"`` where neither knows a stiffness or an axis.
+        Code ``"ill-conditioned"`` where neither resolves a stiffness or an axis.
     """
     K, C = symmetric_pair(stiffness, compliance)
     length = balancing_length(K)
@@ -306,7 +300,7 @@ def wrench_compliant_axes(
     G = coupling_matrix(K, C)
     result = []
     for k, e in zip(shape.eigenvalues.tolist(), shape.axes.T, strict=True):
-        e = e if e[np.argmax(np.abs(e))] > 0 else -e
+        e = np.array(upright(e.tolist()))
         w = np.concatenate([np.full(3, np.nan), e])
         screw = Screw(e, np.full(3, np.nan), float("nan"))
         if k != 0.0:
@@ -329,7 +323,7 @@ def twist_compliant_axes(
     ------
     UndefinedError
         Code ``"singular"`` where K_tt is singular: the translation is then not determined; code
-        ``"ill-conditioned"`` where neither stiffness nor compliance knows a value or an axis.
+        ``"ill-conditioned"`` where neither stiffness nor compliance resolves a value or an axis.
     """
     K, C = symmetric_pair(stiffness, compliance)
     G = coupling_matrix(K, C)
@@ -343,7 +337,7 @@ def twist_compliant_axes(
     shape = stiffness_ellipsoid(K, "rotation", "free", None, C)
     result = []
     for k, g in zip(shape.eigenvalues.tolist(), shape.axes.T, strict=True):
-        g = g if g[np.argmax(np.abs(g))] > 0 else -g
+        g = np.array(upright(g.tolist()))
         t = np.concatenate([g, -G.T @ g])
         result.append(CompliantAxis("twist", k, screw_of_twist(t, length), t))
     return tuple(result)

@@ -1,8 +1,8 @@
-"""The form of an analysis: what each key holds, with unit, frame and meaning.
+"""The form of an analysis: content of each key, with unit, frame and meaning.
 
-The table `sections.yaml` says it once: JSON schema, the page on it, the numbers that have an
-uncertainty and the units of numbers in maps follow from there. The tables of the commands' keys
-(`cartstiff.described`) are written in the same way.
+It is defined by the table `sections.yaml`: JSON schema, its documentation page, the numbers that
+have an uncertainty and the units of numbers in maps follow from there. The tables of the commands'
+keys (`cartstiff.described`) have the same form.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _KINDS = {
 }
 _FORM = re.compile(r"([a-z ]+?)(\?)?(?: (\d+))?(?: (\d+|n))?")
 _CHOICE = re.compile(r"one of(\?)? (.*)")
-#: Kinds of lists, and what their entries are.
+#: Kinds of lists, and their entries.
 _LISTS: dict[str, Schema] = {
     "numbers": {"type": "number"},
     "numbers or null": {"type": ["number", "null"]},
@@ -88,7 +88,7 @@ def _kind(text: str) -> Schema:
 
 
 class Notes:
-    """Collects the reasons of what does not exist."""
+    """Collects the reasons for results that do not exist."""
 
     def __init__(self) -> None:
         self.entries: list[dict[str, Any]] = []
@@ -100,7 +100,7 @@ class Notes:
             self.entries.append(note)
 
     def attempt(self, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call the function; None, with a note, where it says that its result does not exist."""
+        """Call the function; None, with a note, if its result does not exist."""
         try:
             return function(*arguments)
         except UndefinedError as error:
@@ -131,7 +131,7 @@ def schema() -> Schema:
 
 @cache
 def varying() -> tuple[tuple[str, bool, bool], ...]:
-    """Paths of what has an uncertainty; whether it is axes, and whether it stands in rows."""
+    """Paths of values with an uncertainty; whether they are axes, and in rows."""
 
     def walk(node: dict[str, Any], path: str, rows: bool) -> Iterator[tuple[str, bool, bool]]:
         for key, value in node.get("properties", {}).items():
@@ -148,7 +148,7 @@ def varying() -> tuple[tuple[str, bool, bool], ...]:
 def unit_of(path: str) -> str:
     """Unit of the number at a dotted path of an analysis, with {length} and {force}; "1" for none.
 
-    Entries of matrices have the unit of their block; what is not of one unit is "mixed".
+    Entries of matrices have the unit of their block; a value without a single unit is "mixed".
     """
     node, unit, keys = schema(), "", path.split(".")
     for i, key in enumerate(keys):
@@ -167,7 +167,7 @@ def unit_of(path: str) -> str:
 
 
 def _look_up(tree: Any, path: str) -> Any:
-    """What stands at a dotted path; of rows a list."""
+    """Value at a dotted path; a list for rows."""
     for i, key in enumerate(keys := path.split(".")):
         if isinstance(tree, list):
             return [_look_up(row, ".".join(keys[i:])) for row in tree] or None
@@ -178,9 +178,9 @@ def _look_up(tree: Any, path: str) -> Any:
 def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) -> dict[str, Array]:
     """All numbers of an analysis that depend on the parameters, by dotted name.
 
-    What does not exist is NaN or missing. Principal values are sorted and their axes and screws
-    stand in the same order, with the signs of `like`: where two principal values cross, these
-    vectors change place, and their spread says so.
+    A value that does not exist is NaN or missing. Principal values are sorted, with axes and screws
+    in the same order and with the signs of `like`: if two principal values cross, these vectors
+    change places, which their spread shows.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) 
 
 
 def _signed(value: Any, model: Any, along: int) -> Array:
-    """Vectors turned to the side of their models."""
+    """Vectors with the signs of their models."""
     vectors = np.array(value, dtype=float)
     if model is None or np.shape(model) != vectors.shape:
         return vectors

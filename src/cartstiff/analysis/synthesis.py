@@ -6,7 +6,7 @@ h, is the same in every frame, and line and torsional springs have none. Hence
     K = sum of line and torsional springs   <=>   K >= 0 and tr K_rt = 0
 
 ([Loncaric]_, [HuangSchimmels]_, [Roberts]_), with as many springs as the rank of K. Other
-positive semidefinite matrices need screw springs too.
+positive semidefinite matrices need screw springs as well.
 
 The construction here: any factor K = F F^T may be turned, F Q with Q orthogonal. The columns' own
 f . m are half the diagonal of Q^T N Q, N = F^T Delta F, whose sum is 2 tr K_rt. By the theorem of
@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.analysis.asymmetry import largest_in_blocks
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import (
     ROTATION,
@@ -80,8 +81,7 @@ def parallel_stiffness(springs: Iterable[Spring]) -> Array:
     return K
 
 
-# A column counts as torsional when its force is below this share of its length-scaled moment.
-_TORSIONAL = numerics.CLOSE
+# Number of turned factors of which the best is kept.
 _ATTEMPTS = 8
 
 
@@ -92,7 +92,7 @@ class Realisability(Result):
     Attributes
     ----------
     passive : bool
-        Whether K is positive semidefinite: unloaded springs give nothing else.
+        Whether K is positive semidefinite, as that of any unloaded springs is.
     by_line_springs : bool
         Whether line (and torsional) springs suffice.
     trace : float
@@ -104,7 +104,7 @@ class Realisability(Result):
     screw_springs : int
         How many of them must be screw springs; 0 if line springs suffice or K is not passive.
     eigenvalues : ndarray, shape (6,)
-        Of K on balanced units, relative to the largest; they show what `passive` and `rank` say.
+        Eigenvalues of K on balanced units, relative to the largest; `passive` and `rank` follow.
     """
 
     passive: bool
@@ -119,12 +119,12 @@ class Realisability(Result):
 def realisability(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Realisability:
     """Judge a symmetric stiffness, without constructing anything.
 
-    With the compliance, the inverse where it is known, no small eigenvalue is taken for rounding.
+    With the compliance, the inverse if it is known, no small eigenvalue is taken for rounding.
 
     Raises
     ------
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance knows an eigenvalue.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an eigenvalue.
     """
     K, C = symmetric_pair(stiffness, compliance)
     return _judged(K, *spectrum(K, balancing_length(K), C)[:2])
@@ -173,19 +173,8 @@ class Realisation(Result):
 
     @property
     def stiffness(self) -> Array:
-        """The matrix (6, 6) that the springs give."""
+        """The matrix (6, 6) of the springs."""
         return parallel_stiffness(self.springs)
-
-
-def _require_passive(K: Array, compliance: ArrayLike | None) -> Realisability:
-    judgement = realisability(K, compliance)
-    if not judgement.passive:
-        raise UndefinedError(
-            "no unloaded springs give this stiffness: it has a negative eigenvalue",
-            code="not-passive",
-            values={"relative_eigenvalues": judgement.eigenvalues.tolist()},
-        )
-    return judgement
 
 
 def _screw_count(mu: Array, trace: float) -> int:
@@ -247,7 +236,7 @@ def _straighten(F: Array) -> Array:
 
 
 def _with_signs(F: Array) -> Array:
-    """The columns with their first large entry positive: what comes of them hangs on no routine."""
+    """The columns with their first large entry positive, independent of the LAPACK routine."""
     size = np.abs(F)
     if not size.size:
         return F
@@ -271,16 +260,22 @@ def realise(
     length : float, optional
         Size by which moments are compared with forces; default balances the blocks of K.
     compliance : array_like, shape (6, 6), optional
-        The inverse, where it is known better than the stiffness tells it.
+        The inverse, if it is known better than by inversion.
 
     Raises
     ------
     UndefinedError
         Code ``"not-passive"`` if K has a negative eigenvalue; code ``"ill-conditioned"`` where the
-        digits of springs do not hold the softer directions of their sum.
+        digits of springs do not resolve the softer directions of their sum.
     """
     K, C = symmetric_pair(stiffness, compliance)
-    judgement = _require_passive(K, C)
+    judgement = realisability(K, C)
+    if not judgement.passive:
+        raise UndefinedError(
+            "no unloaded springs give this stiffness: it has a negative eigenvalue",
+            code="not-passive",
+            values={"relative_eigenvalues": judgement.eigenvalues.tolist()},
+        )
     scale = balancing_length(K) if length is None else length
     values, vectors, _ = spectrum(K, scale, C)
     kept = values > 0.0
@@ -302,26 +297,27 @@ def realise(
     springs += tuple(_spring(w * unscale, scale, False) for w in screws.T)
     back = vectors[:, kept] / np.sqrt(values[kept]) / unscale[:, None]
     _require_digits(springs, back)
-    return Realisation(springs, _residual(springs, K), judgement)
+    residual = largest_in_blocks(parallel_stiffness(springs) - K, K)
+    return Realisation(springs, float(residual), judgement)
 
 
 def _require_digits(springs: tuple[Spring, ...], back: Array) -> None:
-    """Refuse springs that miss K along a motion: ``back^T K back = 1`` for K, (6, r)."""
+    """Refuse springs that differ from K along a motion: ``back^T K back = 1`` for K, (6, r)."""
     sums = sum(s.stiffness * np.outer(back.T @ s.wrench, back.T @ s.wrench) for s in springs)
-    missed = float(np.abs(sums - np.eye(back.shape[1])).max(initial=0.0))
-    if missed > numerics.LOST_ERROR:
+    error = float(np.abs(sums - np.eye(back.shape[1])).max(initial=0.0))
+    if error > numerics.LOST_ERROR:
         raise UndefinedError(
             "springs in parallel add up to this stiffness only along its stiffer directions: "
             "their digits do not hold the softer ones",
             code="ill-conditioned",
-            values={"missed_share": missed},
+            values={"missed_share": error},
         )
 
 
 def _spring(w: Array, length: float, straight: bool) -> Spring:
     moment, force = w[:3], w[3:]
     size = float(np.linalg.norm(force))
-    if size * length <= _TORSIONAL * float(np.linalg.norm(moment)):
+    if size * length <= numerics.CLOSE * float(np.linalg.norm(moment)):
         k = float(moment @ moment)
         return Spring("torsional", k, moment / np.sqrt(k), np.zeros(3), float("inf"))
     screw = screw_of_wrench(w, length)
@@ -332,9 +328,3 @@ def _spring(w: Array, length: float, straight: bool) -> Spring:
         screw.point,
         0.0 if straight else screw.pitch,
     )
-
-
-def _residual(springs: tuple[Spring, ...], K: Array) -> float:
-    scales = np.kron(block_scales(K), np.ones((3, 3)))
-    scales[scales == 0.0] = 1.0
-    return float((np.abs(parallel_stiffness(springs) - K) / scales).max())

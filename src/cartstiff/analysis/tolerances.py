@@ -1,21 +1,21 @@
 """Parameters of an elastic mechanism with their tolerances.
 
-Parameters: the stiffness of every spring and line, a factor on that of every link that gives
-(nominally 1), or, where springs were measured, their compliances with
-the covariance of that measurement; the masses; for chains the placement of each joint on its
-predecessor (not of the virtual joints within a link), of the body frame on the last joint, and of
-the frames that close loops (translations, and rotations about the placement's own axes); for
-platforms the points of base and platform; what the mechanism's file calls its parameters; and where
-a mechanism finds its rest by itself, rest lengths and angles.
+Parameters: the stiffness of every spring and line, a factor on that of every flexible link
+(nominally 1), or, for measured springs, their compliances with the covariance of the measurement;
+the masses; for chains the placement of each joint on its predecessor (not of the virtual joints
+within a link), of the body frame on the last joint, and of the frames that close loops
+(translations, and rotations about the placement's own axes); for platforms the points of base and
+platform; the parameters of the mechanism's file; and, for a mechanism in its own equilibrium, rest
+lengths and angles.
 
-Where closures hold more than they need, most changes of the geometry let no posture close: those
-have no derivative and are told by name. The others are parameters as anywhere.
+If closures are redundant, most changes of the geometry prevent assembly: such numbers have no
+derivative and are named. The others are parameters as usual.
 
-A mechanism with other parameters is looked at in the same posture (that of its file, if it is at
-this one) and under the same load: the rest positions follow, as in a robot whose controller holds
-it there: `analyse` chooses the ones that the file leaves open, or all under a load that is given.
-Springs of platforms and closed chains whose rest positions the file gives keep their forces (which
-change as little as keeps the load).
+A mechanism with other parameters is analysed in the same posture (that of its file, if the nominal
+one is) and under the same load. The rest positions follow, as in a robot whose controller holds the
+posture: `analyse` chooses those that the file leaves open, or all under a given load. Springs of
+platforms and closed chains with rest positions in the file keep their forces (with the least change
+that balances the load).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Tolerance:
     distribution : {"normal", "uniform"}
         Used by Monte Carlo.
     lower : float
-        Values from here down do not exist, as of a compliance: differences stay above.
+        Values from here down do not exist, as for a compliance: differences stay above.
     """
 
     nominal: float
@@ -125,7 +125,7 @@ class Tolerances:
 
     @property
     def any(self) -> bool:
-        """Whether one of them is above zero."""
+        """Whether any is above zero."""
         return max(self.stiffness, self.length, self.angle) > 0.0
 
 
@@ -152,10 +152,10 @@ class Propagation:
     contributions : dict of str to ndarray (m,), or None
         First order only: each parameter's share of the variance; NaN where that is zero.
     samples : int
-        Draws that gave numbers; 0 for first order.
+        Draws with a result; 0 for first order.
     failures : dict of str to int
-        Draws for which the function refused, by code or error name: they are not in the mean, and
-        many of them mean that the tolerance reaches a singularity.
+        Number of draws without a result, by code or error name: they are not in the mean, and many
+        of them mean that the tolerance reaches a singularity.
     """
 
     method: Literal["first order", "Monte Carlo"]
@@ -172,7 +172,7 @@ class Propagation:
 
     @property
     def centre(self) -> Array:
-        """What the deviations are about (m,): the nominal values, or the mean of the draws."""
+        """Centre of the deviations (m,): the nominal values, or the mean of the draws."""
         if self.mean is not None:
             return self.mean
         return np.full(len(self.names), np.nan) if self.nominal is None else self.nominal
@@ -212,7 +212,7 @@ def quantile(level: float, degrees: float = np.inf) -> float:
 
 
 def check_level(level: float) -> None:
-    """Refuse what is no probability of an interval."""
+    """Refuse a level that is no probability of an interval."""
     if not 0.0 < level < 1.0:
         raise InputError("level cannot be used", expected="between 0 and 1", got=level)
 
@@ -354,7 +354,7 @@ def propagate_monte_carlo(
     InputError
         If there are no tolerances, too few samples, or the level is not between 0 and 1.
     UndefinedError
-        Code ``"no-samples"`` if fewer than two draws gave numbers.
+        Code ``"no-samples"`` if fewer than two draws have a result.
     """
     _check(tolerances, level)
     if samples < 2:
@@ -402,7 +402,7 @@ def propagate_monte_carlo(
 
 
 _XYZ = ("x", "y", "z")
-#: Begins the names of what the mechanism's file calls its parameters.
+#: Prefix of the names of the file's parameters.
 _FILE = "parameter."
 
 
@@ -420,7 +420,7 @@ class UncertainParameters:
     reread : callable, optional
         From values of the file's parameters, by name, to the mechanism; without it these are none.
     at_rest : bool
-        Whether rest positions are parameters: of a mechanism that finds its rest by itself.
+        Whether rest positions are parameters: for a mechanism in its own equilibrium.
     """
 
     result: PostureStiffness
@@ -473,7 +473,7 @@ class UncertainParameters:
 
     @cached_property
     def _stiffnesses(self) -> dict[str, float]:
-        """Of the linear springs that act."""
+        """Stiffnesses of the linear springs that act."""
         elastic = self.result.elastic
         if elastic.springs is None:
             return {}
@@ -546,7 +546,7 @@ class UncertainParameters:
 
     @cached_property
     def correlation(self) -> Array | None:
-        """Of the named parameters; None where all are independent."""
+        """Correlation of the named parameters; None if all are independent."""
         known, names = self.result.elastic.identified, list(self.named)
         measured = [names.index(n) for n in (known.labels if known else ()) if n in names]
         if known is None or not measured:
@@ -600,12 +600,12 @@ class UncertainParameters:
         chain = elastic.mechanism
         if not isinstance(chain, Chain) or not isinstance(posture, ChainPosture):
             return None
-        stands = elastic.gravity is not None or bool(elastic.potentials)
-        return Placements(chain, posture, stands)
+        is_on_base = elastic.gravity is not None or bool(elastic.potentials)
+        return Placements(chain, posture, is_on_base)
 
     @property
     def left_out(self) -> str | None:
-        """Which numbers of the geometry are not varied, where it was asked for, and why."""
+        """Message on numbers of the geometry that are not varied though they have a tolerance."""
         asked = self.tolerances.length > 0 or self.tolerances.angle > 0
         return self._placements.words if asked and self._placements is not None else None
 
@@ -614,13 +614,13 @@ class UncertainParameters:
     ) -> PostureStiffness:
         """Stiffness of the mechanism with other parameters (those not named: nominal).
 
-        Loops are closed from coordinates `start`, by default from where they are, and by all
-        coordinates, if it is known that what is driven cannot stay.
+        Loops are closed from coordinates `start`, by default the nominal ones, and by moving all
+        coordinates if `by_all`, as if the driven ones cannot stay.
 
         Raises
         ------
         CartstiffError
-            Where those parameters make no mechanism, or the chain cannot be closed.
+            If there is no mechanism with those parameters, or the chain cannot be closed.
         """
         return replace(self._analysed(values, start, by_all), load=self.result.load)
 
@@ -659,7 +659,7 @@ class UncertainParameters:
         return replace(elastic, mechanism=mechanism.with_masses(masses)) if masses else elastic
 
     def posture_of(self, elastic: ElasticMechanism, q: Array | None = None) -> Array:
-        """Coordinates q, by default the nominal ones; where they are the file's: its own now."""
+        """Coordinates q, by default the nominal ones; if these are the file's, its present ones."""
         q = self.result.q if q is None else q
         return elastic.q if np.array_equal(q, self.result.elastic.q) else q
 
@@ -710,7 +710,7 @@ class UncertainParameters:
         if isinstance(springs, JointSprings):
             for j, law in springs.laws.items():
                 rest[j] = x[j] - law.deflection_for(float(forces[j]))
-        if loaded or is_open.any():  # `analyse` shares the load among the springs
+        if loaded or is_open.any():  # `analyse` distributes the load among the springs
             rest[is_open] = np.nan
             elastic = replace(elastic, springs=springs.replaced(springs.stiffness, rest))
             return analyse(elastic, posture.q, wrench=self.result.wrench if loaded else None)
@@ -727,7 +727,7 @@ class UncertainParameters:
     ) -> Array:
         """Least change of the springs' forces (m,) by which they carry the nominal load.
 
-        `rows` (m, n) is the way of each spring per natural coordinate.
+        `rows` (m, n) is the deflection of each spring per natural coordinate.
         """
         columns, others = posture.coordinate_lengths, elastic._evaluate_others(posture)
         W = np.zeros(6) if self.result.wrench is None else self.result.wrench

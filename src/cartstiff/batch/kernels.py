@@ -169,7 +169,7 @@ def _is_worth_making(size: int, count: int) -> bool:
 
 def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
     """Reason why `cartstiff.analyse` is faster than recording a closed chain; empty if not."""
-    few = count < WORTH_RECORDING and bool(getattr(elastic.mechanism, "closures", ()))
+    few = count < WORTH_RECORDING and bool(elastic.mechanism.closures)
     return f"a closed chain is recorded from {WORTH_RECORDING} postures on" if few else ""
 
 

@@ -504,7 +504,7 @@ def _clear_still_halves(
 def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
     """Whether coordinates are changed: by closing the chain, or by deflection of links."""
     bends = loads is not None and bool(settled_coordinates(elastic).size)
-    return bends or bool(getattr(elastic.mechanism, "closures", ()))
+    return bends or bool(elastic.mechanism.closures)
 
 
 def _by_reference(

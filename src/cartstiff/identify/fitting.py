@@ -1,11 +1,11 @@
 """Weighted least squares: one linear step, and a nonlinear search by SciPy within bounds.
 
 Numbers y = A theta + N eta + e with nuisances eta (offsets of sessions). Rows are divided by their
-standard deviations; where these are not given, one for lengths and one for angles is estimated
+standard deviations; if these are not given, one for lengths and one for angles is estimated
 with the parameters, ``s^2 = sum r^2 / sum (1 - h)`` with the leverages h. Singular values of the
 divided rows, their columns of unit length, show which parameters the rows determine. The covariance
 is that of the unconstrained solution, ``(A^T A)^-1`` of the divided rows; the bound theta >= 0
-moves the estimate and cuts the interval, which keeps its coverage [BatesWatts]_.
+moves the estimate and truncates the interval, which keeps its coverage [BatesWatts]_.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from cartstiff.identify.measurements import Measurements, Observations
 from cartstiff.identify.models import Model
 from cartstiff.identify.unknowns import Unknowns
 
-# Share of a direction that no row sees, from which on a parameter is not determined.
-_UNSEEN = numerics.ROUNDING**0.5
-# Steps in which the scales of the noise settle.
-_ROUNDS = 60
+# Share of an unobservable direction above which a parameter is not determined.
+_UNOBSERVABLE = numerics.ROUNDING**0.5
+# Bound on the iterations of the scales of the noise.
+_MAX_SCALE_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Noise:
     Attributes
     ----------
     deviation : ndarray (m,)
-        Given; 1 where it is to be estimated.
+        Given; 1 if it is to be estimated.
     group : ndarray of int (m,)
         0 for lengths, 1 for angles.
     is_known : tuple of bool
@@ -50,12 +50,12 @@ class Noise:
 
     @classmethod
     def of(cls, deviation: Array, is_angle: NDArray[np.bool_]) -> Noise:
-        """From deviations that are NaN where unknown; all of a group are given, or none.
+        """From deviations that are NaN if unknown; all of a group are given, or none.
 
         Raises
         ------
         InputError
-            If some are.
+            If only some of a group are given.
         """
         known = []
         for group, word in ((~is_angle, "lengths"), (is_angle, "angles")):
@@ -83,7 +83,7 @@ class Solved:
     theta : ndarray (P,)
         With the bounds; meaningless where not determined.
     unbounded : ndarray (P,)
-        Without them: what intervals are about.
+        Without them: the centres of intervals.
     offsets : ndarray (S,)
         Nuisances.
     covariance : ndarray (P, P)
@@ -91,17 +91,17 @@ class Solved:
     offset_deviation : ndarray (S,)
         Standard deviations of the nuisances, NaN where not determined.
     is_determined : ndarray of bool (P,)
-        Whether the rows say anything about each parameter by itself.
+        Whether the rows determine each parameter by itself.
     singular_values : ndarray
         Singular values of the divided rows with columns of unit length.
     directions : ndarray (P + S, k)
-        Combinations of scaled columns that belong to them.
+        Their combinations of scaled columns.
     residual : ndarray (m,)
         Measured less predicted, with the bounds, in the numbers' units.
     deviation : ndarray (m,)
         Standard deviations that were used.
     scales : tuple of float
-        By which those given were multiplied, for lengths and angles: estimated where unknown.
+        Factors on the deviations of lengths and angles: estimated where unknown.
     degrees : float
         Degrees of freedom of the t distribution; infinite where all deviations are known.
     whitened : ndarray (m + priors, P + S)
@@ -109,7 +109,7 @@ class Solved:
     leverage : ndarray (m,)
         Diagonal of the hat matrix.
     active : ndarray of bool (P,)
-        Whose bound holds.
+        Parameters at their bound.
     """
 
     theta: Array
@@ -128,18 +128,30 @@ class Solved:
     leverage: Array
     active: NDArray[np.bool_]
 
-    def moved_by(self, errors: Array) -> Array:
-        """How far errors (m, k) of the numbers move parameters and nuisances (P + S, k)."""
-        pushed = np.zeros((len(self.whitened), errors.shape[1]))
-        pushed[: len(errors)] = errors / self.deviation[:, None]
+    @property
+    def _column_scale(self) -> Array:
+        """Factors (P + S,) by which the columns of `whitened` have unit length; 0 for zeros."""
         norms = np.linalg.norm(self.whitened, axis=0)
-        scale = np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
+        return np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
+
+    def moved_by(self, errors: Array) -> Array:
+        """Changes (P + S, k) of parameters and nuisances by errors (m, k) of the numbers."""
+        scale, pushed = self._column_scale, np.zeros((len(self.whitened), errors.shape[1]))
+        pushed[: len(errors)] = errors / self.deviation[:, None]
         moved = np.linalg.lstsq(self.whitened * scale, pushed, rcond=None)[0]
         return np.asarray(scale[:, None] * moved)
 
+    def variances_of_predictions(self, columns: Array) -> Array:
+        """``a^T (A^T A)^-1 a`` (m,) for the rows a of columns (m, P + S) over the deviations."""
+        scale = self._column_scale
+        _, values, Vt = np.linalg.svd(self.whitened * scale, full_matrices=False)
+        good = values > numerics.RANK * values.max(initial=0.0)
+        half = (columns / self.deviation[:, None] * scale) @ (Vt[good].T / values[good])
+        return np.asarray((half**2).sum(axis=1))
+
     @property
     def freedom(self) -> float:
-        """Numbers less what was fitted to them."""
+        """Numbers less fitted parameters."""
         return float(np.sum(1.0 - self.leverage))
 
 
@@ -167,11 +179,11 @@ def solved(
     sizes : ndarray (P,)
         Natural sizes of the parameters.
     bounded : ndarray of bool (P,)
-        Which are not negative.
+        Parameters that are not negative.
     nuisance : ndarray (m, S), optional
         Columns of the nuisances.
     priors : list of (index, value, deviation), optional
-        What is known of parameters beforehand.
+        Parameters that are known beforehand.
     weights : ndarray (m,), optional
         Factors from 0 on the weights, as of a robust fit.
     """
@@ -189,9 +201,9 @@ def solved(
     for g in np.flatnonzero(~known):
         largest = float(np.abs(target[noise.group == g]).max(initial=0.0))
         scales[g] = max(largest, numerics.TINY)
-        floor[g] = max(numerics.EPSILON * largest, numerics.TINY)  # what fits exactly
+        floor[g] = max(numerics.EPSILON * largest, numerics.TINY)  # of an exact fit
     h = np.zeros(m)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_SCALE_STEPS):
         deviation = noise.deviation * scales[noise.group]
         divided = np.vstack([full * (root / deviation)[:, None], extra])
         right = np.append(target * root / deviation, extra_target)
@@ -205,7 +217,9 @@ def solved(
             if mine.any():
                 left = float(np.sum(1.0 - h[mine]))
                 square = float(np.sum((root * r / noise.deviation)[mine] ** 2))
-                scales[g] = max(np.sqrt(square / left) if left > _UNSEEN else np.nan, floor[g])
+                scales[g] = max(
+                    np.sqrt(square / left) if left > _UNOBSERVABLE else np.nan, floor[g]
+                )
         if np.isnan(scales).any() or np.all(np.abs(scales - before) <= numerics.REACHED * scales):
             break
     if np.isnan(scales).any():
@@ -238,7 +252,7 @@ def solved(
 
 
 def _degrees(noise: Noise, h: Array, root: Array) -> float:
-    """Degrees of freedom of the least well known scale."""
+    """Degrees of freedom of the least certain scale."""
     degrees = [
         float(np.sum((1.0 - h)[(noise.group == g) & (root > 0)]))
         for g in (0, 1)
@@ -264,12 +278,12 @@ class _Basis:
         self.directions = Vt.T
         self.rank = numerics.rank(self.values)
         lost = Vt[self.rank :].T
-        self.is_determined = is_seen & (np.linalg.norm(lost, axis=1) <= _UNSEEN)
+        self.is_determined = is_seen & (np.linalg.norm(lost, axis=1) <= _UNOBSERVABLE)
         if lost.shape[1] + self.rank < len(
             is_seen
-        ):  # fewer rows than columns: the rest is lost too
+        ):  # fewer rows than columns: further directions are unobservable
             inside = np.linalg.norm(Vt[: self.rank], axis=0)
-            self.is_determined = is_seen & (np.abs(1.0 - inside) <= _UNSEEN)
+            self.is_determined = is_seen & (np.abs(1.0 - inside) <= _UNOBSERVABLE)
         self.leverage = np.einsum("ij,ij->i", self._U[:, : self.rank], self._U[:, : self.rank])
 
     def solution(self, right: Array) -> Array:
@@ -286,7 +300,7 @@ class _Basis:
         return C
 
     def bounded(self, right: Array, bounded: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        """Least squares with lower bounds at zero, and whose bound holds."""
+        """Least squares with lower bounds at zero, and the parameters at their bound."""
         from scipy.optimize import lsq_linear
 
         use = self.scale > 0.0
@@ -307,18 +321,17 @@ class _Basis:
         return x, active & self.is_determined[: self._P]
 
 
-# Evaluations of a search; searches, in which the scales of lengths and angles settle.
-_STEPS, _SEARCHES = 200, 6
-#: Relative change of the scales that ends the searches.
-_SAME = 1e-3
-#: Sizes beyond which a parameter is not determined; and the standard deviation, in sizes, with
-#: which each is held where the search starts, so that what the rows do not show stays there.
-_SLACK, _FAR = 10.0, 100.0
+# Bounds on the evaluations of a search, and on the searches with new scales of the noise; and the
+# relative change of the scales that ends them.
+_MAX_EVALUATIONS, _MAX_SEARCHES, _SAME_SCALES = 200, 6, 1e-3
+# Standard deviation, in natural sizes, above which a parameter is not determined; and that of the
+# weak prior at the start of a search, so that unobservable parameters stay there.
+_MAX_DEVIATION, _START_DEVIATION = 10.0, 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where the iteration ended.
+    """Result of a fit.
 
     Attributes
     ----------
@@ -329,10 +342,10 @@ class Fit:
     regressor : ndarray (m, P)
         Derivatives there.
     target : ndarray (m,)
-        Right-hand side of the last linear problem: what is measured less what does not depend on
-        the parameters.
+        Right-hand side of the last linear problem: the measured numbers less the part that does not
+        depend on the parameters.
     steps : int
-        Taken.
+        Number of steps.
     """
 
     solved: Solved
@@ -382,28 +395,28 @@ def fitted(
     solution, A, target = search.linear(theta)
     if model.is_linear or once:
         return Fit(solution, solution.theta, A, target, 1)
-    for _ in range(_SEARCHES):
+    for _ in range(_MAX_SEARCHES):
         theta, before = search.descended(theta, solution), np.array(solution.scales)
         solution, A, target = search.linear(theta)
-        if np.all(np.abs(solution.scales - before) <= _SAME * before):
+        if np.all(np.abs(solution.scales - before) <= _SAME_SCALES * before):
             break
-    return Fit(_without_slack(solution, theta, unknowns.sizes), theta, A, target, search.steps)
+    return Fit(_without_vague(solution, theta, unknowns.sizes), theta, A, target, search.steps)
 
 
-def _without_slack(solution: Solved, theta: Array, sizes: Array) -> Solved:
-    """The linear solution, parameters known to worse than many sizes called not determined.
+def _without_vague(solution: Solved, theta: Array, sizes: Array) -> Solved:
+    """The linear solution; parameters with deviations of many sizes are not determined.
 
-    Nothing is linear over such an interval, and a search has left them where they were.
+    Over such intervals the model is not linear, and the search has not moved them.
     """
     spread = np.sqrt(np.maximum(solution.covariance.diagonal(), 0.0))
-    lost = ~(spread <= _SLACK * np.maximum(sizes, np.abs(theta)))
+    lost = ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(theta)))
     C = solution.covariance.copy()
     C[lost], C[:, lost] = np.nan, np.nan
     return replace(solution, covariance=C, is_determined=solution.is_determined & ~lost)
 
 
 class _Search:
-    """A nonlinear fit on its way."""
+    """State of a nonlinear fit."""
 
     def __init__(
         self,
@@ -444,8 +457,8 @@ class _Search:
     def descended(self, theta: Array, solution: Solved) -> Array:
         """The least sum of squares with the standard deviations of a linear solution.
 
-        What the rows do not determine stays where it is; nuisances are eliminated, which is exact
-        since they enter linearly.
+        Parameters that the rows do not determine do not move; nuisances are eliminated, which is
+        exact since they enter linearly.
         """
         weight = 1.0 / solution.deviation
         U, values, _ = np.linalg.svd(self._nuisance * weight[:, None], full_matrices=False)
@@ -461,11 +474,11 @@ class _Search:
             full = whole(z)
             try:
                 y, _ = self._at(full)
-            except CartstiffError:  # no equilibrium, or no stiffness: not so far
+            except CartstiffError:  # no equilibrium, or no stiffness: a shorter step
                 return np.full(len(seen) + len(prior) + len(z), np.nan)
             r = (y - seen.target) * weight
             extra = [(full[p] - value) / s for p, value, s in self._priors]
-            return np.concatenate([r - Q @ (Q.T @ r), extra, (z - start) / _FAR])
+            return np.concatenate([r - Q @ (Q.T @ r), extra, (z - start) / _START_DEVIATION])
 
         def jacobian(z: Array) -> Array:
             _, A = self._at(whole(z))
@@ -477,7 +490,7 @@ class _Search:
             for row, (p, _, s) in enumerate(self._priors):
                 extra[row, p] = 1.0 / s
             data = np.vstack([J - Q @ (Q.T @ J), extra]) * sizes
-            return np.vstack([data, np.eye(len(z)) / _FAR])
+            return np.vstack([data, np.eye(len(z)) / _START_DEVIATION])
 
         from scipy.optimize import least_squares
 
@@ -490,7 +503,7 @@ class _Search:
             ftol=numerics.FLAT,
             xtol=numerics.FLAT,
             gtol=numerics.FLAT,
-            max_nfev=_STEPS,
+            max_nfev=_MAX_EVALUATIONS,
         )
         if found.status <= 0:
             raise ConvergenceError(
@@ -501,11 +514,11 @@ class _Search:
 
 #: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.
 _CAUCHY, _MAD = 2.385, 1.4826
-#: A campaign without gross errors names a suspect with this probability, by each of two tests.
+#: Probability that a table without gross errors has a suspect, by each of two tests.
 _FALSE_ALARM = 0.01
-#: Standard deviations that noise takes off an error in one of 1000 cases.
-_SURE = 3.1
-_REWEIGHTINGS = 6
+#: Standard deviations by which noise reduces an error in one of 1000 cases.
+_NOISE_IN_999_OF_1000 = 3.1
+_MAX_REWEIGHTINGS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -519,7 +532,7 @@ class Robust:
     standardised : ndarray (m,)
         Residual of every number from it, over its own standard deviation.
     limit : float
-        Beyond which a number is suspect.
+        Standardised residual beyond which a number is suspect.
     kept : ndarray of bool (m,)
         Numbers of rows that are not suspect.
     suspects : ndarray of int
@@ -527,7 +540,7 @@ class Robust:
     row : ndarray of int (m,)
         Place of each number's row.
     shown : ndarray (m,)
-        Share of an error of each number that its own residual shows: the fit follows the rest.
+        Share of an error of each number that appears in its own residual: the fit absorbs the rest.
     """
 
     fit: Fit
@@ -540,18 +553,18 @@ class Robust:
 
     @property
     def unseen(self) -> Array:
-        """Error (m,) of each number, in standard deviations, up to which it may stay unseen.
+        """Largest undetected error (m,) of each number, in standard deviations.
 
         ``(limit + 3.1) / sqrt(1 - h)``: errors beyond it are found in 999 of 1000 cases [Baarda]_.
         """
-        return (self.limit + _SURE) / np.sqrt(self.shown)
+        return (self.limit + _NOISE_IN_999_OF_1000) / np.sqrt(self.shown)
 
     def beyond(self, limit: float) -> NDArray[np.intp]:
         """Places of rows with a number beyond this many standard deviations."""
         return np.unique(self.row[np.abs(self.standardised) > limit])
 
     def reasons(self, seen: Observations, measured: Measurements) -> dict[int, str]:
-        """In words, the worst number of each row."""
+        """Messages on the number with the largest residual of each row."""
         by_row = {}
         for n in range(len(measured)):
             mine = np.flatnonzero(seen.row == n)
@@ -570,26 +583,22 @@ def robust_fit(
     """Fit about a plain fit's regressor; for a nonlinear model that regressor is kept."""
     seen = model.observations
     A, target = plain.regressor, plain.target
-    unit, scales = _starting_units(noise, plain)
-    divided = np.hstack([A, nuisance]) / unit[:, None]
-    right = target / unit
+    columns, unit, m = np.hstack([A, nuisance]), plain.solved.deviation, len(seen)
     rank = int(np.count_nonzero(plain.solved.is_determined)) + nuisance.shape[1]
-    residual, scales = _residuals(divided, right, noise, rank)
-    m = len(seen)
+    residual, scales = _residuals(columns / unit[:, None], target / unit, noise, rank)
     shown = np.ones(m)
     bad = np.zeros(m, bool)
     limit = _limit(bad, rank)
     fit = plain.solved
-    for round_ in range(_REWEIGHTINGS):
+    for round_ in range(_MAX_REWEIGHTINGS):
         size = np.abs(residual) / scales[noise.group]
         flagged = size > limit
         if round_:
             flagged |= _hidden(size, fit, noise, bad)
         rows = np.unique(seen.row[flagged])
         new = np.isin(seen.row, rows)
-        if int(np.sum(~new)) < rank + 1:  # nothing would be left to fit
+        if int(np.sum(~new)) < rank + 1:  # too few rows would remain
             break
-        weights = (~new).astype(float)
         fit = solved(
             A,
             target,
@@ -598,12 +607,12 @@ def robust_fit(
             bounded=unknowns.is_bounded,
             nuisance=nuisance,
             priors=unknowns.priors,
-            weights=weights,
+            weights=(~new).astype(float),
         )
         # Rows that were left out have no part in the fit: their residual is wider, not narrower.
-        whole = fit.whitened[:m]
-        spread = np.where(new, 1.0 + _leverage(whole, weights), 1.0 - fit.leverage)
-        raw = target - np.hstack([A, nuisance]) @ np.append(fit.unbounded, fit.offsets)
+        of_prediction = 1.0 + fit.variances_of_predictions(columns)
+        spread = np.where(new, of_prediction, 1.0 - fit.leverage)
+        raw = target - columns @ np.append(fit.unbounded, fit.offsets)
         spread = np.maximum(spread, numerics.ROUNDING**0.5)
         shown = np.where(new, 1.0, spread)
         residual = raw / (noise.deviation * np.sqrt(spread))
@@ -620,16 +629,16 @@ def robust_fit(
 
 
 def _limit(bad: NDArray[np.bool_], rank: int) -> float:
-    """What one of all residuals reaches by chance, over a scale from those that are left."""
+    """Largest of all standardised residuals by chance, with a scale from the kept rows."""
     left = int(np.count_nonzero(~bad)) - rank
     return quantile(1.0 - _FALSE_ALARM / len(bad), max(left, 1))
 
 
 def _hidden(size: Array, fit: Solved, noise: Noise, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The number (m,) that departs most from the others, if they would not produce that by chance.
+    """Flag (m,) of the number with the largest residual, if that is improbable by chance.
 
-    ``t = z sqrt((f - 1) / (f - z^2))`` for a residual z over the scale of f degrees of freedom in
-    which it has a part itself: Student's t of f - 1 degrees.
+    ``t = z sqrt((f - 1) / (f - z^2))`` for a residual z over the scale of f degrees of freedom that
+    includes z itself: Student's t of f - 1 degrees.
     """
     flagged, kept = np.zeros(len(size), bool), ~bad
     for g in np.flatnonzero(~np.array(noise.is_known)):
@@ -644,22 +653,6 @@ def _hidden(size: Array, fit: Solved, noise: Noise, bad: NDArray[np.bool_]) -> N
     return flagged
 
 
-def _starting_units(noise: Noise, plain: Fit) -> tuple[Array, Array]:
-    """Deviations that make lengths and angles comparable."""
-    scales = np.array(plain.solved.scales)
-    return noise.deviation * scales[noise.group], scales
-
-
-def _leverage(whole: Array, weights: Array) -> Array:
-    """``a^T (A_kept^T A_kept)^-1 a`` for all rows (m,)."""
-    kept = whole * np.sqrt(weights)[:, None]
-    used = np.abs(whole).any(axis=0)
-    _, values, Vt = np.linalg.svd(kept[:, used], full_matrices=False)
-    good = values > numerics.RANK * values.max(initial=0.0)
-    half = whole[:, used] @ (Vt[good].T / values[good])
-    return np.einsum("ij,ij->i", half, half)
-
-
 def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[Array, Array]:
     """Residuals over the given deviations, and the scale of each group, by robust losses."""
     from scipy.optimize import least_squares
@@ -667,7 +660,7 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     norms = np.linalg.norm(divided, axis=0)
     B = divided / np.where(norms > 0.0, norms, 1.0)
     m = len(right)
-    # What no row sees stays where it is.
+    # Unobservable combinations do not move.
     U, values, Vt = np.linalg.svd(B, full_matrices=False)
     keep = values > numerics.RANK * values.max(initial=numerics.TINY)
     basis = (U[:, keep] * values[keep]) @ Vt[keep]

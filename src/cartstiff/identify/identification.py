@@ -60,13 +60,13 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 
-#: What is unknown of a session's frame.
+#: Unknown part of the pose of a session's frame.
 OFFSETS = ("none", "translation", "rigid")
-# Other axes are looked for where more than this share is left; they are named where this many times
-# less is left, which chance brings about less often than this.
-_POOR, _SMALLER, _BY_CHANCE = 0.1, 3.0, 1e-4
-# Rows of a long table that are looked at.
-_MOST = 200
+# Other axes are tried if residuals exceed this share of the numbers; they are named if they reduce
+# the residuals by this factor, with less than this probability by chance.
+_POOR_SHARE, _REDUCTION, _CHANCE = 0.1, 3.0, 1e-4
+# Bound on the rows that are examined of a long table.
+_MAX_ROWS = 200
 _FRAMES = ("base", "body", "world")
 _Forces = dict[bytes, tuple[Array, Array, Array, Array]]
 
@@ -79,22 +79,24 @@ def other_axes(
     Parameters
     ----------
     unknowns : Unknowns
-        What is fitted.
+        Fitted parameters.
     measured : Measurements
         The rows, as they were declared.
     residual, target : ndarray (m,)
-        Of the fit to them.
+        Residuals and targets of the fit to them.
     offsets : str
         As in `identify`.
     """
-    few = np.linalg.norm(residual) <= _POOR**2 * np.linalg.norm(target)
+    few = np.linalg.norm(residual) <= _POOR_SHARE**2 * np.linalg.norm(target)
     if few or needs_equilibrium(unknowns.elements.elastic):
         return []
-    if len(measured) > _MOST:
-        measured = measured.chosen(np.unique(np.linspace(0, len(measured) - 1, _MOST).astype(int)))
+    if len(measured) > _MAX_ROWS:
+        measured = measured.chosen(
+            np.unique(np.linspace(0, len(measured) - 1, _MAX_ROWS).astype(int))
+        )
     known: _Forces = {}
     declared = _left(unknowns, measured, offsets, known)
-    if declared is None or declared[0] < _POOR:
+    if declared is None or declared[0] < _POOR_SHARE:
         return []
     tried, count = [], 0
     for words, other in _others(unknowns, measured):
@@ -105,11 +107,11 @@ def other_axes(
         return []
     share, rms, freedom, words = min(tried)
     ratio = declared[0] / max(share, numerics.TINY)
-    if ratio < _SMALLER or freedom < 1.0:
+    if ratio < _REDUCTION or freedom < 1.0:
         return []
     from scipy.special import fdtrc
 
-    if count * fdtrc(freedom, freedom, ratio**2) > _BY_CHANCE:
+    if count * fdtrc(freedom, freedom, ratio**2) > _CHANCE:
         return []
     passage = (
         f"the rows fit much better with {words}: residuals of {rms:.3g} instead of "
@@ -121,9 +123,10 @@ def other_axes(
 def _left(
     unknowns: Unknowns, measured: Measurements, offsets: str, known: _Forces, most: float = np.inf
 ) -> tuple[float, float, float] | None:
-    """Share that is left, residual rms of lengths (else of angles), degrees of freedom.
+    """Residual over measured size, residual rms of lengths (else of angles), degrees of freedom.
 
-    None where the first linear step leaves more than a share. `known` are forces at these postures.
+    None if the first linear step leaves more than the share `most`. `known` are forces at these
+    postures.
     """
     try:
         model = small_loads(unknowns, measured)
@@ -145,7 +148,7 @@ def _left(
 
 
 def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
-    """Share of the numbers that a fit leaves, and the residual rms of lengths (else of angles)."""
+    """Residuals as a share of the numbers, and residual rms of lengths (else of angles)."""
     scaled, rms = np.zeros(len(seen)), 0.0
     for angles in (True, False):
         mine = seen.is_angle == angles
@@ -212,22 +215,23 @@ def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
             yield text, replace(measured, values=values, deviations=spreads)
 
 
-_FEW = 5.0
-# Standard deviations of an error that is called gross, and rows that are shown in words.
-_GROSS, _SHOWN = 20.0, 10
-# An error of a joint's zero [rad] whose consequence is told.
-_OFF = 5e-4
-# What a joint that holds an arm does not give way by [rad; share of the mechanism's size]; and the
-# size [m] from which on 1 N at the tool is no load.
-_COLLAPSED, _TALL = np.radians(5.0), 0.3
-# Joints that move in a campaign of which all that is small is doubtful.
-_SWUNG = 3
-# Rows whose equilibrium is looked at: those that move most.
-_LOOKED_AT = 3
+# Degrees of freedom below which the estimated noise is called uncertain.
+_FEW_DEGREES = 5.0
+# Standard deviations of a gross error, and the bound on the rows that a message lists.
+_GROSS, _MAX_LISTED = 20.0, 10
+# Error of a joint's zero [rad] whose effect is reported.
+_ZERO_ERROR = 5e-4
+# Deflection [rad] under its weight that no joint of an arm has; and the size [m] of a mechanism
+# from which on it must not have that under 1 N at the tool.
+_COLLAPSE, _TALL = np.radians(5.0), 0.3
+# Number of moving joints from which on small angles in all rows are doubtful.
+_SWINGING_JOINTS = 3
+# Number of rows whose equilibrium is compared: those that move most.
+_COMPARED_ROWS = 3
 
 
 def notes_of(result: Identification) -> list[Note]:
-    """Notes on a finished campaign."""
+    """Notes on the result of a fit."""
     return [*_assumed(result), *_found(result), *_doubts(result), *_limits(result)]
 
 
@@ -280,7 +284,7 @@ def _assumed(result: Identification) -> Iterator[Note]:
 
 
 def _zeros(result: Identification) -> Iterator[Note]:
-    """What is found of the geometry, or what an error of a joint's zero would do to the springs."""
+    """Notes on geometry that was found, or on the effect of an error of a joint's zero."""
     unknowns, elastic, solution = result.unknowns, result.elastic, result.chosen.solved
     if sought := unknowns.geometry:
         words = (
@@ -291,14 +295,14 @@ def _zeros(result: Identification) -> Iterator[Note]:
     zeros = [
         f"{c.name}{ZERO}"
         for j, c in enumerate(elastic.mechanism.coordinates)
-        if not c.is_length and j not in getattr(elastic.mechanism, "virtual", ())
+        if not c.is_length and j not in elastic.mechanism.virtual
     ]
     is_open = isinstance(elastic.mechanism, Chain) and not elastic.mechanism.closures
     if not is_open or not set(zeros).isdisjoint(sought):
         return
     more = replace(unknowns, geometry=tuple(zeros))
     columns = offsets_of(more, result.model.observations, result.measured, "none").columns
-    moved = solution.moved_by(_OFF * columns)
+    moved = solution.moved_by(_ZERO_ERROR * columns)
     worst: tuple[float, str] | None = None
     values = {}
     for p, e in enumerate(result.estimates):
@@ -311,14 +315,14 @@ def _zeros(result: Identification) -> Iterator[Note]:
         worst = max(worst or (0.0, ""), (change * e.stiffness, text))
     if worst is not None and worst[0] > 0.0:
         words = (
-            f"the joints' zeros are taken as exact: an error of {1e3 * _OFF:g} mrad in one of them "
-            f"turns as much as {worst[1]} (--unknown zeros estimates them too)"
+            f"the joints' zeros are taken as exact: an error of {1e3 * _ZERO_ERROR:g} mrad in one "
+            f"of them turns as much as {worst[1]} (--unknown zeros estimates them too)"
         )
-        yield Note("zeros-taken-as-known", words, {"error": _OFF, "stiffness": values})
+        yield Note("zeros-taken-as-known", words, {"error": _ZERO_ERROR, "stiffness": values})
 
 
 def _cables(result: Identification) -> Iterator[Note]:
-    """Cables, which the fit takes as bars, and the rows in which the load alone slackens them."""
+    """Note on cables, which the fit takes as bars, and rows in which the load slackens them."""
     elastic = result.elastic
     names: list[str] = []
     if isinstance(elastic.springs, LineSprings) and elastic.springs.unilateral:
@@ -333,10 +337,10 @@ def _cables(result: Identification) -> Iterator[Note]:
     linear = model.linear if isinstance(model, LoadedModel) else model
     pushed: dict[str, list[int]] = {}
     if isinstance(linear, LinearModel):
-        felt, _ = linear.forces_in(written_values(result))
-        least = -numerics.ROUNDING * np.abs(felt).max(initial=0.0)
+        forces, _ = linear.forces_in(written_values(result))
+        least = -numerics.ROUNDING * np.abs(forces).max(initial=0.0)
         for name in names:
-            force = felt[:, result.unknowns.elements.index(name)]
+            force = forces[:, result.unknowns.elements.index(name)]
             rows = np.unique(linear.observations.row[force < least])
             if rows.size:
                 pushed[name] = [int(result.measured.rows[n]) for n in rows]
@@ -403,13 +407,13 @@ def _found(result: Identification) -> Iterator[Note]:
 
 
 def _some(words: list[str]) -> str:
-    """The first ten, and how many more there are; results for programs hold all."""
-    more = f"; and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
-    return "; ".join(words[:_SHOWN]) + more
+    """The first ten, and the number of the others; results for programs hold all."""
+    more = f"; and {len(words) - _MAX_LISTED} more" if len(words) > _MAX_LISTED else ""
+    return "; ".join(words[:_MAX_LISTED]) + more
 
 
 def _unseen(result: Identification) -> Iterator[Note]:
-    """Rows in which a gross error would not be seen, as hardly another one measures the same."""
+    """Note on rows in which a gross error would not be detected for lack of other rows."""
     robust, seen = result.robust, result.model.observations
     rows: dict[int, float] = {}
     words = []
@@ -431,7 +435,7 @@ def _unseen(result: Identification) -> Iterator[Note]:
 
 
 def _limits(result: Identification) -> Iterator[Note]:
-    """How far the linear model reaches, and whether matrices found are stiffnesses."""
+    """Notes on the validity of the linear model, and on matrices that are no stiffnesses."""
     values = written_values(result)
     if not needs_equilibrium(result.elastic):
         yield from _against_equilibrium(result, values)
@@ -448,14 +452,14 @@ def _limits(result: Identification) -> Iterator[Note]:
 
 
 def _against_equilibrium(result: Identification, values: Array) -> Iterator[Note]:
-    """The equilibrium under load beside the small displacement, in the rows that move most."""
+    """Compare equilibrium under load and small displacement in the rows that move most."""
     seen, unknowns = result.model.observations, result.unknowns
     try:
         y, _ = result.model.at(values)
     except CartstiffError:
         return
     size = np.abs(y) / result.chosen.solved.deviation
-    worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_LOOKED_AT]
+    worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_COMPARED_ROWS]
     keep = np.zeros(len(result.measured), bool)
     keep[worst] = True
     some = result.measured.chosen(keep)
@@ -491,11 +495,11 @@ def _is_widened(result: Identification) -> bool:
     """Whether intervals count the linear model's error: of positions, in tables of some rows."""
     is_linear = not result.loaded and not needs_equilibrium(result.elastic)
     absolute = bool(result.model.observations.is_absolute.any())
-    return is_linear and absolute and len(result.measured) <= _MOST
+    return is_linear and absolute and len(result.measured) <= _MAX_ROWS
 
 
 def _bias(result: Identification) -> Array | None:
-    """What the equilibrium under load may change of linear estimates (P,), where it differs."""
+    """Change of linear estimates (P,) by the equilibrium under load, if that differs."""
     values = written_values(result)
     if not _is_widened(result) or not any(_against_equilibrium(result, values)):
         return None
@@ -508,15 +512,15 @@ def _bias(result: Identification) -> Array | None:
 
 
 def _angles(result: Identification) -> Iterator[Note]:
-    """Names a campaign of an arm whose joints hardly leave zero: radians that were read as degrees.
+    """Note on an arm whose joints stay near zero: radians that may have been read as degrees.
 
-    What is larger than a turn, degrees read as radians, is refused where it is read.
+    Degrees that are read as radians are refused by the reader, as they exceed a turn.
     """
     mechanism, q = result.elastic.mechanism, result.measured.q
     rotary = [not c.is_length for c in mechanism.coordinates]
     largest = float(np.abs(q[:, rotary]).max(initial=0.0))
     moving = int(np.count_nonzero(np.ptp(q[:, rotary], axis=0)))
-    if mechanism.kind != "serial" or moving < _SWUNG or largest > np.radians(np.pi):
+    if mechanism.kind != "serial" or moving < _SWINGING_JOINTS or largest > np.radians(np.pi):
         return
     words = (
         f"no joint is farther than {np.degrees(largest):.3g} degrees from zero in any row: "
@@ -557,7 +561,7 @@ def _doubts(result: Identification) -> Iterator[Note]:
         what = meaning[p.kind].format(size=f"{p.size:.3g} {unit}", name=p.name)
         words = f"the residuals look like {what} (probability {p.probability:.2g} without)"
         yield Note("residual-pattern", words, vars(p))
-    if result.degrees < _FEW:
+    if result.degrees < _FEW_DEGREES:
         words = (
             f"the noise is estimated from {result.degrees:.3g} degrees of freedom: "
             "intervals are wide for that alone, more rows or known deviations help most"
@@ -573,14 +577,14 @@ def _doubts(result: Identification) -> Iterator[Note]:
 
 
 def _collapsed(result: Identification) -> Iterator[Note]:
-    """Springs that would not hold the mechanism's own weight, or give way at a touch."""
+    """Note on springs too soft for the mechanism's own weight, or for 1 N at the tool."""
     elastic, elements = result.elastic, result.unknowns.elements
-    touch = 1.0 / elastic.units.newtons
+    newton = 1.0 / elastic.units.newtons
     mechanism, length = elastic.mechanism, elastic.mechanism.at(elastic.q).length
     tall = length * convert_length(elastic.units, SI)[0] > _TALL
     weight = np.zeros(len(elastic.names))
     if any(mechanism.masses().values()):
-        places = np.unique(result.measured.postures, return_index=True)[1][:_MOST]
+        places = np.unique(result.measured.postures, return_index=True)[1][:_MAX_ROWS]
         field = field_of(elastic)
         for q in result.measured.q[places]:
             weight = np.maximum(weight, np.abs(mechanism.at(q).gravity(field).gradient))
@@ -592,16 +596,16 @@ def _collapsed(result: Identification) -> Iterator[Note]:
             slides = bool(elements.is_length[elements.index(name)])
             own = weight[elastic.names.index(name)] if name in elastic.names else 0.0
             size = length if slides else 1.0
-            limit = 0.1 * length if slides else _COLLAPSED
+            limit = 0.1 * length if slides else _COLLAPSE
             loads = [("the weight of the mechanism", own)]
-            loads += [("1 N at the tool", touch * (1.0 if slides else length))] * tall
+            loads += [("1 N at the tool", newton * (1.0 if slides else length))] * tall
             for load, force in loads:
-                gives = force / e.stiffness
-                if gives > limit:
+                deflection = force / e.stiffness
+                if deflection > limit:
                     shown = (
-                        f"{gives / size:.3g} of its size"
+                        f"{deflection / size:.3g} of its size"
                         if slides
-                        else (f"{np.degrees(gives):.3g} deg")
+                        else (f"{np.degrees(deflection):.3g} deg")
                     )
                     words.append(
                         f"{name}: {e.stiffness:.3g} {e.unknown.unit}, {load} moves it by {shown}"
@@ -616,12 +620,13 @@ def _collapsed(result: Identification) -> Iterator[Note]:
 
 
 FITS = ("plain", "robust")
-# Compliances below this share of the mechanism's own, or above its inverse, are no place to begin.
-_FAR = 1e-2
-# Shares of the compliances with which a search begins where they are too soft for the loads.
+# Compliances below this share of the mechanism's own, or above its inverse, are no start of a
+# search.
+_SMALLEST_START = 1e-2
+# Shares of the compliances at which a search starts if they are too soft for the loads.
 _STIFFER = (0.5, 0.25, 0.1)
-# Times that rows are corrected by the zeros and offsets found.
-_CORRECTIONS = 20
+# Bound on the corrections of rows by the zeros and offsets found.
+_MAX_CORRECTIONS = 20
 
 
 def identify(
@@ -644,22 +649,22 @@ def identify(
     Parameters
     ----------
     elastic : ElasticMechanism
-        Its geometry is taken as known; its springs are where the search starts.
+        Its geometry is taken as known; its springs are the start of the search.
     measured : Measurements
         From `read_measurements`.
     sought, ties, known, priors
-        What is to be found, see `cartstiff.identify.unknowns.unknowns_of`.
+        Parameters to be found, see `cartstiff.identify.unknowns.unknowns_of`.
     offsets : {"rigid", "translation", "none"}, optional
-        What is unknown of the measuring frame in each session, for measured positions; default
-        "rigid" where the table has sessions. Without sessions, positions are in the robot's own
-        base frame B.
+        Unknown part of the pose of the measuring frame in each session, for measured positions;
+        default "rigid" if the table has sessions. Without sessions, positions are in the robot's
+        own base frame B.
     loaded : bool
         Fit the equilibrium under load itself, not displacements linear in the load.
     fit : {"plain", "robust"}
-        Whose estimates are told first: least squares, or the robust fit, which is made anyway.
+        Source of the estimates: least squares, or the robust fit, which is computed anyway.
     reject : float or "suspects", optional
-        Rows that are left out: those that the robust fit suspects, or those with a number
-        beyond this many standard deviations from it.
+        Rejected rows: suspects of the robust fit, or rows with a number beyond this many standard
+        deviations from it.
     level : float
         Probability of the intervals.
     progress : callable, optional
@@ -673,7 +678,7 @@ def identify(
     Raises
     ------
     InputError
-        For fewer numbers than unknowns, rows that contradict each other, and what cannot be used.
+        For fewer numbers than unknowns, contradictory rows, and invalid options.
     ConvergenceError
         If the fit does not settle.
     """
@@ -738,7 +743,7 @@ def identify(
 
 
 def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:
-    """Which numbers the chosen fit rests on (m,)."""
+    """Numbers that the chosen fit uses (m,)."""
     return robust.kept if fit == "robust" else np.ones(count, bool)
 
 
@@ -807,7 +812,7 @@ def _fits(
 ) -> tuple[Model, Fit, Robust, Measurements, dict[str, float]]:
     """The plain and the robust fit of rows that are corrected by the offsets `found`."""
     elastic = unknowns.elements.elastic
-    for _ in range(_CORRECTIONS):
+    for _ in range(_MAX_CORRECTIONS):
         model, plain, noise, columns = _plain_fit(unknowns, measured, offsets, loaded, progress)
         step = corrections(estimated(elastic, columns, plain.solved, {}))
         if not step:
@@ -816,7 +821,7 @@ def _fits(
         measured, found = corrected(elastic, measured, found, step)
     raise ConvergenceError(
         "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
-        iterations=_CORRECTIONS,
+        iterations=_MAX_CORRECTIONS,
         residual=float(np.abs(list(step.values())).max()),
     )
 
@@ -828,7 +833,7 @@ def _plain_fit(
     loaded: bool,
     progress: Callable[[int, float], None] | None,
 ) -> tuple[Model, Fit, Noise, Offsets]:
-    """Least squares on all rows, with what it rests on."""
+    """Least squares on all rows, with model, noise and offsets."""
     model = model_of(unknowns, measured, loaded)
     start = None
     seen = model.observations
@@ -843,7 +848,7 @@ def _plain_fit(
 
 
 def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
-    """Where every row comes to rest: near, else at the file's own, else at stiffer parameters."""
+    """Parameters with an equilibrium in every row: `near`, the file's own, or stiffer ones."""
     own = unknowns.nominal
     stiffer = [np.where(unknowns.is_bounded, share * own, own) for share in _STIFFER]
     for start in (near, own, *stiffer):
@@ -852,11 +857,11 @@ def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
         except CartstiffError:
             continue
         return start
-    return own  # and the fit says which row does not
+    return own  # the fit names the row without an equilibrium
 
 
 def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Array) -> Array:
-    """Where small loads would have the parameters, if that costs little, else the file's own."""
+    """Parameters of the fit with small loads, if that is cheap, else the file's own."""
     if needs_equilibrium(unknowns.elements.elastic):
         return unknowns.nominal
     try:
@@ -865,7 +870,7 @@ def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Ar
         return unknowns.nominal
     nominal = unknowns.nominal
     share = first.theta / nominal
-    sound = ~unknowns.is_bounded | ((share > _FAR) & (share < 1.0 / _FAR))
+    sound = ~unknowns.is_bounded | ((share > _SMALLEST_START) & (share < 1.0 / _SMALLEST_START))
     return np.where(first.solved.is_determined & sound, first.theta, nominal)
 
 

@@ -19,45 +19,45 @@ DISPLACEMENT: Final = ("dx", "dy", "dz")
 ROTATION: Final = ("drx", "dry", "drz")
 POSITION: Final = ("x", "y", "z")
 TURN: Final = ("roll", "pitch", "yaw")
-#: What can be measured, with its kind.
+#: Measurable quantities, each with its kind.
 MEASURED: Final[Mapping[str, str]] = {
     **dict.fromkeys((*DISPLACEMENT, "d", *POSITION), "length"),
     **dict.fromkeys((*ROTATION, *TURN), "angle"),
 }
 
 
-# Of each row as usual.
+# Replaced by the usual values of each row.
 _USUAL: Any = None
 
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Postures, loads and what was measured.
+    """Postures, loads and measured numbers.
 
     Attributes
     ----------
     q : ndarray (N, n)
-        What the joints are told: positions before the springs give.
+        Commanded joint positions, before the springs deflect.
     wrench : ndarray (N, 6)
         (moment, force) on the body at `load_at`; along `axes`.
     mass, mass0 : ndarray (N,)
-        Hung at `load_at`, in kg; `mass0` in the state that differences are counted from.
+        Hung at `load_at`, in kg; `mass0` in the reference state of differences.
     axes : {"body", "base", "world"}
         Axes of the wrench.
     values, deviations : mapping of str to ndarray (N,)
-        What was measured and its standard deviation, by column; NaN where not.
+        Measured numbers and their standard deviations, by column; NaN where missing.
     direction : ndarray (N, 3)
-        Direction of the dial gauge, unit vectors in base axes; NaN where there is none.
+        Direction of the dial gauge, unit vectors in base axes; NaN without one.
     session : tuple of str
         Session of each row; empty without sessions.
     time : ndarray (N,)
-        In seconds; NaN where not given.
+        In seconds; NaN if not given.
     point, load_at : tuple of 3 floats
-        Point of the body, in M, that was measured; and at which the loads act.
+        Measured point of the body, in M, and the point at which the loads act.
     rows : ndarray of int (N,)
         Numbers of the rows in their table, from 1.
     unused : tuple of str
-        Columns of the table that other commands wrote and that play no part.
+        Columns of the table that other commands wrote and that are not used.
     """
 
     q: Array
@@ -91,7 +91,7 @@ class Measurements:
         return len(self.q)
 
     def taken(self, places: Sequence[int]) -> Measurements:
-        """Rows at some places, in that order, numbered anew; a place may stand twice."""
+        """Rows at some places, in that order, numbered anew; a place may occur twice."""
         at = list(places)
         return replace(self.chosen(np.array(at, np.intp)), rows=np.arange(1, len(at) + 1))
 
@@ -111,7 +111,7 @@ class Measurements:
 
     @cached_property
     def settings(self) -> NDArray[np.intp]:
-        """Number of each row's posture and load, by which repeats are known."""
+        """Number of each row's posture and load; repeats have equal numbers."""
         sessions = {name: float(i) for i, name in enumerate(dict.fromkeys(self.session))}
         of_session = np.array([sessions[name] for name in self.session] or [0.0] * len(self.q))
         columns = [
@@ -132,7 +132,7 @@ def _groups(table: Array) -> NDArray[np.intp]:
     return np.array([known.setdefault(row.tobytes(), len(known)) for row in rows], np.intp)
 
 
-#: m/s^2, where the mechanism names no gravity: that a hung mass pulls with.
+#: Gravity [m/s^2] on hung masses if the mechanism names none.
 EARTH: Final = (0.0, 0.0, -9.81)
 
 
@@ -145,15 +145,15 @@ class Observations:
     row : ndarray of int (m,)
         Place of each number's row.
     column : tuple of str (m,)
-        What was measured.
+        Measured quantity.
     is_angle, is_absolute : ndarray of bool (m,)
-        Rotations; positions and orientations themselves, which contain the arm's own sag.
+        Rotations; positions and orientations themselves, which include the arm's own sag.
     functional : ndarray (m, 6)
         On the twist of M, in its axes.
     target : ndarray (m,)
         The measured displacement; of a position, less that of the rigid mechanism.
     deviation : ndarray (m,)
-        Standard deviation; NaN where it is to be estimated.
+        Standard deviation; NaN if it is to be estimated.
     axis, place : ndarray (m, 3)
         Unit vector in F, and the measured point in F: for the offsets of sessions.
     """
@@ -173,7 +173,7 @@ class Observations:
 
 
 def field_of(elastic: ElasticMechanism) -> Array:
-    """Acceleration (3,) that hung masses feel, in F, m/s^2."""
+    """Acceleration (3,) of hung masses, in F, m/s^2."""
     return np.array(EARTH if elastic.gravity is None else elastic.gravity, float)
 
 
@@ -185,7 +185,7 @@ def wrenches(
     Returns
     -------
     loaded, reference : ndarray (N, 6)
-        (moment, force) about the origin of M: all that is hung; and of `mass0` alone.
+        (moment, force) about the origin of M: all loads; and that of `mass0` alone.
     inertial : ndarray (N, 6)
         The load at `load_at` along the axes of F.
     """
@@ -218,7 +218,7 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
     measured : Measurements
         The rows.
     elastic : ElasticMechanism
-        What was measured.
+        The measured mechanism.
     poses : ndarray (N, 4, 4)
         ``T_F_M`` of the rigid mechanism in each row.
     """

@@ -1,12 +1,12 @@
-"""What small loads do: displacements linear in the load, and their derivatives by each compliance.
+"""Predictions of displacements under load, and their derivatives by each compliance.
 
-By the theorem of the unit load a measured number ``a . xi`` has, with F the forces in the elements
-per unit wrench (`cartstiff.stiffness.influence`), the derivative
+Small loads: by the theorem of the unit load a measured number ``a . xi`` has, with F the forces in
+the elements per unit wrench (`cartstiff.stiffness.influence`), the derivative
 
     d(a . xi) / d theta = (F a)^T S (F W)
 
-Where the forces follow from the load alone (open chains, six legs) the displacement is linear in
-the compliances; elsewhere F is evaluated anew at every step.
+If the forces follow from the load alone (open chains, six legs) the displacement is linear in the
+compliances; otherwise F is evaluated anew at every step.
 """
 
 from __future__ import annotations
@@ -40,30 +40,27 @@ from cartstiff.statics.rest import motion_by_compliance
 from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.influence import influence_of
 
-# Of differences, in shares of a parameter's natural size.
-_STEP = numerics.WIDE_DIFFERENCE
-
 
 class Model(Protocol):
-    """What a fit asks of a mechanism."""
+    """Predictions of measured numbers, for a fit."""
 
     @property
     def observations(self) -> Observations:
-        """What was measured."""
+        """The measured numbers."""
 
     @property
     def is_linear(self) -> bool:
-        """Whether the prediction is linear in the parameters, so that one step suffices."""
+        """Whether the prediction is linear in the parameters."""
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P) at parameters (P,)."""
 
 
 def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechanism:
-    """The mechanism without loads of its own; its cables hold like bars.
+    """The mechanism without loads of its own; its cables are taken as bars.
 
-    Its springs are at rest where the motors are commanded to be, q (n,); without it their rest
-    positions are open.
+    Its springs are at rest at the commanded positions q (n,); without it their rest positions are
+    open.
     """
     inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
     springs = elastic.springs
@@ -94,13 +91,13 @@ class LinearModel:
     Attributes
     ----------
     unknowns : Unknowns
-        What is sought; its mechanism is the one measured.
+        Parameters; their mechanism is the measured one.
     measured : Measurements
         The rows.
     laws_apart : bool
-        Whether joints of an open chain that have nonlinear springs are taken as rigid here.
+        Whether joints of an open chain that have nonlinear springs are taken as rigid.
     known : dict, optional
-        Forces at parameters where they were found; models of the same postures may share it.
+        Forces by parameters, computed before; models of the same postures may share it.
     """
 
     unknowns: Unknowns
@@ -113,7 +110,7 @@ class LinearModel:
         elastic = at_rest(self.unknowns.elements.elastic)
         if self.laws_apart and isinstance(elastic.springs, JointSprings):
             k = elastic.springs.stiffness.copy()
-            k[list(elastic.springs.laws)] = 1.0  # of no account: these are no elements
+            k[list(elastic.springs.laws)] = 1.0  # any value: these are no elements
             elastic = replace(elastic, springs=JointSprings(k, np.full(len(k), np.nan)))
         return elastic
 
@@ -158,12 +155,12 @@ class LinearModel:
 
     @cached_property
     def observations(self) -> Observations:
-        """What was measured, number by number."""
+        """The measured numbers."""
         return observe(self.measured, self.unknowns.elements.elastic, self.poses)
 
     @cached_property
     def _loads(self) -> tuple[Array, Array]:
-        """Wrench (m, 6) that each number answers, and whether the weight's part does (m,)."""
+        """Wrench (m, 6) of each number, and whether the own weight adds to it (m,)."""
         loaded, reference, _ = wrenches(self.measured, self.unknowns.elements.elastic, self.poses)
         seen = self.observations
         W = loaded[seen.row] - np.where(seen.is_absolute[:, None], 0.0, reference[seen.row])
@@ -172,16 +169,10 @@ class LinearModel:
     @cached_property
     def _weights(self) -> Array:
         """Generalised forces (k, n) of the mechanism's own weight in the distinct postures."""
-        elastic = self.unknowns.elements.elastic
-        q, groups = self._distinct
-        wanted = np.zeros(len(q), bool)
-        wanted[groups[self.observations.row[self.observations.is_absolute]]] = True
-        first = elastic.mechanism.at(q[0])
-        weights = np.zeros((len(q), first.motion.jacobian.shape[1]))
-        if elastic.gravity is not None:
-            for i in np.flatnonzero(wanted):
-                weights[i] = -elastic.mechanism.at(q[i]).gravity(elastic.gravity).gradient
-        return weights
+        elastic, (q, _) = self.unknowns.elements.elastic, self._distinct
+        if elastic.gravity is None:
+            return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
+        return np.array([-elastic.mechanism.at(x).gravity(elastic.gravity).gradient for x in q])
 
     def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's forces and twist."""
@@ -222,9 +213,9 @@ class LinearModel:
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P)."""
         y, A = self._at(theta)
-        for p in self._tensioned:  # its tension, and so its turning stiffness, follows it
+        for p in self._tensioned:  # the tension, and with it the turning stiffness, changes too
             step = np.zeros(len(theta))
-            step[p] = _STEP * self.unknowns.sizes[p]
+            step[p] = numerics.WIDE_DIFFERENCE * self.unknowns.sizes[p]
             A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (2.0 * step[p])
         return y, A
 
@@ -240,13 +231,13 @@ class LinearModel:
         ]
 
     def _at(self, theta: Array) -> tuple[Array, Array]:
-        """The same for forces in the springs that do not depend on their stiffness."""
+        """The same with forces in the springs that do not depend on their stiffness."""
         _, C, _, own_twist = self._forces(theta)
-        felt, seen_by = self.forces_in(theta)
+        by_load, by_functional = self.forces_in(theta)
         W, weighs = self._loads
         a, place = self.observations.functional, self._distinct[1][self.observations.row]
         twist = np.einsum("mij,mj->mi", C[place], W) + weighs[:, None] * own_twist[place]
-        A = derivatives(seen_by, felt, self.unknowns.patterns)
+        A = derivatives(by_functional, by_load, self.unknowns.patterns)
         return np.einsum("mi,mi->m", a, twist), A
 
     def forces_in(self, theta: Array) -> tuple[Array, Array]:
@@ -255,22 +246,22 @@ class LinearModel:
         seen = self.observations
         W, weighs = self._loads
         place = self._distinct[1][seen.row]
-        felt = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
-        return felt, np.einsum("mei,mi->me", F[place], seen.functional)
+        by_load = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
+        return by_load, np.einsum("mei,mi->me", F[place], seen.functional)
 
 
 @dataclass(frozen=True, eq=False)
 class BentModel:
     """Small displacements of an open chain with nonlinear springs in some joints.
 
-    What each of them carries follows from the load alone, and with it its deflection x(t). A
+    The torque t of each of them follows from the load alone, and with it its deflection x(t). A
     coefficient c_m of ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``. The other
     springs are those of the linear model.
 
     Attributes
     ----------
     unknowns : Unknowns
-        What is sought.
+        Parameters.
     measured : Measurements
         The rows.
     """
@@ -298,7 +289,7 @@ class BentModel:
 
     @property
     def observations(self) -> Observations:
-        """What was measured, number by number."""
+        """The measured numbers."""
         return self.linear.observations
 
     @property
@@ -314,12 +305,7 @@ class BentModel:
         jacobians = np.array([elastic.mechanism.at(row).motion.jacobian for row in q])
         J = jacobians[groups[seen.row]]
         loaded, reference, _ = wrenches(self.measured, elastic, self.poses)
-        weight = np.zeros((len(q), J.shape[2]))
-        if elastic.gravity is not None:
-            weight = np.array(
-                [-elastic.mechanism.at(row).gravity(elastic.gravity).gradient for row in q]
-            )
-        own = weight[groups[seen.row]]
+        own = self.linear._weights[groups[seen.row]]
         with_load = np.einsum("mij,mi->mj", J, loaded[seen.row]) + own
         without = np.einsum("mij,mi->mj", J, reference[seen.row]) + own
         without[seen.is_absolute] = 0.0  # a position differs from that of the rigid arm
@@ -331,7 +317,7 @@ class BentModel:
         Raises
         ------
         InputError
-            If a law never reaches what a row asks of it.
+            If a law does not reach the torque of a row.
         """
         y, rates = self.linear.at(theta[self._own])
         A = np.zeros((len(y), len(theta)))
@@ -362,28 +348,26 @@ def small_loads(unknowns: Unknowns, measured: Measurements) -> LinearModel | Ben
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
-    """Whether what each joint carries follows from the load alone: no loops, no lines."""
+    """Whether the torque of each joint follows from the load alone: no loops, no lines."""
     mechanism = elastic.mechanism
     lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
     return isinstance(mechanism, Chain) and not mechanism.closures and not lines
 
 
-def derivatives(seen_by: Array, felt: Array, patterns: Array | Sequence[Array]) -> Array:
+def derivatives(by_functional: Array, by_load: Array, patterns: Array | Sequence[Array]) -> Array:
     """``(F a)^T S (F W)`` (m, P) from forces (m, E) and patterns (P, E, E)."""
     columns = []
     for S in patterns:
         i, j = np.nonzero(S)
-        columns.append((seen_by[:, i] * felt[:, j]) @ S[i, j])
-    return np.stack(columns, axis=1) if columns else np.zeros((len(felt), 0))
+        columns.append((by_functional[:, i] * by_load[:, j]) @ S[i, j])
+    return np.stack(columns, axis=1) if columns else np.zeros((len(by_load), 0))
 
 
-# Changes of parameters, in their natural sizes, along which a state of rest is followed linearly.
+# Largest changes of parameters, in natural sizes, over which an equilibrium is extrapolated
+# linearly.
 _NEAR = 0.5
-# Share of a compliance's natural size below which its spring would only be stiff, not seen: from
-# there on to zero the prediction is followed along its derivative.
-_STIFFEST = numerics.STIFFEST
-# Of Newton's method at each stage of a load.
-_STEPS = 40
+# Bound on Newton's steps at each stage of a load.
+_MAX_STAGE_STEPS = 40
 
 
 class _State(NamedTuple):
@@ -400,14 +384,14 @@ class LoadedModel:
     Attributes
     ----------
     unknowns : Unknowns
-        What is sought.
+        Parameters.
     measured : Measurements
         The rows.
     """
 
     unknowns: Unknowns
     measured: Measurements
-    #: Where each row came to rest last, how it moves with the parameters, and what these were.
+    #: Last equilibrium of each row, its derivative by the parameters, and these.
     _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(default_factory=dict)
 
     #: Whether the prediction is linear in the parameters.
@@ -420,7 +404,7 @@ class LoadedModel:
 
     @property
     def observations(self) -> Observations:
-        """What was measured, number by number."""
+        """The measured numbers."""
         return self.linear.observations
 
     @cached_property
@@ -446,13 +430,16 @@ class LoadedModel:
         ConvergenceError
             If a row has no equilibrium, with its number.
         """
-        least = np.where(self.unknowns.is_bounded, _STIFFEST * self.unknowns.sizes, -np.inf)
+        # Below this share of its natural size a compliance has no visible effect: from there on to
+        # zero the prediction follows its derivative.
+        smallest = numerics.STIFFEST * self.unknowns.sizes
+        least = np.where(self.unknowns.is_bounded, smallest, -np.inf)
         inside = np.maximum(theta, least)
         y, A = self._at(inside)
         return y + A @ (theta - inside), A
 
     def _at(self, theta: Array) -> tuple[Array, Array]:
-        """The same for compliances that are not all but zero."""
+        """The same for compliances above the smallest."""
         seen, p = self.observations, np.asarray(self.measured.point)
         mechanism = self.unknowns.mechanism(theta)
         first, groups = self._settings
@@ -480,7 +467,7 @@ class LoadedModel:
         return y, A
 
     def _state(self, elastic: ElasticMechanism, n: int, load: Array, theta: Array) -> _State:
-        """Equilibrium of a row under a wrench along F; the search begins where it should be."""
+        """Equilibrium of a row under a wrench along F, sought from an extrapolated one."""
         q = self.measured.q[n]
         P = len(self.unknowns.parameters)
         loads: list[Load] = []
@@ -512,15 +499,15 @@ class LoadedModel:
 
 
 def _solved(system: System, start: Array, forces: Array, *, is_first: bool) -> Solution:
-    """Equilibrium near where it should be, else near where the motors are told to be.
+    """Equilibrium near an expected one, else near the commanded positions.
 
-    In the first search of a row the load is put on step by step if nothing else helps.
+    In the first search of a row the load is increased in stages if that fails.
     """
     try:
         return solve(system, start, settle=False)
     except CartstiffError:
         if is_first:
-            staged = in_stages(system, forces, _STEPS, settle=False)
+            staged = in_stages(system, forces, _MAX_STAGE_STEPS, settle=False)
             if staged is None:
                 raise
             return staged
@@ -528,16 +515,16 @@ def _solved(system: System, start: Array, forces: Array, *, is_first: bool) -> S
 
 
 def needs_equilibrium(elastic: ElasticMechanism) -> bool:
-    """Whether nonlinear springs stand where the load alone does not say what they carry.
+    """Whether the torques of nonlinear springs do not follow from the load alone.
 
-    In closed chains, and beside lines: what each carries depends on how far all give.
+    In closed chains, and beside lines, they depend on the deflections of all springs.
     """
     laws = isinstance(elastic.springs, JointSprings) and bool(elastic.springs.laws)
     return laws and not is_open_chain(elastic)
 
 
 def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -> Model:
-    """The equilibrium where that is asked for or needed, else the model of small loads."""
+    """The model of equilibria if `loaded` or needed, else that of small loads."""
     if loaded or needs_equilibrium(unknowns.elements.elastic):
         return LoadedModel(unknowns, measured)
     return small_loads(unknowns, measured)

@@ -1,10 +1,10 @@
-"""What measured positions depend on besides the springs: offsets, estimated with these.
+"""Offsets of measured positions, estimated together with the springs.
 
-Each session of a measuring device has a frame of its own. Where they are asked for, joint zeros,
+Each session of a measuring device has a frame of its own. If they are sought, joint zeros,
 the measured point on the tool and the place of the base are further offsets of all rows: to first
 order a position changes by ``J_j`` per zero, by ``R e_i`` per offset of the tool, and by a small
-motion of the base. The rows are corrected by what is found until nothing is left to correct.
-Differences of positions do not show them.
+motion of the base. The rows are corrected by the offsets found until these are negligible.
+Differences of positions do not depend on them.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from cartstiff.identify.unknowns import ZERO, Unknowns
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 _PARTS = ("x", "y", "z", "rx", "ry", "rz")
-# Standard deviation beyond which an offset is not determined: rad, and shares of the mechanism.
-_VAGUE = 0.1
-# Share of its standard deviation below which an offset need not be corrected.
-_SETTLED = 0.1
+# Standard deviation above which an offset is not determined: rad, and shares of the mechanism.
+_MAX_DEVIATION = 0.1
+# Share of its standard deviation below which an offset is not corrected any more.
+_NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Offsets:
     names : tuple of str (S,)
         "session.tx" and so on; after them "JOINT.zero", "tool.x", "base.rz".
     geometry : ndarray of int
-        Places of those that are asked for.
+        Places of those that are sought.
     """
 
     columns: Array
@@ -69,7 +69,7 @@ class OffsetEstimate:
 def offsets_of(
     unknowns: Unknowns, seen: Observations, measured: Measurements, kind: str
 ) -> Offsets:
-    """Columns of all offsets; those that nothing shows are left out.
+    """Columns of all offsets; those without an effect are left out.
 
     Raises
     ------
@@ -147,21 +147,25 @@ def estimated(
 ) -> dict[str, tuple[float, float]]:
     """Value and standard deviation of each that is sought, beyond what is `found`.
 
-    The deviation is not a number where the rows do not determine it.
+    The deviation is NaN if the rows do not determine the offset.
     """
-    size = _VAGUE * elastic.mechanism.at(elastic.q).length
+    size = _MAX_DEVIATION * elastic.mechanism.at(elastic.q).length
     last, spreads = {}, {}
     for i in offsets.geometry.tolist():
         name, s = offsets.names[i], float(solution.offset_deviation[i])
-        limit = _VAGUE if unit_of(elastic, name) == elastic.units.angle else size
+        limit = _MAX_DEVIATION if unit_of(elastic, name) == elastic.units.angle else size
         last[name], spreads[name] = float(solution.offsets[i]), s if s <= limit else np.nan
     return {name: (x, spreads[name]) for name, x in _together(found, last).items()}
 
 
 def corrections(step: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """What of a step is worth to be corrected; empty where nothing is."""
-    large = any(abs(x) > _SETTLED * s for x, s in step.values())
-    return {name: x for name, (x, _) in step.items() if abs(x) <= _VAGUE * 10.0} if large else {}
+    """Part of a step to be corrected; empty if all of it is negligible."""
+    large = any(abs(x) > _NEGLIGIBLE * s for x, s in step.values())
+    return (
+        {name: x for name, (x, _) in step.items() if abs(x) <= _MAX_DEVIATION * 10.0}
+        if large
+        else {}
+    )
 
 
 def _base(found: Mapping[str, float], word: str = "base") -> Array:
@@ -184,7 +188,7 @@ def corrected(
     found: Mapping[str, float],
     step: Mapping[str, float],
 ) -> tuple[Measurements, dict[str, float]]:
-    """Rows without a step of the offsets, and all that was found; loads stay where they act."""
+    """Rows without a step of the offsets, and all offsets found; loads keep their points."""
     table = np.stack([measured.values.get(n, np.full(len(measured), np.nan)) for n in POSITION])
     if (np.isnan(table).any(axis=0) & ~np.isnan(table).all(axis=0)).any():
         step = {n: x for n, x in step.items() if not n.startswith("base.")}  # no whole positions
@@ -221,7 +225,7 @@ def aligned(measured: Measurements, points: Array) -> Measurements:
     Parameters
     ----------
     measured : Measurements
-        With whole positions, or they are left as they are.
+        With all of x, y, z; otherwise they are returned unchanged.
     points : ndarray (N, 3)
         The measured point of the rigid mechanism in the robot's base frame.
 

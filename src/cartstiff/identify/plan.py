@@ -1,18 +1,17 @@
-"""Which postures and loads to measure, before anything is measured.
+"""Choice of the postures and loads to measure.
 
 Each candidate adds ``G_i = sum a a^T / s^2`` to the information M of the compliances, in shares of
 their present values. Three criteria:
 
 * worst: the smallest widest interval, ``max_j (M^-1)_jj``;
-* all: the largest determinant of M (D-optimal, [AtkinsonDonev]_), of which the widest interval is
-  no part: it may be hardly narrower than that of rows drawn at random;
+* all: the largest determinant of M (D-optimal, [AtkinsonDonev]_); the widest interval may then be
+  nearly as wide as that of random rows;
 * posture: the smallest error of the deflection at the user's own posture under the user's own load,
   ``tr(L M^-1 L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
-The rows are chosen greedily, then each is exchanged for any candidate as long as that helps. The
-widest interval alone is a poor guide, since most exchanges leave it as it is: norms of all
-intervals that weigh the wide ones more and more lead there. At last every row is moved to better
-places beside it.
+The rows are chosen greedily, then each is exchanged for any candidate as long as that reduces the
+cost. Most exchanges do not change the widest interval: norms of all intervals, with increasing
+weight on the wide ones, are reduced before it. At last every row is moved to better places nearby.
 """
 
 from __future__ import annotations
@@ -58,21 +57,20 @@ def simulated(
     outlier_size: float = 20.0,
     tell_deviations: bool = False,
 ) -> Measurements:
-    """What a mechanism with these springs would show in given settings.
+    """Simulated measurements of a mechanism with these springs in given settings.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        Its springs are the truth.
+        Its springs are the true ones.
     settings : Measurements
-        Postures and loads; what was measured does not count.
+        Postures and loads; measured numbers are ignored.
     deviations : mapping of str to float
-        Columns that are measured, each with the standard deviation of its noise, in the
-        mechanism's units.
+        Measured columns, each with the standard deviation of its noise, in the mechanism's units.
     seed : int
         Seed of the noise.
     loaded : bool
-        Move as the equilibrium under load, not linearly in it.
+        Simulate the equilibrium under load, not displacements linear in it.
     outliers : sequence of int
         Places of rows with a gross error in all their numbers.
     outlier_size : float
@@ -99,7 +97,7 @@ def simulated(
     gross[list(outliers)] = outlier_size * sign[list(outliers)]
     values = {name: np.full(N, np.nan) for name in deviations}
     for i in range(len(seen)):
-        # The target of a position, from zeros, is less the rigid one: taken away again.
+        # The target of a zero position is minus the rigid one, which is added again.
         rigid = -seen.target[i] if seen.column[i] in POSITION else 0.0
         error = rng.normal() + gross[seen.row[i]]
         values[seen.column[i]][seen.row[i]] = rigid + y[i] + error * deviations[seen.column[i]]
@@ -109,12 +107,14 @@ def simulated(
     return replace(settings, values=values, deviations=exact)
 
 
-# Of a joint without limits, and of a platform about its file's pose [rad; shares of its size].
 _AXES = ("x", "y", "z")
+# Half ranges: of a joint without limits, and of a platform about its file's pose [rad; shares of
+# its size].
 _RANGE, _TILT, _SHIFT = pi, 0.3, 0.2
-_TRIES = 20
-# Places beside a row that are tried at once, in all; of a mechanism whose postures take time.
-_BESIDE, _SLOW = 1000, 150
+# Random postures drawn per candidate wanted.
+_DRAWS_PER_CANDIDATE = 20
+# Neighbours of all rows that are tried at once; the same if postures are slow to compute.
+_NEIGHBOURS, _SLOW_NEIGHBOURS = 1000, 150
 
 
 def candidates(
@@ -130,31 +130,31 @@ def candidates(
     point: tuple[float, float, float] = (0.0, 0.0, 0.0),
     load_at: tuple[float, float, float] | None = None,
 ) -> Measurements:
-    """Random postures that can be reached and seen, each with a load.
+    """Random reachable postures within the measuring volume, each with a load.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         Its joint limits hold.
     deviations : mapping of str to float
-        What would be measured, with standard deviations, in the mechanism's units.
+        Columns to be measured, with standard deviations, in the mechanism's units.
     count, seed : int
         Number of candidates, and the seed of the draw.
     mass : float
         Hung at `load_at`, in kg, pulling along gravity.
     force : float
-        Pushed with along +-x, +-y or +-z of F, drawn for each posture, where no mass is hung.
+        Pushing along +-x, +-y or +-z of F, drawn for each posture, if no mass is hung.
     ranges : mapping of str to (low, high), optional
         Narrower than the joints' limits.
     within : mapping of str to (low, high), optional
-        Range of the measured point's x, y, z in F: the volume that is seen, and may be entered.
+        Range of the measured point's x, y, z in F: the volume that can be measured and entered.
     point, load_at : tuple of 3 floats
         As in `read_measurements`.
 
     Raises
     ------
     InputError
-        If nothing acts, a column cannot be measured, or no posture is left.
+        If there is no load, a column cannot be measured, or no posture remains.
     """
     if not (mass > 0.0 or force > 0.0):
         raise InputError("no load is planned", expected="a mass to hang, or a force to push with")
@@ -171,7 +171,7 @@ def candidates(
                 got=repr(axis),
             )
     kept: list[Array] = []
-    for _ in range(_TRIES * count):
+    for _ in range(_DRAWS_PER_CANDIDATE * count):
         q = _posture(elastic, rng.uniform(low, high))
         if q is not None and _is_within(elastic, q, box, point):
             kept.append(q)
@@ -211,7 +211,7 @@ def beside(
     ranges: Mapping[str, Sequence[float]] | None = None,
     within: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[Measurements, NDArray[np.intp]]:
-    """Rows that could be measured near others: postures moved, forces along each axis of F.
+    """Neighbours of rows: postures moved, forces along each axis of F.
 
     Parameters
     ----------
@@ -220,23 +220,23 @@ def beside(
     rows : Measurements
         From `candidates`.
     share : float
-        Of the ranges, by which postures are moved (standard deviation), and gauges are turned.
+        Share of the ranges by which postures are moved (standard deviation) and gauges turned.
     rng : Generator
-        Of random numbers.
+        Random numbers.
     ranges, within
         As in `candidates`.
 
     Returns
     -------
     near : Measurements
-        Each row, followed by those near it.
+        Each row, followed by its neighbours.
     owner : ndarray of int
-        Which of the given rows each belongs to.
+        Place of the given row that each belongs to.
     """
     low, high = _ranges(elastic, ranges or {})
     chain = elastic.mechanism
     quick = isinstance(chain, Chain) and not chain.closures
-    each = max((_BESIDE if quick else _SLOW) // len(rows), 3)
+    each = max((_NEIGHBOURS if quick else _SLOW_NEIGHBOURS) // len(rows), 3)
     owner, taken = [], []
     for i, centre in enumerate(rows.q):
         W, gauge = rows.wrench[i], rows.direction[i]
@@ -273,15 +273,15 @@ def _is_within(
 def _ranges(
     elastic: ElasticMechanism, ranges: Mapping[str, Sequence[float]]
 ) -> tuple[Array, Array]:
-    """Lowest and highest coordinates; those that follow others stay where they are."""
+    """Lowest and highest coordinates; dependent ones keep their values."""
     mechanism = elastic.mechanism
     low, high = elastic.q.copy(), elastic.q.copy()
     free = np.ones(len(low), bool)
-    if isinstance(mechanism, Chain):
-        free[list(mechanism.virtual)] = False
-        if mechanism.closures:
-            free[:] = False
-            free[list(mechanism.actuated or ())] = True
+    free[list(mechanism.virtual)] = False
+    looped = bool(mechanism.closures)
+    if looped:
+        free[:] = False
+        free[list(mechanism.actuated or ())] = True
     for j, c in enumerate(mechanism.coordinates):
         if not free[j]:
             continue
@@ -290,12 +290,11 @@ def _ranges(
             low[j], high[j] = elastic.q[j] - width, elastic.q[j] + width
             continue
         width = 0.5 * mechanism.at(elastic.q).length if c.is_length else _RANGE
-        looped = isinstance(mechanism, Chain) and bool(mechanism.closures)
         width = 0.3 * width if looped else width
         centre = elastic.q[j] if looped or not np.isfinite(c.lower + c.upper) else 0.0
         low[j] = c.lower if np.isfinite(c.lower) and not looped else centre - width
         high[j] = c.upper if np.isfinite(c.upper) and not looped else centre + width
-        if not looped and not c.is_length:  # further than a turn away is the same posture
+        if not looped and not c.is_length:  # angles repeat after a turn
             low[j], high[j] = max(low[j], -_RANGE), min(high[j], _RANGE)
     for name, (a, b) in ranges.items():
         if name not in elastic.names:
@@ -312,14 +311,14 @@ def _ranges(
 
 
 def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
-    """The posture, assembled; None where that fails."""
+    """The assembled posture; None if that fails."""
     if isinstance(elastic.mechanism, Chain) and elastic.mechanism.closures:
         held = elastic.mechanism.held
         try:
             closed = elastic.mechanism.closed(q).q
         except ConvergenceError:
             return None
-        # Where motors or links had to give way, they do not stand there unstressed.
+        # If motors or links had to move, the posture is not free of stress.
         return (
             closed
             if np.abs(closed[held] - q[held]).max(initial=0.0) < numerics.REPORTED_ERROR
@@ -329,40 +328,37 @@ def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
 
 
 CRITERIA = ("worst", "all", "posture")
-#: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
-#: percent of what one row tells.
-_FAINT = numerics.FAINT
-#: Norms of the variances on the way to the largest; candidates that are tried for the widest
-#: interval: those that would help the best mixture of candidates most, in all and by parameter.
-_NORMS, _TRIED = (1, 2, 4, 8, 16, 32), 500
-# Rows that move by more than this share of the mechanism, and this many times more than most, stand
-# near a singularity, where no small displacement is left to be measured.
-_FAR, _OFTEN = 0.05, 10.0
+#: Norms of the variances on the way to the largest; and the number of candidates tried for the
+#: widest interval: those that improve the best mixture of candidates most, in all and by parameter.
+_NORMS, _MAX_TRIED = (1, 2, 4, 8, 16, 32), 500
+# Rows that move by more than this share of the mechanism, and this many times the median, are near
+# a singularity, where displacements are not small.
+_LARGE_DISPLACEMENT, _TIMES_MEDIAN = 0.05, 10.0
 
 #: Costs (k,) of informations (k, P, P).
 Cost = Callable[[Array], Array]
-#: Rows near those given, within a share of the ranges, and which of these each belongs to.
+#: Neighbours of rows within a share of the ranges, and the row that each belongs to.
 Beside = Callable[[Measurements, float, np.random.Generator], tuple[Measurements, NDArray[np.intp]]]
 
-_PASSES = 20
-#: Rows that are disturbed in all, a plan at a time, to leave a poor optimum.
-_DISTURBED = 300
-# Shares of the ranges by which rows are moved, one after the other; nearer than the last share but
-# three no two rows of one load come, as the same row again would tell of noise, not of errors.
+_MAX_PASSES = 20
+# Number of random exchanges of rows, to leave a poor local optimum.
+_RANDOM_EXCHANGES = 300
+# Shares of the ranges by which rows are moved, one after the other; and the least distance of two
+# rows with one load, as a repeated row reduces the noise alone, not errors of the model.
 _SHARES = tuple(0.1 * 0.6**k for k in range(8))
-_APART = 0.02
+_LEAST_DISTANCE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Rows to be measured, and what they will tell.
+    """Rows to be measured, and the predicted intervals.
 
     Attributes
     ----------
     unknowns : Unknowns
-        What is sought.
+        Parameters.
     rows : Measurements
-        The chosen postures and loads, in the order of their choice; nothing measured yet.
+        The chosen postures and loads, in the order of their choice, without measured numbers.
     criterion : str
         Name of the choice.
     counts : ndarray of int (k,)
@@ -372,7 +368,7 @@ class Plan:
     factors : ndarray (k,)
         Half width of an interval over the standard deviation, at each number of rows.
     lost : tuple of str
-        Springs that no candidate tells anything about by themselves.
+        Springs that no candidate determines by themselves.
     level : float
         Probability of the intervals.
     """
@@ -421,7 +417,7 @@ class Plan:
 
     @property
     def worst(self) -> float:
-        """Largest relative standard deviation with all rows, of the springs that rows can show."""
+        """Largest relative standard deviation with all rows, of the springs that rows determine."""
         return float(self._worst[-1])
 
     @property
@@ -432,11 +428,11 @@ class Plan:
 
 def information(unknowns: Unknowns, measured: Measurements) -> Array:
     """G (N, P, P) of each row, of compliances in shares of their present values."""
-    return _told(unknowns, measured)[0]
+    return _information_and_motion(unknowns, measured)[0]
 
 
-def _told(unknowns: Unknowns, measured: Measurements) -> tuple[Array, Array]:
-    """The same, and how far each row moves (N,): rad, or shares of the mechanism's length."""
+def _information_and_motion(unknowns: Unknowns, measured: Measurements) -> tuple[Array, Array]:
+    """G, and the largest motion of each row (N,): rad, or shares of the mechanism's length."""
     model = model_of(unknowns, measured)
     seen = model.observations
     y, A = model.at(unknowns.nominal)
@@ -472,27 +468,27 @@ def plan(
     Parameters
     ----------
     unknowns : Unknowns
-        What is sought.
+        Parameters.
     offered : Measurements
         From `candidates`, with standard deviations.
     count : int
         Rows to choose; a candidate is taken again only where all are taken.
     criterion : {"worst", "all", "posture"}
-        What is made best.
+        Quantity that is minimised, see the module.
     test : (q, wrench), optional
         The user's posture (n,) and wrench (6,) on M along F, for "posture".
     have : Measurements, optional
         Rows that are measured already, with standard deviations.
     beside : callable, optional
-        Rows near others, as `cartstiff.identify.plan.beside` has them: those chosen are moved
-        to the best of these.
+        Neighbours of rows, see `cartstiff.identify.plan.beside`: the chosen rows are moved to the
+        best of these.
     level : float
         Probability of the predicted intervals.
 
     Raises
     ------
     InputError
-        For fewer rows than one, no posture to test, or candidates that tell nothing.
+        For fewer rows than one, no posture to test, or candidates without information.
     """
     if criterion not in CRITERIA:
         raise UnknownNameError("criterion", criterion, CRITERIA, where="--criterion")
@@ -506,8 +502,8 @@ def plan(
             where="--unknown",
             expected="springs",
         )
-    whole, moved = _told(unknowns, offered)
-    most = max(_FAR, _OFTEN * float(np.median(moved)))
+    whole, moved = _information_and_motion(unknowns, offered)
+    most = max(_LARGE_DISPLACEMENT, _TIMES_MEDIAN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]
     start, priors = _of_priors(unknowns)
     if have is not None:
@@ -519,13 +515,13 @@ def plan(
             expected="other loads, or columns to be measured",
         )
 
-    def told(rows: Measurements) -> Array:
-        information, moved = _told(unknowns, rows)
+    def of_known(rows: Measurements) -> Array:
+        information, moved = _information_and_motion(unknowns, rows)
         return np.where((moved <= most)[:, None, None], information, 0.0)[:, known][:, :, known]
 
     G, start = whole[:, known][:, :, known], start[np.ix_(known, known)]
     one = float(np.median(np.trace(G, axis1=1, axis2=2))) / len(start)
-    faint = _FAINT * one * np.eye(len(start))
+    faint = numerics.FAINT * one * np.eye(len(start))
     effects = None
     if criterion == "posture":
         if test is None:
@@ -548,8 +544,8 @@ def plan(
     order = tried[order].tolist()
     rows = offered.taken(tried[chosen].tolist())
     if beside is not None:
-        rows = _refined(rows, told, beside, start + faint, ways)
-    final = told(rows).sum(axis=0)
+        rows = _refined(rows, of_known, beside, start + faint, ways)
+    final = of_known(rows).sum(axis=0)
     P = len(unknowns.parameters)
     counts, spreads = [], []
     for n in range(1, count + 1):
@@ -574,7 +570,7 @@ def plan(
 
 
 def _of_priors(unknowns: Unknowns) -> tuple[Array, int]:
-    """What priors tell (P, P) of compliances in shares of their present values; their number."""
+    """Information (P, P) of priors on compliances in shares of their values; their number."""
     widths, sizes = np.zeros(len(unknowns.parameters)), unknowns.sizes
     for p, _, deviation in unknowns.priors:
         widths[p] = (sizes[p] / deviation) ** 2
@@ -618,7 +614,7 @@ def _cost_of(criterion: str, effects: Array | None, norm: float = np.inf) -> Cos
 
 
 def _greedy(G: Array, start: Array, count: int, cost: Cost) -> list[int]:
-    """Candidates, each the one that helps most after those before it."""
+    """Candidates, each the one that reduces the cost most after those before it."""
     M, chosen = start.copy(), list[int]()
     for _ in range(count):
         best = int(np.argmin(cost(M + G) + _taken(chosen, len(G))))
@@ -628,9 +624,9 @@ def _greedy(G: Array, start: Array, count: int, cost: Cost) -> list[int]:
 
 
 def _taken(chosen: list[int], offered: int) -> Array:
-    """Infinite (N,) for what is chosen: the same row again would tell of noise, not of errors.
+    """Extra cost (N,): infinite for chosen candidates, as a repeated row reduces the noise alone.
 
-    Where nothing else is left, zero for all of it.
+    Zero for all if all are chosen.
     """
     gains = np.zeros(offered)
     if len(set(chosen)) < offered:
@@ -639,11 +635,11 @@ def _taken(chosen: list[int], offered: int) -> Array:
 
 
 def _exchanged(G: Array, start: Array, chosen: list[int], cost: Cost) -> list[int]:
-    """Each row exchanged for the candidate that helps most, until none does."""
+    """Each row exchanged for the candidate that reduces the cost most, until none does."""
     chosen = list(chosen)
     M = start + G[chosen].sum(axis=0)
     now = float(cost(M[None])[0])
-    for _ in range(_PASSES):
+    for _ in range(_MAX_PASSES):
         before = now
         for i, old in enumerate(chosen):
             costs = cost(M - G[old] + G) + _taken([*chosen[:i], *chosen[i + 1 :]], len(G))
@@ -656,7 +652,7 @@ def _exchanged(G: Array, start: Array, chosen: list[int], cost: Cost) -> list[in
 
 
 def _searched(G: Array, start: Array, chosen: list[int], ways: list[Cost]) -> list[int]:
-    """Exchanged by one cost after the other; then again after a quarter of the rows was drawn."""
+    """Exchanged by one cost after the other; again after random exchanges of a quarter."""
 
     def through(rows: list[int], ways: list[Cost]) -> tuple[float, list[int]]:
         for way in ways:
@@ -664,7 +660,7 @@ def _searched(G: Array, start: Array, chosen: list[int], ways: list[Cost]) -> li
         return float(ways[-1]((start + G[rows].sum(axis=0))[None])[0]), rows
 
     best, rng = through(chosen, ways), np.random.default_rng(0)
-    for _ in range(_DISTURBED // len(chosen) if len(ways) > 1 else 0):
+    for _ in range(_RANDOM_EXCHANGES // len(chosen) if len(ways) > 1 else 0):
         rows = np.array(best[1])
         others = np.setdiff1d(np.arange(len(G)), rows)
         some = rng.permutation(len(rows))[: min(-(-len(rows) // 4), len(others))]
@@ -680,7 +676,7 @@ def _refined(
     start: Array,
     ways: list[Cost],
 ) -> Measurements:
-    """Rows moved, each to the best of many places near it, ever nearer.
+    """Rows moved, each to the best of many neighbours, at decreasing distances.
 
     Parameters
     ----------
@@ -689,9 +685,9 @@ def _refined(
     information : callable
         Informations (N, P, P) of rows.
     beside : callable
-        Rows near those given; the first of each is it itself.
+        Neighbours of rows; the first of each is the row itself.
     start : ndarray (P, P)
-        What is known besides.
+        Further information.
     ways : list of callable
         Costs; the last one decides.
 
@@ -706,7 +702,7 @@ def _refined(
         near, owner = beside(rows, share, rng)
         try:
             G = information(near)
-        except CartstiffError:  # a place without an answer
+        except CartstiffError:  # a posture without a stiffness
             continue
         at = np.unique(owner, return_index=True)[1]
         for way in ways[-2:]:
@@ -714,7 +710,7 @@ def _refined(
             now = float(way(M[None])[0])
             for i in range(len(at)):
                 mine = np.flatnonzero(owner == i)
-                mine = mine[_apart(near, mine, np.delete(at, i))]
+                mine = mine[_are_different(near, mine, np.delete(at, i))]
                 costs = way(M - G[at[i]] + G[mine])
                 if mine.size and costs.min() < now - numerics.REPORTED_ERROR * abs(now):
                     to = int(mine[np.argmin(costs)])
@@ -726,29 +722,29 @@ def _refined(
     return best
 
 
-def _apart(
+def _are_different(
     near: Measurements, mine: NDArray[np.intp], others: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Which rows are not all but one of the others: postures alike, loads along one line."""
+    """Rows `mine` unlike all others: other postures, or loads along other lines."""
     spans = np.ptp(near.q, axis=0)
     spans[spans == 0.0] = np.inf
     far = np.abs(near.q[mine, None] - near.q[others]) / spans
     loads = near.wrench / np.maximum(np.linalg.norm(near.wrench, axis=1), numerics.TINY)[:, None]
     crossed = np.abs(loads[mine] @ loads[others].T) < 0.5
     crossed &= loads[others].any(axis=1)
-    return np.asarray((crossed | (far.max(axis=2) > _APART)).all(axis=1))
+    return np.asarray((crossed | (far.max(axis=2) > _LEAST_DISTANCE)).all(axis=1))
 
 
 def _most_helpful(G: Array, start: Array, count: int) -> NDArray[np.intp]:
-    """The `_TRIED` candidates that help the mean of all most, in all and by parameter.
+    """The `_MAX_TRIED` candidates that reduce the variances of all most, in sum and one by one.
 
-    Where many candidates help alike, the first alone might leave a parameter out.
+    The best of all alone might leave a parameter out if many candidates are alike.
     """
-    tried = max(_TRIED, count)
+    tried = max(_MAX_TRIED, count)
     inverse = np.linalg.inv(start + count * G.mean(axis=0))
-    helps = np.einsum("jp,ijk,kp->ip", inverse, G, inverse, optimize=True)
-    places = np.argsort(-np.column_stack([helps.sum(axis=1), helps]), axis=0, kind="stable")
-    each = -(-tried // (2 * helps.shape[1]))
+    gains = np.einsum("jp,ijk,kp->ip", inverse, G, inverse, optimize=True)
+    places = np.argsort(-np.column_stack([gains.sum(axis=1), gains]), axis=0, kind="stable")
+    each = -(-tried // (2 * gains.shape[1]))
     return np.unique(np.append(places[: tried // 2, 0], places[:each, 1:]))
 
 

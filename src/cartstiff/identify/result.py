@@ -1,7 +1,7 @@
-r"""What measurements say about springs: estimates with intervals in compliance space.
+r"""Springs found from measurements: estimates with intervals in compliance space.
 
-An interval ``c -+ t s`` is cut at zero; its ends are 1/k. Where it reaches zero the stiffness has
-no upper end: it is "at least" the lower one.
+An interval ``c -+ t s`` is truncated at zero; its ends are 1/k. If it reaches zero the stiffness
+has no upper end: it is "at least" the lower one.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
 
-#: A test speaks where its probability under the model is below this.
+#: Probability under the model below which a test is significant.
 _SIGNIFICANT = 0.01
-# Repeats further apart than this many standard deviations, or this share of all that was measured.
-_APART, _OPPOSITE = 100.0, 1.5
-# Other repeats that tell a standard deviation where none is given.
-_ENOUGH = 3
+# Difference of contradictory repeats, in standard deviations, and as a share of the largest number.
+_CONTRADICTION, _LARGEST_SHARE = 100.0, 1.5
+# Least number of other repeats from which a standard deviation is estimated if none is given.
+_MIN_REPEATS = 3
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Something in the residuals that another term would explain.
+    """A pattern of the residuals that a further term explains.
 
     Attributes
     ----------
@@ -74,24 +74,24 @@ class Pattern:
 
 @dataclass(frozen=True, eq=False)
 class Checks:
-    """What speaks for the model and against it.
+    """Tests of the model.
 
     Attributes
     ----------
     chi_squared : float or None
-        Weighted sum of squares, where all deviations are known.
+        Weighted sum of squares, if all deviations are known.
     freedom : float
-        Numbers less what was fitted.
+        Numbers less fitted parameters.
     probability : float or None
         Probability of a larger one.
     repeats : int
         Numbers beyond the first at the same posture and load.
     lack_of_fit : float or None
-        Probability of a larger F of what repeats do not show, where there are repeats.
+        Probability of a larger F of the part that repeats do not explain, if there are repeats.
     left_out : ndarray (m,)
-        Leave-one-posture-out residuals, in the numbers' units; NaN where a posture is needed.
+        Leave-one-posture-out residuals, in the numbers' units; NaN for indispensable postures.
     patterns : tuple of Pattern
-        That are significant.
+        The significant ones.
     """
 
     chi_squared: float | None
@@ -104,7 +104,7 @@ class Checks:
 
 
 def inflation_of(checks: Checks) -> float:
-    """Factor on the deviations where the scatter is more than they can explain; 1 elsewhere."""
+    """Factor on the deviations if the scatter is larger than they explain; else 1."""
     if checks.probability is None or checks.chi_squared is None:
         return 1.0
     if checks.probability >= _SIGNIFICANT or not checks.freedom > 0.0:
@@ -134,14 +134,14 @@ def contradictions(measured: Measurements) -> None:
         freedoms = np.array([len(g) - 1 for g in repeats])
         for n, mine in enumerate(repeats):
             low, high = mine[np.argmin(values[mine])], mine[np.argmax(values[mine])]
-            apart = values[high] - values[low]
+            difference = values[high] - values[low]
             spread = np.hypot(sd[low], sd[high])
-            limit = _OPPOSITE * largest if np.isnan(spread) else _APART * spread
+            limit = _LARGEST_SHARE * largest if np.isnan(spread) else _CONTRADICTION * spread
             others = freedoms.sum() - freedoms[n]
-            if np.isnan(spread) and others >= _ENOUGH and squares.sum() > squares[n]:
+            if np.isnan(spread) and others >= _MIN_REPEATS and squares.sum() > squares[n]:
                 of_others = np.sqrt(2.0 * (squares.sum() - squares[n]) / others)
-                limit = min(limit, _APART * float(of_others))
-            if apart > limit > 0.0:
+                limit = min(limit, _CONTRADICTION * float(of_others))
+            if difference > limit > 0.0:
                 a, b = sorted((int(measured.rows[low]), int(measured.rows[high])))
                 raise InputError(
                     f"rows {a} and {b} contradict each other in {name!r}: the same posture and "
@@ -154,7 +154,7 @@ def contradictions(measured: Measurements) -> None:
 def checked(
     model: Model, fit: Fit, unknowns: Unknowns, measured: Measurements, kept: NDArray[np.bool_]
 ) -> Checks:
-    """Tests of a fit; `kept` are the numbers (m,) that it rests on."""
+    """Tests of a fit; `kept` are the numbers (m,) that it uses."""
     solution, seen = fit.solved, model.observations
     r = solution.residual / solution.deviation
     freedom = float(np.sum(1.0 - solution.leverage[kept]))
@@ -189,7 +189,7 @@ def _lack_of_fit(
     measured: Measurements,
     kept: NDArray[np.bool_],
 ) -> tuple[int, float | None]:
-    """Repeated numbers, and the probability of the F of what they do not show."""
+    """Repeated numbers, and the probability of the F of the part that they do not explain."""
     names = {name: i for i, name in enumerate(dict.fromkeys(column))}
     key = measured.settings[row] * len(names) + np.array([names[name] for name in column])
     _, group = np.unique(key[kept], return_inverse=True)
@@ -207,7 +207,7 @@ def _lack_of_fit(
 
 
 def _range_of(columns: Array) -> Array:
-    """Orthonormal basis (m, r) of what the columns reach, each at its own size."""
+    """Orthonormal basis (m, r) of the range of the columns, each scaled to unit length."""
     used = columns[:, np.abs(columns).any(axis=0)]
     U, values, _ = np.linalg.svd(used / np.linalg.norm(used, axis=0), full_matrices=False)
     return np.asarray(U[:, : numerics.rank(values)])
@@ -242,20 +242,19 @@ def _patterns(
     measured: Measurements,
     kept: NDArray[np.bool_],
 ) -> tuple[Pattern, ...]:
-    """Terms that would explain more, by the t of each column added."""
+    """Terms that explain more, by the t of each added column."""
     from scipy.special import stdtr
 
-    felt, seen_by = model.forces_in(fit.theta)
+    forces, by_functional = model.forces_in(fit.theta)
     names = unknowns.elements.names
     candidates: list[tuple[str, str, Array]] = []
     for e, name in enumerate(names):
-        largest = float(np.abs(felt[:, e]).max(initial=0.0))
-        if not largest > numerics.RANK * np.abs(felt).max(initial=0.0):
+        force, size = forces[:, e], np.abs(forces[:, e])
+        if not size.max(initial=0.0) > numerics.RANK * np.abs(forces).max(initial=0.0):
             continue  # it carries nothing
-        sign = np.where(np.abs(felt[:, e]) > numerics.RANK * largest, np.sign(felt[:, e]), 0.0)
-        candidates.append(("backlash", name, seen_by[:, e] * sign))
-        bent = felt[:, e] * np.abs(felt[:, e])
-        candidates.append(("stiffening", name, seen_by[:, e] * bent))
+        sign = np.where(size > numerics.RANK * size.max(), np.sign(force), 0.0)
+        candidates.append(("backlash", name, by_functional[:, e] * sign))
+        candidates.append(("stiffening", name, by_functional[:, e] * force * size))
     time = measured.time[model.observations.row]
     if not np.isnan(time).any() and np.ptp(time) > 0.0:
         columns = np.array(model.observations.column)
@@ -276,7 +275,7 @@ def _patterns(
         x = x - U @ (U.T @ x)
         left = float(x @ x)
         if not left > numerics.ROUNDING**0.5 * own:
-            continue  # the same as what is fitted
+            continue  # a combination of fitted columns
         size = float(x @ r) / left
         rest = float(np.sum((r - size * x) ** 2)) / freedom
         if not rest > 0.0:
@@ -296,15 +295,15 @@ Verdict = Literal["determined", "at-least", "not-identifiable", "negative"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the rows say about one parameter.
+    """Estimate of one parameter.
 
     Attributes
     ----------
     unknown : Unknown
         The parameter.
     verdict : {"determined", "at-least", "not-identifiable", "negative"}
-        A finite interval of the stiffness; one without an upper end; nothing; a compliance whose
-        whole interval is below zero, which contradicts the model.
+        A finite interval of the stiffness; one without an upper end; none; a compliance whose whole
+        interval is below zero, which contradicts the model.
     compliance, deviation : float or None
         Estimate and standard deviation.
     interval : tuple of float or None
@@ -324,7 +323,7 @@ class Estimate:
 
     @property
     def stiffness(self) -> float | None:
-        """1 / compliance, where that is above zero and known."""
+        """1 / compliance, if that is above zero and known."""
         if self.compliance is None or not self.compliance > 0.0:
             return None
         if not self.unknown.has_stiffness or self.verdict == "negative":
@@ -333,7 +332,7 @@ class Estimate:
 
     @property
     def stiffness_interval(self) -> tuple[float | None, float | None]:
-        """Lower and upper end; None where there is none."""
+        """Lower and upper end, or None."""
         if self.interval is None or not self.unknown.has_stiffness:
             return None, None
         low, high = self.interval
@@ -359,13 +358,13 @@ def estimates(
     solution : Solved
         The fit.
     unknowns : Unknowns
-        What was fitted.
+        The fitted parameters.
     level : float
         Probability of the intervals.
     inflation : float
-        Factor on standard deviations where the scatter is larger than those given.
+        Factor on standard deviations if the scatter is larger than those given.
     bias : ndarray (P,), optional
-        What the linear model may be off by, by which the intervals are wider at both ends.
+        Error of the linear model, by which the intervals are wider at both ends.
     """
     t = quantile(level, freedom_of(solution, inflation))
     answer = []
@@ -390,7 +389,7 @@ def estimates(
 
 @dataclass(frozen=True)
 class Rejected:
-    """A row that was left out: its number from 1, and why."""
+    """A rejected row: its number from 1, and the reason."""
 
     row: int
     reason: str
@@ -403,11 +402,11 @@ class Identification:
     Attributes
     ----------
     elastic : ElasticMechanism
-        The mechanism that was measured.
+        The measured mechanism.
     unknowns : Unknowns
-        What was sought.
+        Parameters.
     measured : Measurements
-        The rows that were used.
+        The rows used.
     rows : int
         Rows of the table.
     rejected : tuple of Rejected
@@ -415,13 +414,13 @@ class Identification:
     model : Model
         Predictions and their derivatives.
     chosen, plain : Fit
-        The fit whose estimates are told, and least squares on all rows used.
+        The fit of the estimates, and least squares on all rows used.
     robust : Robust
         The robust fit.
     estimates : tuple of Estimate
         One per parameter.
     geometry : tuple of OffsetEstimate
-        Joint zeros, offsets of tool and base, where they are sought.
+        Joint zeros, offsets of tool and base, if they are sought.
     columns : tuple of str
         Names of all offsets in the regressor.
     checks : Checks
@@ -429,13 +428,13 @@ class Identification:
     level : float
         Probability of the intervals.
     fit, offsets : str
-        As asked for.
+        Options of `identify`.
     loaded : bool
         Whether the equilibrium under load was fitted.
     inflation : float
-        Factor on all standard deviations, as the scatter is larger than those given; else 1.
+        Factor on all standard deviations if the scatter is larger than those given; else 1.
     notes : tuple of Note
-        What was assumed and found.
+        Assumptions and findings.
     """
 
     elastic: ElasticMechanism
@@ -498,7 +497,7 @@ class Identification:
         return answer
 
     def weak_directions(self) -> list[dict[str, Any]]:
-        """Combinations of springs and offsets that the rows do not see."""
+        """Combinations of springs and offsets that the rows do not determine."""
         solution, count = self.chosen.solved, len(self.unknowns.names)
         names = (*self.unknowns.names, *self.columns)
         values, rank = solution.singular_values, self._rank()
@@ -513,7 +512,7 @@ class Identification:
         return answer
 
     def not_separable(self) -> list[list[str]]:
-        """Groups of springs and offsets of which the rows show combinations only."""
+        """Groups of springs and offsets of which the rows determine combinations only."""
         solution = self.chosen.solved
         lost = solution.directions[:, self._rank() : len(solution.singular_values)]
         together = np.abs(lost @ lost.T) > numerics.NEGLIGIBLE_SHARE
@@ -573,10 +572,9 @@ _ROBOTS = (".urdf", ".xml", ".mjcf")
 
 
 def written_values(result: Identification) -> Array:
-    """Compliances (P,) that a mechanism can have: estimates; the file's where nothing is known.
+    """Compliances (P,) that a mechanism can have: estimates, or the file's without one.
 
-    A compliance of which only the upper end is known, and whose estimate is zero, is put into the
-    middle of its interval.
+    For a compliance with an upper end only, and an estimate of zero, the middle of its interval.
     """
     values = result.unknowns.nominal.copy()
     for p, e in enumerate(result.estimates):
@@ -646,15 +644,15 @@ def mechanism_file(
     Parameters
     ----------
     result : Identification
-        What was found.
+        The springs found.
     mechanism : str
         Name or path the mechanism was loaded from.
     frame : str, optional
         The frame of interest that was named.
     to : Path
-        Where the file will stand: paths in it are relative to that.
+        Path of the new file, to which paths in it are relative.
     source : str
-        What the numbers come from, for readers.
+        Origin of the numbers, for readers.
 
     Raises
     ------
@@ -664,7 +662,7 @@ def mechanism_file(
     data = _data(result, mechanism, frame, to)
     elastic = with_result(result, source=source)
     length = data.get("units", {}).get("length", SI.length)
-    if elastic.units.length != length:  # --units are of what was given and shown
+    if elastic.units.length != length:  # --units are those of input and output
         elastic = in_units(elastic, length)
     _put_springs(data, elastic, to.parent)
     identified = elastic.identified
@@ -708,12 +706,12 @@ def _yaml(data: dict[str, Any]) -> bytes:
 
 
 def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -> dict[str, Any]:
-    """Keys of the mechanism's own file, its paths made to hold elsewhere."""
+    """Keys of the mechanism's own file, its paths relative to the new file."""
     path = bundled(mechanism) or Path(mechanism).expanduser()
     elastic = result.elastic
     if path.suffix.lower() in (".yaml", ".yml"):
         read, lines = read_yaml(path)
-        # Numbers are written anew: none of them may follow from a parameter any more.
+        # Numbers are written anew: none may depend on a parameter any more.
         data, _ = with_parameters(
             read, lambda at: place_of(path, lines, at), result.elastic.parameters
         )
@@ -749,7 +747,7 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
 
 
 def _relative(path: Path, to: Path) -> str:
-    """A path as seen from the folder of a file; absolute where that is on another drive."""
+    """A path relative to the folder of a file; absolute on another drive."""
     try:
         return Path(os.path.relpath(path.resolve(), to.resolve().parent)).as_posix()
     except ValueError:
@@ -757,7 +755,7 @@ def _relative(path: Path, to: Path) -> str:
 
 
 def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) -> None:
-    """The file's springs, legs, lines and links that give with the numbers of a mechanism."""
+    """Write a mechanism's numbers into the file's springs, legs, lines and flexible links."""
     springs, kind = elastic.springs, data["kind"]
     if springs is None:
         return
@@ -779,7 +777,6 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) 
 def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
     elements = Elements(elastic)
     springs = holder.setdefault("springs", {})
-    virtual: frozenset[int] = getattr(elastic.mechanism, "virtual", frozenset())
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
     for j, law in laws.items():
         entry = springs.get(elastic.names[j].removeprefix(prefix))
@@ -787,7 +784,11 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
             entry["polynomial"] = list(law.coefficients)
     for j, name in enumerate(elastic.names):
         short = name.removeprefix(prefix)
-        if not name.startswith(prefix) or j in virtual or name not in elements.names:
+        if (
+            not name.startswith(prefix)
+            or j in elastic.mechanism.virtual
+            or name not in elements.names
+        ):
             continue
         at = elements.index(name)
         entry = springs.get(short)

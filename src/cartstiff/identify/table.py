@@ -39,14 +39,13 @@ from cartstiff.mechanisms.platform import Platform
 
 AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
-# What motors may be off [rad, length] where a table is rounded.
-_GAVE_WAY = numerics.NEARBY
-# Undeclared numbers that cannot be SI: displacements beyond this share of the mechanism's size,
-# positions beyond this many of it, small rotations and joint angles beyond these [rad].
-_FAR, _AWAY, _TILTED, _TURNS = 0.2, 20.0, 0.5, 4.0 * math.pi
-# Forces that cannot be N: 1 N moves a mechanism of this size [m] by more than this share of it. And
-# displacements that no mechanism has in any unit, in its sizes.
-_TALL, _GIVES, _BEYOND = 0.3, 3e-4, 2.0
+# Numbers without a unit that cannot be SI: displacements beyond this share of the mechanism's size,
+# positions beyond this multiple of it, small rotations and joint angles beyond these [rad].
+_MAX_DISPLACEMENT, _MAX_POSITION, _MAX_ROTATION, _MAX_ANGLE = 0.2, 20.0, 0.5, 4.0 * math.pi
+# Forces that cannot be N: 1 N moves a mechanism of this size [m] by more than this share of it.
+_TALL, _SHARE_PER_NEWTON = 0.3, 3e-4
+# Displacements that no mechanism has, with any unit, in its sizes.
+_IMPOSSIBLE_DISPLACEMENT = 2.0
 
 
 _OTHERS: Final[Mapping[str, str]] = {
@@ -86,16 +85,15 @@ class Column:
 
 
 def posture_columns(elastic: ElasticMechanism) -> dict[str, str]:
-    """Columns that say where the mechanism stands, and their kinds.
+    """Columns of the posture, and their kinds.
 
     Joints by name, or with "q" and an underscore before it; of a closed chain its actuated joints
     must be given, and others may. A platform's pose is "q_x" to "q_yaw".
     """
     mechanism = elastic.mechanism
     columns = {}
-    virtual = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
     for j, coordinate in enumerate(mechanism.coordinates):
-        if j not in virtual:
+        if j not in mechanism.virtual:
             kind = "length" if coordinate.is_length else "angle"
             columns[f"q_{coordinate.name}"] = kind
             if coordinate.name not in MEASURED:
@@ -110,10 +108,10 @@ def kinds_of(elastic: ElasticMechanism) -> dict[str, str]:
 
 
 def without_paths(cells: Cells, kinds: Mapping[str, str]) -> tuple[Cells, tuple[str, ...]]:
-    """A table of `cartstiff path` or `equilibrium --path` without what only they know, and that.
+    """A table of `cartstiff path` or `equilibrium --path` without their own columns, and these.
 
-    Other tables stay as they are: an unknown column of theirs is a slip, and so is a name that is
-    nearly one of `kinds`.
+    Other tables are returned unchanged: an unknown column of theirs is an error, and so is a name
+    that is nearly one of `kinds`.
     """
     names = [head.split("[")[0].strip() for head in cells.names]
     of_path, of_commands = OF_PATH in names, any(name.startswith("command_") for name in names)
@@ -175,7 +173,7 @@ def column_of(
 
 
 def _shown(kinds: Iterable[str]) -> list[str]:
-    """Names as users know them: those with q_ and sd_ last."""
+    """Names sorted for messages: those with q_ and sd_ last."""
     return sorted(kinds, key=lambda name: name.startswith(("q_", "sd_")))
 
 
@@ -197,18 +195,18 @@ def read_measurements(
     path : Path
         CSV with a line of column names; see the how-to "Which joint stiffness do I enter?".
     elastic : ElasticMechanism
-        What was measured.
+        The measured mechanism.
     axes : {"base", "body", "world"}, optional
         Along which the wrench columns are; default those of the base. A table that
         `cartstiff path` wrote has them along the body's; they are turned into those of the base.
     units : mapping of str to str, optional
-        Units by kind ("length": "mm") of columns without one in their head; SI otherwise.
+        Units by kind ("length": "mm") of columns without one in their head; default SI.
     deviations : mapping of str to float, optional
-        Standard deviations by column, in SI, where the table has none.
+        Standard deviations by column, in SI, if the table has none.
     point, load_at : tuple of 3 floats
         Points of the body in M: measured; and loaded, default the measured one.
     open_cells : bool
-        Whether nothing need be measured yet.
+        Whether measured columns may be missing or empty.
 
     Raises
     ------
@@ -273,7 +271,7 @@ def read_measurements(
 def _refuse(
     bad: Array, cells: Cells, words: str, expected: str | None = None, got: Array | None = None
 ) -> None:
-    """Refuse the first of the rows (N,) that are bad."""
+    """Refuse the first of the bad rows (N,)."""
     if bad.any():
         row = int(np.argmax(bad))
         shown = None if got is None else f"{got[row]:g}"
@@ -312,7 +310,7 @@ def _in_base(elastic: ElasticMechanism, q: Array, wrench: Array) -> Array:
 
 
 def _loads(table: Mapping[str, Array], name: str, count: int) -> Array:
-    """A load's column; what is not there, or empty, does not act."""
+    """A load's column; zero if it is missing, or where it is empty."""
     return np.nan_to_num(table[name]) if name in table else np.zeros(count)
 
 
@@ -339,17 +337,14 @@ def _postures(
             if not coordinate.is_length and not column.declared:
                 _check_angle(name, values, coordinate.lower, coordinate.upper, cells)
     needed = np.ones(len(is_given), bool)
-    if isinstance(mechanism, Chain):
-        needed[list(mechanism.virtual | mechanism.rigid)] = False
-        if mechanism.closures:
-            passive = np.ones(len(is_given), bool)
-            driven = mechanism.actuated
-            if driven is None and elastic.springs is not None:
-                driven = tuple(np.flatnonzero(elastic.springs.stiffness > 0))
-            passive[list(driven or ())] = False
-            needed &= ~passive
+    needed[list(mechanism.virtual | mechanism.rigid)] = False
+    if mechanism.closures:
+        driven = mechanism.actuated
+        if driven is None and elastic.springs is not None:
+            driven = tuple(np.flatnonzero(elastic.springs.stiffness > 0))
+        needed &= np.isin(np.arange(len(needed)), driven or ())
     if isinstance(mechanism, Platform) and not is_given.any():
-        needed[:] = False  # it stands at the file's pose
+        needed[:] = False  # it is at the file's pose
     missing = [elastic.names[j] for j in np.flatnonzero(needed & ~is_given)]
     if missing:
         prefix = "q_" if missing[0] in MEASURED else ""
@@ -375,7 +370,7 @@ def _postures(
                         expected="a posture that closes the chain",
                     ) from None
                 moved = np.abs(known[key] - row)[mechanism.held].max(initial=0.0)
-                if moved > _GAVE_WAY:
+                if moved > numerics.NEARBY:  # a rounded table may be off by less
                     raise InputError(
                         "the chain closes only if motors or links give way",
                         got=f"{moved:.3g}",
@@ -387,9 +382,9 @@ def _postures(
 
 
 def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Cells) -> None:
-    """Refuse degrees given as radians, and say so."""
+    """Refuse degrees that are given as radians."""
     row = int(np.argmax(np.abs(values)))
-    far = abs(float(values[row])) > _TURNS
+    far = abs(float(values[row])) > _MAX_ANGLE
     if np.isfinite(lower) and np.isfinite(upper):
         beyond = (values < lower - 1.0) | (values > upper + 1.0)
         row = int(np.argmax(beyond)) if beyond.any() else row
@@ -406,21 +401,21 @@ def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Ce
 def _check_sizes(
     columns: list[Column], table: Mapping[str, Array], reach: float, cells: Cells
 ) -> None:
-    """Refuse numbers that cannot be SI where no unit is declared, and what no mechanism does."""
+    """Refuse numbers without a unit that cannot be SI, and impossible displacements."""
     for column in columns:
         if column.declared and column.name in (*DISPLACEMENT, "d"):
             far = np.nan_to_num(np.abs(table[column.name]))
             words = f"column {column.name!r}: no mechanism of {reach:.3g} m moves so far"
-            most = f"at most {_BEYOND * reach:.3g} m"
-            _refuse(far > _BEYOND * reach, cells, words, most, far)
+            most = f"at most {_IMPOSSIBLE_DISPLACEMENT * reach:.3g} m"
+            _refuse(far > _IMPOSSIBLE_DISPLACEMENT * reach, cells, words, most, far)
         if column.declared or column.name not in table:
             continue
         name = column.name.removeprefix("sd_")
         limit, unit = {
-            **dict.fromkeys((*DISPLACEMENT, "d"), (_FAR * reach, "m")),
-            **dict.fromkeys(POSITION, (_AWAY * reach, "m")),
-            **dict.fromkeys(ROTATION, (_TILTED, "rad")),
-            **dict.fromkeys(TURN, (_TURNS, "rad")),
+            **dict.fromkeys((*DISPLACEMENT, "d"), (_MAX_DISPLACEMENT * reach, "m")),
+            **dict.fromkeys(POSITION, (_MAX_POSITION * reach, "m")),
+            **dict.fromkeys(ROTATION, (_MAX_ROTATION, "rad")),
+            **dict.fromkeys(TURN, (_MAX_ANGLE, "rad")),
         }.get(name, (math.inf, ""))
         size = np.nan_to_num(np.abs(table[column.name]))
         row = int(np.argmax(size))
@@ -438,7 +433,7 @@ def _check_sizes(
 def _check_forces(
     columns: list[Column], table: Mapping[str, Array], reach: float, cells: Cells
 ) -> None:
-    """Refuse forces without a unit that are far too small for what they move."""
+    """Refuse forces without a unit that are far too small for the displacements."""
     forces = [c for c in columns if c.name in LOAD[3:]]
     moved = [np.nan_to_num(table[n]) for n in (*DISPLACEMENT, "d") if n in table]
     if not forces or not moved or any(c.declared for c in forces) or reach < _TALL:
@@ -446,13 +441,13 @@ def _check_forces(
     force = np.linalg.norm([np.nan_to_num(table[c.name]) for c in forces], axis=0)
     far = np.linalg.norm(moved, axis=0)
     acts = (force > 0.0) & (far > 0.0)
-    if not acts.any() or np.median(far[acts] / force[acts]) <= _GIVES * reach:
+    if not acts.any() or np.median(far[acts] / force[acts]) <= _SHARE_PER_NEWTON * reach:
         return
     row = int(np.argmax(np.where(acts, force, 0.0)))
     raise InputError(
         f"column {forces[0].name!r} declares no unit and can hardly be in N",
         where=cells.places[row],
-        expected=f"at least {far[row] / (_GIVES * reach):.3g} N for a displacement of "
+        expected=f"at least {far[row] / (_SHARE_PER_NEWTON * reach):.3g} N for a displacement of "
         f"{far[row]:.3g} m, or a head such as '{forces[0].name} [kN]' or '{forces[0].name} [N]'",
         got=f"{force[row]:.3g} N",
     )
@@ -533,7 +528,7 @@ def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, A
 
 
 def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: Cells) -> None:
-    """Refuse tables in which nothing acts."""
+    """Refuse tables without a load."""
     acts = measurements.wrench.any(axis=1) | (measurements.mass != measurements.mass0)
     absolute = np.zeros(len(measurements), bool)
     for name in (*POSITION, *TURN):
@@ -552,16 +547,16 @@ def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: C
 def table_text(
     measured: Measurements, elastic: ElasticMechanism, columns: Sequence[str] = ()
 ) -> str:
-    """Rows under a line of names: postures, loads, and what was measured.
+    """Rows under a line of names: postures, loads, and measured numbers.
 
     Parameters
     ----------
     measured : Measurements
         The rows.
     elastic : ElasticMechanism
-        Whose joints name the columns.
+        Mechanism whose joints name the columns.
     columns : sequence of str
-        Columns that stand empty, to be filled in.
+        Empty columns, to be filled in.
     """
     own = elastic.units
     in_length = own.length if own.length in UNITS["length"] else SI.length
@@ -569,9 +564,8 @@ def table_text(
     length, force = convert_length(Units(in_length), own)
     mechanism = elastic.mechanism
     table: dict[str, Array] = {}
-    hidden = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
     for j, c in enumerate(mechanism.coordinates):
-        if j not in hidden:
+        if j not in mechanism.virtual:
             unit, size = (in_length, length) if c.is_length else (in_angle, turn)
             name = f"q_{c.name}" if c.name in MEASURED else c.name
             table[f"{name} [{unit}]"] = measured.q[:, j] / size

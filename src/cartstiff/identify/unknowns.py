@@ -1,4 +1,4 @@
-"""What is to be found: compliances, ties between them, and what is known of them already."""
+"""Parameters to be found: compliances, ties between them, and prior knowledge of them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cartstiff.mechanisms.identified import BEAM, CompliancePattern
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 
-#: Groups that can be asked for, besides single springs by name.
+#: Groups that can be sought, besides single springs by name.
 _GROUPS = ("joints", "links", "lines", "all")
-#: Geometry that can be asked for beside springs; "JOINT.zero" is one of the zeros.
+#: Geometry that can be sought beside springs; "JOINT.zero" is one of the zeros.
 GEOMETRY, ZERO = ("zeros", "tool", "base"), ".zero"
 
 
@@ -31,15 +31,15 @@ class Unknown:
     Attributes
     ----------
     pattern : CompliancePattern
-        Where it acts.
+        Elements on which it acts.
     unit : str
         Unit of its stiffness.
     nominal : float
-        Where the search starts: the mechanism's own.
+        Start of the search: the mechanism's own.
     prior : tuple of float or None
         Known compliance and its standard deviation.
     is_scale : bool
-        Whether it multiplies a beam's own compliance, of which it is a share.
+        Whether it is a factor on a beam's own compliance.
     """
 
     pattern: CompliancePattern
@@ -57,13 +57,13 @@ class Unknown:
     def has_stiffness(self) -> bool:
         """Whether its inverse is a stiffness, so that it is not negative.
 
-        Not of entries of a matrix beside the diagonal, nor of a polynomial's higher coefficients.
+        False for off-diagonal entries of a matrix, and for a polynomial's higher coefficients.
         """
         return self.pattern.is_diagonal
 
     @property
     def law(self) -> tuple[str, int] | None:
-        """Of a polynomial spring: the joint, and the power of the deflection."""
+        """Joint, and power of the deflection, of a polynomial spring."""
         return self.pattern.law
 
 
@@ -108,12 +108,12 @@ class Unknowns:
 
     @property
     def is_bounded(self) -> Array:
-        """Which cannot be negative (P,)."""
+        """Parameters that cannot be negative (P,)."""
         return np.array([u.has_stiffness for u in self.parameters], bool)
 
     @property
     def sizes(self) -> Array:
-        """Natural size of each parameter (P,): what the mechanism's own compliances make it."""
+        """Natural size of each parameter (P,), from the mechanism's own compliances."""
         own = np.sqrt(np.diag(self.elements.compliance))
         both = np.multiply.outer(own, own)
         return np.array(
@@ -128,14 +128,14 @@ class Unknowns:
         return self.known + np.tensordot(theta, self.patterns, axes=1)
 
     def mechanism(self, theta: Array) -> ElasticMechanism:
-        """The mechanism with these compliances; those at zero are all but rigid."""
+        """The mechanism with these compliances; those at zero become very small."""
         floor = np.where(self.is_bounded, numerics.CLOSE * np.abs(self.nominal), -np.inf)
         theta = np.maximum(theta, floor)
         elastic = self.elements.with_compliance(self.compliance(theta))
         return with_coefficients(elastic, self._coefficients(theta))
 
     def laws(self, theta: Array) -> dict[str, SpringLaw]:
-        """Nonlinear springs by joint, those that are sought with these coefficients."""
+        """Nonlinear springs by joint, with the sought coefficients replaced by these."""
         elastic = with_coefficients(self.elements.elastic, self._coefficients(theta))
         laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
         return {elastic.names[j]: law for j, law in laws.items()}
@@ -152,32 +152,32 @@ def unknowns_of(
     known: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Unknowns:
-    """What is to be found in a mechanism.
+    """Parameters to be found in a mechanism.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        Its springs are where the search starts.
+        Its springs are the start of the search.
     sought : sequence of str
-        Names of springs (joints, legs, lines), of links that give (their whole 6x6, or
-        "LINK:diagonal"; a beam's share), or "joints", "links", "lines", "all". Default: "joints".
-        A joint with a polynomial in the file, sought by its own name only, gives one unknown for
-        each of its coefficients that is not zero. Beside springs: "zeros" of all joints or
+        Names of springs (joints, legs, lines), of flexible links (their whole 6x6, or
+        "LINK:diagonal"; a beam's factor), or "joints", "links", "lines", "all". Default: "joints".
+        A joint with a polynomial in the file, sought by its own name only, has one unknown for each
+        of its coefficients that is not zero. Beside springs: "zeros" of all joints or
         "JOINT.zero", "tool" (the measured point), "base" (its place), unless a spring or link
         has that name.
     ties : sequence of sequences of str
-        Springs that are equal.
+        Springs with equal stiffness.
     known : mapping of str to float, optional
         Stiffnesses that are held.
     priors : mapping of str to (float, float), optional
-        Stiffnesses that are known up to a standard deviation, and that.
+        Known stiffnesses with their standard deviations.
 
     Raises
     ------
     UnknownNameError
         For a name that is no spring.
     InputError
-        For one that is named twice or cannot be used.
+        For one that is named twice or is not allowed.
     """
     elements = Elements(elastic)
     geometry, springs = _geometry(elastic, elements, sought)
@@ -230,11 +230,10 @@ def unknowns_of(
 def _geometry(
     elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Geometry that is sought, each once, and the other words."""
+    """Sought geometry, each once, and the remaining words."""
     mechanism = elastic.mechanism
     is_open = isinstance(mechanism, Chain) and not mechanism.closures
-    virtual = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
-    zeros = [f"{n}{ZERO}" for j, n in enumerate(elastic.names) if j not in virtual]
+    zeros = [f"{n}{ZERO}" for j, n in enumerate(elastic.names) if j not in mechanism.virtual]
     own = {*elements.names, *_links(elastic), *_polynomials(elastic)}
     names: list[str] = []
     others = []
@@ -290,7 +289,7 @@ def _polynomials(elastic: ElasticMechanism) -> list[str]:
 def _of_law(
     elastic: ElasticMechanism, name: str, prior: tuple[float, float] | None
 ) -> list[Unknown]:
-    """Parameters of a polynomial spring: those of its coefficients that the file has."""
+    """Parameters of a polynomial spring: its coefficients in the file."""
     law = law_of(elastic, name)
     if not law.coefficients[0] > 0.0:
         raise InputError(
@@ -311,7 +310,7 @@ def _of_law(
 
 
 def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
-    """Links that give, with the names of their virtual joints."""
+    """Flexible links, with the names of their virtual joints."""
     links = {}
     for potential in elastic.potentials:
         if isinstance(potential, (CoupledSprings, Beam)):
@@ -326,7 +325,7 @@ def _of_link(
     word: str,
     priors: Mapping[str, tuple[float, float]],
 ) -> list[Unknown]:
-    """Parameters of a link: entries of its 6x6 compliance, or a beam's share of its own."""
+    """Parameters of a link: entries of its 6x6 compliance, or a factor on a beam's own."""
     name, _, form = word.partition(":")
     members = _links(elastic)[name]
     at = [elements.index(m) for m in members]

@@ -12,7 +12,6 @@ from cartstiff.arrays import Result
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free, JointPoses, pose_errors
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
@@ -95,7 +94,7 @@ class Follower:
     def _joints(self, q: Array, T: Array, turning: bool) -> Array:
         free: Free = "rotation" if not turning and self._deficient else "none"
         q_new: Array = self._solver.solve(T[None], q[None], free)[0][0]
-        if isinstance(self._mechanism, Chain) and self._mechanism.closures:
+        if self._mechanism.closures:
             q_new = np.array(self._mechanism.closed(q_new).q)
         return q_new
 

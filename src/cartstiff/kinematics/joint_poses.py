@@ -93,7 +93,7 @@ class Kinematics:
         postures = [self.mechanism.at(row) for row in q]
         pose = np.array([p.pose for p in postures]).reshape(-1, 4, 4)
         jacobian = np.array([p.motion.jacobian for p in postures]).reshape(len(q), 6, self.n)
-        closures = getattr(self.mechanism, "closures", ())
+        closures = self.mechanism.closures
         if not postures or not closures:
             return ManyPoses(
                 pose, jacobian, np.empty((len(q), 0)), np.empty((len(q), 0, jacobian.shape[2]))

@@ -159,7 +159,7 @@ class MapJob:
 
     @property
     def _closures(self) -> tuple[Any, ...]:
-        return getattr(self.elastic.mechanism, "closures", ())
+        return self.elastic.mechanism.closures
 
     def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
         """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if stored."""

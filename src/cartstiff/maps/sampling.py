@@ -258,7 +258,7 @@ class RandomPostures(Sampling):
         for name in ranges or {}:
             if name not in elastic.names:
                 raise UnknownNameError("coordinate", name, elastic.names)
-        virtual = getattr(elastic.mechanism, "virtual", ())
+        virtual = elastic.mechanism.virtual
         for j, c in enumerate(elastic.mechanism.coordinates):
             own = (elastic.q[j], elastic.q[j]) if j in virtual else (c.lower, c.upper)
             low, high = (ranges or {}).get(c.name, own)

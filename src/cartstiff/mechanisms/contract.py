@@ -423,6 +423,10 @@ class Mechanism(ABC):
     undriven: frozenset[int] = frozenset()
     #: Coordinates that are no joints: deflections of compliant links.
     virtual: frozenset[int] = frozenset()
+    #: Coordinates with actuators; None if they are not stated.
+    actuated: tuple[int, ...] | None = None
+    #: Loop closures of a chain.
+    closures: tuple[Any, ...] = ()
 
     def with_rigid(self, rigid: frozenset[int]) -> Mechanism:
         """Return the mechanism with other rigid coordinates.

@@ -473,7 +473,7 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
     """Displacement of the tip under the load, fixed in the room, over each coordinate."""
     mechanism = elastic.mechanism
     sweeps: dict[str, tuple[Array, Array]] = {}
-    if getattr(mechanism, "closures", None) or load.added is None or load.held is not None:
+    if mechanism.closures or load.added is None or load.held is not None:
         return sweeps
     posture, virtual = mechanism.at(start), _links(elastic)
     limits, length = limits_of(mechanism), posture.length

@@ -13,7 +13,6 @@ from cartstiff.arrays import checked_number
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, check_name, checked_kind
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
@@ -198,7 +197,7 @@ def _driven(mechanism: Any, q: Array, steps: Mapping[int, float]) -> Array:
     wanted = np.array(q)
     for j, x in steps.items():
         wanted[j] += x
-    if not isinstance(mechanism, Chain) or not mechanism.closures:
+    if not mechanism.closures:
         return wanted
     held = sorted(mechanism.rigid | mechanism.virtual)
     assembled = mechanism.closed(wanted, hold=held).q
