@@ -249,13 +249,14 @@ def aligned(measured: Measurements, points: Array) -> Measurements:
 def _fit(seen: Array, there: Array, session: str) -> Array:
     """Pose that moves points onto others with the least squares of distances."""
     a, b = seen.mean(axis=0), there.mean(axis=0)
-    U, values, Vt = np.linalg.svd((seen - a).T @ (there - b))
+    values = np.linalg.svd((seen - a).T @ (there - b), compute_uv=False)
     if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
         raise InputError(
             f"the points of session {session!r} stand in one line: its frame is not known",
             where="column session",
             expected="three points that are not in line, or --offsets translation",
         )
-    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
-    R = Vt.T @ D @ U.T
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.align_vectors(there - b, seen - a)[0].as_matrix()
     return se3.pose(R, b - R @ a)

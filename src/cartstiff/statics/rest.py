@@ -306,17 +306,13 @@ def _reactions(system: System, solution: Solution) -> Reactions:
         system.limits.names[c.quantity]: float(force)
         for c, force in zip(solution.contacts, stops, strict=True)
     }
-    if system.held is None:
-        return Reactions({}, None, limits, closures, rigid)
-    forces = -lam[loops : loops + rows]
-    _, _, to_components = system.held.constraint(posture)
-    return Reactions(
-        dict(zip(system.held.names, forces.tolist(), strict=True)),
-        read_only(to_components.T @ forces),
-        limits,
-        closures,
-        rigid,
-    )
+    held, wrench = {}, None
+    if system.held is not None:
+        forces = -lam[loops : loops + rows]
+        _, _, to_components = system.held.constraint(posture)
+        held = dict(zip(system.held.names, forces.tolist(), strict=True))
+        wrench = read_only(to_components.T @ forces)
+    return Reactions(held, wrench, limits, closures, rigid)
 
 
 # Bound on the points of the curve on which critical loads are sought.
