@@ -371,9 +371,9 @@ def stiffness_along(
 ) -> float:
     r"""Force per displacement of a body point along a direction (force per length).
 
-    free: a force through the point moves it, all other freedoms are free: ``1 / (w^T C w)`` with
-    w = (p x u, u). held: the body is guided to translate along u only: ``u^T K_tt u``, the same for
-    every point.
+    free: a force through the point moves it, without load on the other freedoms: ``1 / (w^T C w)``
+    with w = (p x u, u). held: the body is guided to translate along u only: ``u^T K_tt u``, the
+    same for every point.
 
     Raises
     ------
@@ -393,8 +393,8 @@ def stiffness_about(
 ) -> float:
     r"""Moment per rotation about an axis (moment per angle).
 
-    held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x u).
-    free: a pure moment along u, all other freedoms are free: ``1 / (u^T C_rr u)``, the same for
+    held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x u). free: a
+    pure moment along u, without load on the other freedoms: ``1 / (u^T C_rr u)``, the same for
     every parallel axis.
 
     Raises

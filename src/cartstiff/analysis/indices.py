@@ -1,7 +1,7 @@
 r"""Indices of a stiffness: one number each, with the length scale it depends on.
 
 Angles are multiplied by a length l, so that ``K_l = D K D``, D = diag(1/l, 1/l, 1/l, 1, 1, 1), is
-in force per length throughout. An exponent describes how an index depends on l.
+in force per length throughout. An index that depends on l has an exponent, which says how.
 """
 
 from __future__ import annotations
