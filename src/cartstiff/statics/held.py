@@ -7,7 +7,7 @@ components are constraints d(q) = value; their multipliers are the reactions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import factorial
 from typing import Literal
@@ -131,29 +131,15 @@ def displacement_between(T_F_a: ArrayLike, T_F_b: ArrayLike) -> Array:
     return _components(real_array(T_F_a), real_array(T_F_b), "world")[0]
 
 
-class _Second:
-    """``second(mu)``: Hessian (6, 6) of ``mu . displacement`` in exponential coordinates."""
+def _components(T_0: Array, T: Array, axes: str) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """Displacement (6,), its Jacobian (6, 6) on body twists, and its second derivative.
 
-    def __init__(self, r: Array, turn: Array, shift: Array) -> None:
-        self.r, self.turn, self.shift = r, turn, shift
-
-    def __call__(self, mu: Array) -> Array:
-        Q = np.zeros((6, 6))
-        # Translation: R (w x v) / 2 along the exponential.
-        f = self.shift.T @ mu[3:]
-        Q[:3, 3:] = -0.5 * se3.skew(f)
-        Q[3:, :3] = Q[:3, 3:].T
-        m = self.turn.T @ mu[:3]
-        if m.any():
-            Q[:3, :3] = _rotation_vector_curvature(self.r, m)
-        return Q
-
-
-def _components(T_0: Array, T: Array, axes: str) -> tuple[Array, Array, _Second]:
-    """Displacement (6,), its Jacobian (6, 6) on body twists, and its second derivative."""
+    The latter is ``second(mu)``: Hessian (6, 6) of ``mu . displacement`` in exponential
+    coordinates.
+    """
     R_0, R = T_0[:3, :3], T[:3, :3]
     r = se3.log(se3.pose(R_0.T @ R))[:3]
-    d, _ = _series(float(r @ r))
+    d, slope = _series(float(r @ r))
     r_cross = se3.skew(r)
     inverse_jacobian = np.eye(3) + 0.5 * r_cross + d * (r_cross @ r_cross)
     turn, shift = (np.eye(3), R_0.T) if axes == "body" else (R_0, np.eye(3))
@@ -161,7 +147,22 @@ def _components(T_0: Array, T: Array, axes: str) -> tuple[Array, Array, _Second]
     D[:3, :3] = turn @ inverse_jacobian
     D[3:, 3:] = shift @ R
     displacement = np.concatenate([turn @ r, shift @ (T[:3, 3] - T_0[:3, 3])])
-    return displacement, D, _Second(r, turn, shift @ R)
+
+    def second(mu: Array) -> Array:
+        Q = np.zeros((6, 6))
+        # Translation: R (w x v) / 2 along the exponential.
+        Q[:3, 3:] = -0.5 * se3.skew(D[3:, 3:].T @ mu[3:])
+        Q[3:, :3] = Q[:3, 3:].T
+        m = turn.T @ mu[:3]
+        # Rotation: derivative along u of m . inverse_jacobian w, from
+        # a x (b x c) = b (a.c) - c (a.b).
+        mixed = np.outer(m, r) + (m @ r) * np.eye(3) - 2 * np.outer(r, m)
+        X = -0.5 * se3.skew(m) + d * mixed + slope * np.outer(r, r_cross @ r_cross @ m)
+        half = inverse_jacobian.T @ X
+        Q[:3, :3] = 0.5 * (half + half.T)
+        return Q
+
+    return displacement, D, second
 
 
 def _series(t2: float) -> tuple[float, float]:
@@ -172,16 +173,3 @@ def _series(t2: float) -> tuple[float, float]:
     h = 0.5 * np.sqrt(t2)
     cot = h / np.tan(h)
     return float((1 - cot) / t2), float((cot + (h / np.sin(h)) ** 2 - 2) / (16 * h**4))
-
-
-def _rotation_vector_curvature(r: Array, m: Array) -> Array:
-    """Symmetric (3, 3) second derivative of ``m . log(R exp(w))`` at w = 0, r = log R."""
-    d, slope = _series(float(r @ r))
-    r_cross = se3.skew(r)
-    square = r_cross @ r_cross
-    rate = np.eye(3) + 0.5 * r_cross + d * square  # of r, per w
-    # u^T X w: derivative along u of m . rate w, from a x (b x c) = b (a.c) - c (a.b).
-    mixed = np.outer(m, r) + (m @ r) * np.eye(3) - 2 * np.outer(r, m)
-    X = -0.5 * se3.skew(m) + d * mixed + slope * np.outer(r, square @ m)
-    Q = rate.T @ X
-    return np.asarray(0.5 * (Q + Q.T))

@@ -294,21 +294,14 @@ def _loads(
     m = len(poses)
     if axes not in ("world", "body"):
         raise InputError("unknown axes", expected="world or body", got=axes)
-    if isinstance(wrenches, Potential):
-        _refuse_words(kind, axes)
-        return [(wrenches,)] * m
-    if isinstance(wrenches, Sequence) and wrenches and not np.isscalar(wrenches[0]):
-        first = wrenches[0]
-        if isinstance(first, Potential) or (
-            isinstance(first, Sequence) and all(isinstance(p, Potential) for p in first)
-        ):
-            if len(wrenches) != m:
-                raise InputError("loads and path differ in number", expected=m, got=len(wrenches))  # type: ignore[arg-type]
+    each: Any = [wrenches] * m if isinstance(wrenches, Potential) else wrenches
+    if isinstance(each, Sequence) and each:
+        points = [(p,) if isinstance(p, Potential) else p for p in each]
+        if isinstance(points[0], Sequence) and all(isinstance(p, Potential) for p in points[0]):
+            if len(points) != m:
+                raise InputError("loads and path differ in number", expected=m, got=len(points))  # type: ignore[arg-type]
             _refuse_words(kind, axes)
-            return [
-                (p,) if isinstance(p, Potential) else tuple(p)  # type: ignore[arg-type]
-                for p in wrenches
-            ]
+            return [tuple(p) for p in points]
     loads = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
     rows = np.broadcast_to(loads, (m, 6))
     return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
