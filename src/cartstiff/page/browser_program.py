@@ -179,7 +179,7 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
         "names": list(elastic.spring_names),
         "are_lengths": [c.is_length for c in mechanism.coordinates],
         "actuated": list(getattr(mechanism, "actuated", None) or ()),
-        "virtual": sorted(getattr(mechanism, "virtual", ())),
+        "virtual": sorted(mechanism.virtual),
         "length_unit": elastic.units.length,
         "limits": {
             "names": list(limits.names),
