@@ -178,7 +178,7 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
         "may_be_loaded": elastic.may_be_loaded,
         "names": list(elastic.spring_names),
         "are_lengths": [c.is_length for c in mechanism.coordinates],
-        "actuated": list(getattr(mechanism, "actuated", None) or ()),
+        "actuated": list(mechanism.actuated or ()),
         "virtual": sorted(mechanism.virtual),
         "length_unit": elastic.units.length,
         "limits": {
