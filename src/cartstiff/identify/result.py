@@ -249,12 +249,12 @@ def _patterns(
     names = unknowns.elements.names
     candidates: list[tuple[str, str, Array]] = []
     for e, name in enumerate(names):
-        force, size = forces[:, e], np.abs(forces[:, e])
-        if not size.max(initial=0.0) > numerics.RANK * np.abs(forces).max(initial=0.0):
+        force, carried = forces[:, e], np.abs(forces[:, e])
+        if not carried.max(initial=0.0) > numerics.RANK * np.abs(forces).max(initial=0.0):
             continue  # it carries nothing
-        sign = np.where(size > numerics.RANK * size.max(), np.sign(force), 0.0)
+        sign = np.where(carried > numerics.RANK * carried.max(), np.sign(force), 0.0)
         candidates.append(("backlash", name, by_functional[:, e] * sign))
-        candidates.append(("stiffening", name, by_functional[:, e] * force * size))
+        candidates.append(("stiffening", name, by_functional[:, e] * force * carried))
     time = measured.time[model.observations.row]
     if not np.isnan(time).any() and np.ptp(time) > 0.0:
         columns = np.array(model.observations.column)
