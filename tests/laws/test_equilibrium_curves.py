@@ -314,6 +314,11 @@ def unsprung():
             "loads and path differ in number",
         ),
         (
+            lambda: compensate(column(2), [[0.3, 0.4]] * 2, [DeadForce([1, 0, 0]), 3.0]),
+            InputError,
+            "array of wrenches is not numeric",
+        ),
+        (
             lambda: compensate(column(2), [[0.3, 0.4]], np.zeros(6), load_axes="tool"),
             InputError,
             "unknown axes",

@@ -297,7 +297,9 @@ def _loads(
     each: Any = [wrenches] * m if isinstance(wrenches, Potential) else wrenches
     if isinstance(each, Sequence) and each:
         points = [(p,) if isinstance(p, Potential) else p for p in each]
-        if isinstance(points[0], Sequence) and all(isinstance(p, Potential) for p in points[0]):
+        if all(
+            isinstance(p, Sequence) and all(isinstance(x, Potential) for x in p) for p in points
+        ):
             if len(points) != m:
                 raise InputError("loads and path differ in number", expected=m, got=len(points))  # type: ignore[arg-type]
             _refuse_words(kind, axes)
