@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from tests.laws.test_many_engine import assert_same
-from tests.mechanisms.machines import joint, note, write_file, write_urdf
+from tests.mechanisms.machines import joint, masses, note, write_file, write_urdf
 
 import cartstiff
 from cartstiff import ElasticMechanism, InputError
@@ -357,3 +359,75 @@ def test_closures_that_cannot_be_used(tmp_path, closure, words):
     with pytest.raises(InputError) as raised:
         four_bar(tmp_path, {"frames": ["coupler", "rocker"], **closure})
     assert words in str(raised.value)
+
+
+def _step(d: Array, alpha: float, angle: float) -> Array:
+    """A turn about z, then the next axis at a distance and twist along x."""
+    turn, twist = (Rotation.from_euler(a, x).as_matrix() for a, x in (("z", angle), ("x", alpha)))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn @ twist, turn @ d
+    return T
+
+
+def test_bennetts_linkage_under_gravity(tmp_path):
+    """One motion in space: C = J J^T / V'' of an energy along it; the hinge is no link."""
+    a, alpha, beta = 0.4, np.radians(60.0), np.radians(35.0)
+    b = a * np.sin(beta) / np.sin(alpha)
+    along = {"a": np.array([a, 0, 0]), "b": np.array([b, 0, 0])}
+    axes = [Rotation.from_euler("x", t).as_matrix()[:, 2] for t in (alpha, beta)]
+    bars = (
+        joint("j1", "base", "k1"),
+        joint("j2", "k1", "k2", at=along["b"], rpy=(beta, 0, 0)),
+        joint("j4", "base", "k3", at=along["a"], rpy=(alpha, 0, 0)),
+    )
+    path = write_urdf(tmp_path, *bars)
+    weights = {"k1": 3.0, "k2": 2.0, "k3": 1.5}
+    path.write_text(masses(path.read_text(), **weights))
+    k, g = 30.0, np.array([1.0, -2.0, -9.81])
+    elastic = cartstiff.load(
+        write_file(
+            tmp_path,
+            kind="closed-chain",
+            model="machine.urdf",
+            frame="k2",
+            q={"j1": 0.9, "j2": 2.0, "j4": 1.0},
+            springs={"j1": {"stiffness": k}},
+            gravity=g,
+            closures=[
+                {
+                    "frames": ["k2", "k3"],
+                    "type": "hinge",
+                    "points": [along["a"], along["b"]],
+                    "axes": axes,
+                }
+            ],
+        )
+    )
+    result = cartstiff.analyse(elastic)
+
+    def links(q):
+        first = _step(along["b"], beta, q[0]) @ _step(np.zeros(3), 0.0, q[1])
+        second = _step(along["a"], alpha, 0.0) @ _step(np.zeros(3), 0.0, q[2])
+        return first, second
+
+    def gap(q):
+        A, B = links(q)
+        apart = A[:3, :3] @ along["a"] + A[:3, 3] - B[:3, :3] @ along["b"] - B[:3, 3]
+        return np.append(apart, A[:3, :3] @ axes[0] - B[:3, :3] @ axes[1])
+
+    def at(s):
+        start = [elastic.q[elastic.names.index(name)] for name in ("j2", "j4")]
+        found = least_squares(lambda x: gap([s, *x]), start, xtol=3e-16, ftol=3e-16, gtol=3e-16).x
+        assert np.abs(gap([s, *found])).max() < 1e-12
+        A, B = links([s, *found])
+        parts = {"k1": _step(np.zeros(3), 0.0, s), "k2": A, "k3": B}
+        centre = [0.05, 0.02, 0.01, 1.0]
+        return A, -sum(m * g @ (parts[n] @ centre)[:3] for n, m in weights.items())
+
+    s, h = elastic.q[0], 1e-3
+    (T, V), ahead, behind = at(s), at(s + h), at(s - h)
+    bend = k + (ahead[1] - 2 * V + behind[1]) / h**2
+    X = np.linalg.inv(T) @ (ahead[0] - behind[0]) / (2 * h)
+    J = np.array([X[2, 1], X[0, 2], X[1, 0], *X[:3, 3]])
+    assert result.compliances["B"] == pytest.approx(np.outer(J, J) / bend, rel=1e-5, abs=1e-9)
+    assert not [n for n in result.notes if n.code == "massless"]

@@ -206,6 +206,13 @@ class GravityLoads:
         return [Note("massless", words, {"links": list(self.massless)})]
 
 
+def without_mass(mechanism: Mechanism, masses: Mapping[str, float]) -> tuple[str, ...]:
+    """Links without mass; ends of the joints that closures and contacts have are no links."""
+    parts = [c.name.rpartition(".") for c in mechanism.coordinates]
+    joints = {frame for frame, _, axis in parts if axis in ("x", "y", "z")}
+    return tuple(name for name, mass in masses.items() if not mass > 0.0 and name not in joints)
+
+
 def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> GravityLoads:
     """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
@@ -216,7 +223,7 @@ def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) ->
     field = None if elastic.gravity is None else tuple(map(float, elastic.gravity))
     masses = {} if field is None else elastic.mechanism.masses()
     bodies = {name: mass for name, mass in masses.items() if mass > 0.0}
-    massless = tuple(name for name in masses if name not in bodies)
+    massless = without_mass(elastic.mechanism, masses)
     return GravityLoads(field, bodies, massless, payload, weight, elastic.units.force)
 
 

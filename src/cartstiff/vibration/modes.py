@@ -27,7 +27,7 @@ from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, without_mass
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
@@ -71,7 +71,7 @@ def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
     model = mechanism.tree.model
     links = mechanism.tree.links()
     bodies = {links[j]: model.inertias[j] for j in sorted(links)}
-    bare = [name for name, body in bodies.items() if not body.mass > 0.0]
+    bare = list(without_mass(mechanism, {name: body.mass for name, body in bodies.items()}))
     if bare:
         words = f"these links move and have no mass: {', '.join(bare)}"
         yield Note("massless-links", words, {"links": bare})
