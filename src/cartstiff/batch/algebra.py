@@ -48,6 +48,16 @@ def is_zero(x: Scalar) -> bool:
     return not isinstance(x, Number) and x == 0
 
 
+def vanishes(values: Iterable[Scalar]) -> bool:
+    """Whether all numbers are zero for all inputs."""
+    return all(map(is_zero, np.ravel(values)))
+
+
+def from_lower(matrix: Array) -> Array:
+    """Symmetric matrix from its lower triangle."""
+    return np.where(np.tri(len(matrix), dtype=bool), matrix, matrix.T)
+
+
 def product(left: Array, right: Array) -> Array:
     """``left right``."""
     result = zeros(len(left), right.shape[1])
@@ -213,6 +223,16 @@ def solution(matrix: Array, right: Array) -> Array:
     return solved
 
 
+def solution_with_condition(matrix: Array, right: Array) -> tuple[Array, Scalar]:
+    """``matrix^-1 right`` of one column, and an estimate of the matrix's squared condition number.
+
+    The solution for a second column in a generic direction estimates the norm of the inverse.
+    """
+    n = len(matrix)
+    solved = solution(matrix, np.column_stack([right, np.cos(np.arange(1.0, n + 1.0))]))
+    return solved[:, 0], norm_squared(solved[:, 1]) / n * norm_squared(matrix)
+
+
 def _inverse_of_two(matrix: Array, undefined: Scalar) -> Array:
     """Inverse of a matrix (2, 2); made of `undefined` if it is singular at every posture."""
     (a, b), (c, d) = matrix
@@ -272,6 +292,19 @@ def positive_factor(matrix: Array) -> tuple[Array, Array, Array]:
             rest = matrix[i, j] - (L[i, :j] @ scaled if j else 0.0)
             L[i, j] = rest * inverses[j]
     return L, inverses, pivots
+
+
+def positive_inverse(matrix: Array) -> Array:
+    """Inverse of a positive matrix."""
+    L, inverses, _ = positive_factor(matrix)
+    return congruence(below(L, np.eye(len(L))), np.diag(inverses))
+
+
+def require_pivots(verdict: Scalar, pivots: Array, sizes: Array, share: float) -> Scalar:
+    """The verdict, or `FALLBACK` if a pivot is below a share of its size."""
+    for size, pivot in zip(sizes, pivots, strict=True):
+        verdict = larger(verdict, pick(size * share, pivot, PLAIN, FALLBACK))
+    return verdict
 
 
 def below(L: Array, right: Array) -> Array:

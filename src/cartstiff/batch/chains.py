@@ -59,6 +59,7 @@ from cartstiff.batch.algebra import (
     connections,
     cross,
     equilibrated_squares,
+    from_lower,
     given_wrench,
     holds_soft_directions,
     is_zero,
@@ -67,12 +68,15 @@ from cartstiff.batch.algebra import (
     norm_squared,
     noteworthy,
     positive_factor,
+    positive_inverse,
     reflections,
+    require_pivots,
     scaled_inverse,
     solution,
     symmetric_product,
     taut_stiffness,
     upper_inverse,
+    vanishes,
     zeros,
 )
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
@@ -310,7 +314,7 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     M = zeros(joints, joints)
     for b in range(joints):
         turn, shift = J[:3, b], J[3:, b]
-        if all(is_zero(x) for x in (mass[b], *second[b].flat)):
+        if vanishes([mass[b], *second[b].flat]):
             continue
         moment = second[b] @ turn + cross(first[b], shift)
         force = shift * mass[b] - cross(first[b], turn)
@@ -408,11 +412,6 @@ def _field_terms(
     return energy, gradient, hessian
 
 
-def _lower(matrix: Array) -> Array:
-    """A symmetric matrix by its lower triangle."""
-    return np.where(np.tri(len(matrix), dtype=bool), matrix, matrix.T)
-
-
 def against(twist: Array, W: Array) -> Array:
     """Vector whose product with any twist X is ``-W . [twist, X]``."""
     turn, shift = twist[:3], twist[3:]
@@ -490,12 +489,12 @@ class ChainNumbers:
             energy = tape.input("energies", 0)
         if case.derivatives:
             gradient = tape.vector("gradients", n)
-            hessian = _lower(tape.vector("hessians", n * n).reshape(n, n))
+            hessian = from_lower(tape.vector("hessians", n * n).reshape(n, n))
         own = tape.vector("segment_gradients", 6 * len(case.segments)).reshape(-1, 6)
         each = tape.vector("segment_hessians", 36 * len(case.segments)).reshape(-1, 6, 6)
         for indices, g, H in zip(map(list, case.segments), own, each, strict=True):
             gradient[indices] = gradient[indices] + g
-            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + _lower(H)
+            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + from_lower(H)
         for E, g, H in self._on_bodies(tape):
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
@@ -751,7 +750,7 @@ def _compliances(
     verdict: Scalar = PLAIN
     if not names:
         return verdict
-    unloaded = all(is_zero(w) for w in W)
+    unloaded = vanishes(W)
     # Six coordinates have no self-motion that an indefinite Hessian could make unstable.
     signed = chain.n == 6 and not (chain.is_closed or chain.case.singular)
     H = chain.hessian if unloaded else chain.lagrangian(W)
@@ -785,10 +784,7 @@ def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Arra
     C = congruence(below(L, chain.J.T), np.diag(inverses))
     verdict: Scalar = PLAIN
     if not signed:
-        for a, pivot in enumerate(pivots):
-            least = H[a, a] * _LEAST_PIVOT_SHARE
-            verdict = larger(verdict, pick(least, pivot, PLAIN, FALLBACK))
-        return C, verdict
+        return C, require_pivots(verdict, pivots, H.diagonal(), _LEAST_PIVOT_SHARE)
     sizes = np.array([absolute(pivot) for pivot in pivots], object)
     scaled = H * chain.columns / chain.columns[:, None]
     for a in range(len(H)):
@@ -892,8 +888,6 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     arrays["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
     if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
         H = chain.lagrangian(W)
-        L, inverses, _ = positive_factor(H)
-        softness = congruence(below(L, np.eye(chain.n)), np.diag(inverses))
-        pairs = (H, softness), (stiffness["B"], arrays["compliance_B"])
+        pairs = (H, positive_inverse(H)), (stiffness["B"], arrays["compliance_B"])
         arrays["noteworthy"] = chain.noteworthy(*pairs)
     return arrays

@@ -54,16 +54,19 @@ from cartstiff.batch.algebra import (
     cross,
     given_wrench,
     inverse,
-    is_zero,
     largest,
     limited,
     norm_squared,
     noteworthy,
     positive_factor,
+    positive_inverse,
     reflections,
+    require_pivots,
     rotation_vector,
     solution,
+    solution_with_condition,
     upper_inverse,
+    vanishes,
     zeros,
 )
 from cartstiff.batch.chains import (
@@ -187,8 +190,7 @@ class ClosedChainNumbers(ChainNumbers):
         kept, left = list[Array](), list[Array]()
         self._ties: list[tuple[Array, list[int]]] = []
         for tie, rows in zip(constants.ties, case.rows, strict=True):
-            about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
-            twists = tree.tied(tie, about)
+            twists = tree.tied(tie)
             self._ties.append((twists, list(rows)))
             kept.append(twists[list(rows)])
             others = set(range(0 if tie.is_weld else 3, 6)) - set(rows)
@@ -221,14 +223,14 @@ class ClosedChainNumbers(ChainNumbers):
             size, limit = norm_squared(Q.R) * norm_squared(inverse_R), JACOBIAN_CONDITION**2
         verdict = limited(size, limit)
         missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
-        if not all(is_zero(x) for x in missed.flat):
+        if not vanishes(missed):
             least = largest(self.N / sizes[:, None]) * (numerics.CLOSE * case.length)
             verdict = larger(verdict, pick(largest(missed), least, PLAIN, FALLBACK))
         return verdict
 
     def _multipliers(self, right: Array) -> Array:
         """Closure forces that balance generalised forces (n,) on the dependent coordinates."""
-        if all(is_zero(x) for x in right.flat):
+        if vanishes(right):
             return zeros(len(self.C))
         if self.case.independent:
             D = self.case.dependent
@@ -245,7 +247,7 @@ class ClosedChainNumbers(ChainNumbers):
             force = zeros(6)
             force[rows] = multipliers[start : start + len(rows)]
             start += len(rows)
-            if all(is_zero(x) for x in force):
+            if vanishes(force):
                 continue
             way = [j for j, _ in self.case.constants.way(tie)]
             S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(twists[:, way], force)
@@ -297,8 +299,7 @@ class ClosedChainNumbers(ChainNumbers):
         own = zeros(len(chosen)) if self.W is None else self.J_q[:, chosen].T @ self.W
         N = self.N[chosen] / sizes[:, None]
         gram = congruence(N, np.eye(len(chosen)))
-        L, inverses, _ = positive_factor(gram)
-        inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
+        inverse_gram = positive_inverse(gram)
         condition = norm_squared(gram) * norm_squared(inverse_gram)
         self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
         return own + N @ (inverse_gram @ (wanted - self.N[chosen].T @ own)) / sizes
@@ -309,7 +310,7 @@ class ClosedChainNumbers(ChainNumbers):
 
     def lagrangian(self, W: Array) -> Array:
         """H_L on the motions; the terms of load and closures are added before projection."""
-        return self.hessian if all(map(is_zero, W)) else congruence(self.N, self.of_joints(W))
+        return self.hessian if vanishes(W) else congruence(self.N, self.of_joints(W))
 
     def of_joints(self, W: Array) -> Array:
         """H_L in all coordinates."""
@@ -453,12 +454,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     sizes = columns[D]
     scaled = C[:, D] * sizes
     if len(D) == len(C):
-        # A right-hand side in a generic direction shows whether round-off decides the assembly
-        # mode.
-        probe = np.cos(np.arange(1.0, 1.0 + len(D)))
-        solved = solution(scaled, np.column_stack([-residual, probe]))
-        step[D] = solved[:, 0]
-        condition = norm_squared(solved[:, 1]) / len(D) * norm_squared(scaled)
+        step[D], condition = solution_with_condition(scaled, -residual)
     else:
         Q = reflections(scaled.T)
         inverse_R = upper_inverse(Q.R)
@@ -588,8 +584,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     free = [i for i, name in enumerate(names) if name in case.settled]
     H, J = chain.lagrangian(W)[np.ix_(free, free)], chain.J[:, free]
     L, inverses, pivots = positive_factor(H)
-    for a, pivot in enumerate(pivots):
-        verdict = larger(verdict, pick(H[a, a] * numerics.LOST_ERROR, pivot, PLAIN, FALLBACK))
+    verdict = require_pivots(verdict, pivots, H.diagonal(), numerics.LOST_ERROR)
     reached = below(L, np.column_stack([-left[free], J.T]))
     y, reach = reached[:, 0], reached[:, 1:]
     # With C = J H^-1 J^T it is (H + J^T D J)^-1 = (1 - H^-1 J^T D (1 + C D)^-1 J) H^-1.
@@ -697,8 +692,7 @@ def _rows(
         names = []
         for k, tie in enumerate(constants.ties):
             own = range(0 if tie.is_weld else 3, 6)
-            about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
-            twists = np.delete(tree.tied(tie, about), held, axis=1)
+            twists = np.delete(tree.tied(tie), held, axis=1)
             rows += list(twists[list(own)].astype(float))
             names += [(k, i) for i in own]
         every.append(np.array(rows))

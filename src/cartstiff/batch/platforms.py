@@ -28,6 +28,7 @@ from cartstiff.batch.algebra import (
     STIFFNESS_CONDITION,
     add_compliances,
     connections,
+    from_lower,
     given_wrench,
     holds_soft_directions,
     largest,
@@ -127,8 +128,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     if case.derivatives:
         energy = tape.input("energies", 0)
         gradient = tape.vector("gradients", 6)
-        hessian = tape.vector("hessians", 36).reshape(6, 6)
-        hessian = np.where(np.tri(6, dtype=bool), hessian, hessian.T)
+        hessian = from_lower(tape.vector("hessians", 36).reshape(6, 6))
     forces = tape.vector("forces", 3 * len(case.points_of_forces)).reshape(-1, 3)
     for force, point in zip(forces, case.points_of_forces, strict=True):
         in_body, at = force @ T[:3, :3], np.array(point)

@@ -44,8 +44,10 @@ from cartstiff.batch.algebra import (
     norm_squared,
     positive_factor,
     reflections,
+    require_pivots,
     symmetric_product,
     upper_inverse,
+    vanishes,
     zeros,
 )
 from cartstiff.batch.chains import Bodies, ChainCase
@@ -186,7 +188,7 @@ def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
         v = work[k + 1 :, k].copy()
         square = norm_squared(v)
         squares.append(square)
-        if all(is_zero(x) for x in v[1:]):
+        if vanishes(v[1:]):
             continue
         size = copysign(square_root(square), v[0])
         v[0] = v[0] + size
@@ -274,14 +276,13 @@ def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Sc
     H, M, J = (arrays[name] for name in ("lagrangian", "kinetic", "motion"))
     verdict: Scalar = PLAIN
     skew = D - D.T
-    if not all(is_zero(x) for x in skew.flat):
+    if not vanishes(skew):
         least = largest(D) * numerics.ROUNDING
         verdict = pick(least, largest(skew), FALLBACK, PLAIN)
-    if not all(is_zero(x) for x in D.flat):
+    if not vanishes(D):
         H = H + congruence(J, (D + D.T) * 0.5)
     L, inverses, pivots = positive_factor(H)
-    for pivot, entry in zip(pivots, H.diagonal(), strict=True):
-        verdict = larger(verdict, pick(entry * numerics.LOST_ERROR, pivot, PLAIN, FALLBACK))
+    verdict = require_pivots(verdict, pivots, H.diagonal(), numerics.LOST_ERROR)
     roots = np.array([square_root(x) for x in inverses], object)
     slow = below(L, below(L, M).T) * np.multiply.outer(roots, roots)
     if number == 1:
@@ -378,7 +379,7 @@ class RecordedSource(Source):
 
     def _changed(self, D: Array) -> Array:
         C = self.arrays["compliance_B"]
-        if all(is_zero(x) for x in D.ravel()):
+        if vanishes(D):
             return C
         changed, doubt = changed_compliance(C, D, self.settings.length)
         self.require(doubt)
@@ -449,8 +450,8 @@ class RecordedSource(Source):
                 largest, doubt = largest_eigenvalue(scaled)
                 self.require(doubt)
                 values.append(largest)
-            for pivot, entry in zip(positive_factor(scaled)[2], scaled.diagonal(), strict=True):
-                self.require(pick(entry * _LEAST_PIVOT_SHARE, pivot, PLAIN, FALLBACK))
+            pivots, sizes = positive_factor(scaled)[2], scaled.diagonal()
+            self.verdict = require_pivots(self.verdict, pivots, sizes, _LEAST_PIVOT_SHARE)
             return [1.0 / values[0], values[1]]
 
         found: list[Scalar] = self.once("ends", make)

@@ -443,8 +443,13 @@ class TreeKinematics(Kinematics):
             turned[3:, a] = self.R_C_M.T @ (twist[3:] + cross(twist[:3], self.p_C_M))
         return turned
 
-    def tied(self, tie: Tie, about: Array | None) -> Array:
-        """Twist of b relative to a per joint rate (6, joints), about the origin of F or a point."""
+    def tied(self, tie: Tie, about: Array | None = None) -> Array:
+        """Twist of b relative to a per joint rate (6, joints).
+
+        It is about a given point, or else the origin of F for a weld, the joined point otherwise.
+        """
+        if about is None and not tie.is_weld:
+            about = self.placed(tie.joint_b, tie.T_b)[1]
         tied = zeros(*self.J.shape)
         for j, sign in self.constants.way(tie):
             tied[:, j] = self.J[:, j] * sign

@@ -41,10 +41,10 @@ from cartstiff.batch.algebra import (
     inverse,
     largest,
     limited,
-    norm_squared,
     positive_factor,
+    require_pivots,
     rotation_vector,
-    solution,
+    solution_with_condition,
     zeros,
 )
 from cartstiff.batch.chains import curvature_of
@@ -250,10 +250,7 @@ class _Strut:
         # In equilibrium a strut must be near the straight shape and H positive, so that it is
         # stable.
         self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN, PLAIN, FALLBACK)
-        for stiffness, pivot in zip(self.k, pivots, strict=True):
-            self.near = larger(
-                self.near, pick(stiffness * _LEAST_PIVOT_SHARE, pivot, PLAIN, FALLBACK)
-            )
+        self.near = require_pivots(self.near, pivots, self.k, _LEAST_PIVOT_SHARE)
 
     def answer(self, forces: Array, gap: Array) -> tuple[Array, Array]:
         """Dq and dW."""
@@ -322,12 +319,10 @@ def _coupling(alike: _Alike) -> Program:
     now = tape.vector("gradient", 6) - sum(b @ w for b, w in zip(back, W, strict=True))
     short = now - sum(b @ w for b, w in zip(back, dW, strict=True))
     G = np.column_stack([b @ w for b, w in zip(back, more, strict=True)]) / sizes[:, None]
-    # A right-hand side in a generic direction estimates the norm of the inverse.
-    solved = solution(G, np.column_stack([short / sizes, np.cos(np.arange(1.0, m + 1.0))]))
-    condition = norm_squared(solved[:, 1]) / m * norm_squared(G)
+    shift, condition = solution_with_condition(G, short / sizes)
     verdict = limited(condition, (1e-3 * JACOBIAN_CONDITION) ** 2)
     return tape.program(
-        {"shift": solved[:, 0], "seen": np.array([largest(now / sizes), verdict], object)}, []
+        {"shift": shift, "seen": np.array([largest(now / sizes), verdict], object)}, []
     )
 
 

@@ -521,7 +521,7 @@ def plan(
 
     G, start = whole[:, known][:, :, known], start[np.ix_(known, known)]
     one = float(np.median(np.trace(G, axis1=1, axis2=2))) / len(start)
-    faint = numerics.FAINT * one * np.eye(len(start))
+    faint = numerics.PRIOR_INFORMATION_SHARE * one * np.eye(len(start))
     effects = None
     if criterion == "posture":
         if test is None:

@@ -99,7 +99,7 @@ class Branches(np.ndarray):
 _FIRST_STEP, _LONGEST_STEP, _LAST_STEP, _MAX_STEPS = 0.2, 0.5, numerics.NEGLIGIBLE_STEP, 200
 # Shares of the first slope, and of the cost, below which a slope counts as zero; and the bound on
 # restarts at a slope that remains.
-_FLAT, _NO_SLOPE, _MAX_RESTARTS = 1e-3, numerics.NO_SLOPE, 3
+_FLAT, _NO_SLOPE, _MAX_RESTARTS = 1e-3, numerics.NEGLIGIBLE_SLOPE, 3
 # Half the distance of the postures whose difference of costs gives a slope.
 _DIFFERENCE = numerics.DIFFERENCE
 

@@ -158,7 +158,9 @@ def _norms(x: Complex) -> Array:
     return np.sqrt((x.real**2 + x.imag**2).sum(axis=-1))
 
 
-def follow(start: Complex, end: NDArray, x: Complex, miss: float = numerics.FOLLOWED) -> Ends:  # type: ignore[type-arg]
+def follow(
+    start: Complex, end: NDArray, x: Complex, miss: float = numerics.PREDICTOR_TOLERANCE
+) -> Ends:  # type: ignore[type-arg]
     """Solutions of the quadrics `end`, from solutions x (n, 8) of the quadrics `start`.
 
     ``Q(t) = t start + (1 - t) end`` from t = 1 to 0: a Runge-Kutta step of fourth order and
@@ -227,7 +229,7 @@ _NEAR_END = 1e-3
 # to the fourth root of `numerics.REACHED`.
 _ONE = 3e-3
 # Distance from a multiple solution at which others beside it are sought: there the quadrics of an
-# isolated one, even a fourfold one, are larger than `numerics.BESIDE`.
+# isolated one, even a fourfold one, are larger than `numerics.MULTIPLE_SOLUTION_RESIDUAL`.
 _ASIDE = 0.05
 
 
@@ -356,7 +358,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
 def _followed(Q: Array) -> tuple[Ends, NDArray[np.bool_]]:
     """Ends of all paths, and which are solutions of their own; with finer steps where need be."""
     start, solutions = general_platform()
-    miss = numerics.FOLLOWED
+    miss = numerics.PREDICTOR_TOLERANCE
     for way in _WAYS:
         ends = follow(way * start, Q, solutions.copy(), miss)
         sizes = np.linalg.svd(jacobians(Q, ends.x), compute_uv=False)
@@ -416,7 +418,7 @@ def _is_on_curve(Q: Array, x: Complex) -> bool:
         J = np.vstack([jacobians(Q, y[None])[0][:7], x.conj(), aside.conj()])
         errors = [*values(Q, y[None])[0], np.vdot(x, y) - 1.0, np.vdot(aside, y) - _ASIDE]
         y = y - np.linalg.lstsq(J, np.array(errors), rcond=None)[0]
-    return bool(np.abs(errors).max() < numerics.BESIDE)
+    return bool(np.abs(errors).max() < numerics.MULTIPLE_SOLUTION_RESIDUAL)
 
 
 def _real_on_curve(Q: Array, x: Complex) -> Array:

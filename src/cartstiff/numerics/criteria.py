@@ -77,7 +77,7 @@ ACCEPTED_RESIDUAL: Final = 1e-9
 #: Least decrease by a step, as a share of that predicted by the slope [NocedalWright]_.
 SUFFICIENT: Final = 1e-4
 #: Least significant decrease of an energy, as a share of the terms in its sum.
-TRUSTED: Final = 1e-11
+LEAST_ENERGY_DECREASE: Final = 1e-11
 #: Shares of a motion's stiffness scale: the least stiffness of a step, and
 SOFTEST: Final = 1e-10
 #: the least negative stiffness of a saddle.
@@ -93,7 +93,7 @@ STIFF: Final = 1e5
 #: Ratio of stiffnesses at which soft springs lose half of their digits.
 FAR: Final = 1e8
 #: Stiffness of a free motion, as a share of the stiffest one.
-AS_GOOD_AS_FREE: Final = 1e-30
+FREE_STIFFNESS_SHARE: Final = 1e-30
 #: Least step of a search whose result is refined or checked later.
 NEGLIGIBLE_STEP: Final = 1e-6
 #: Largest residual of an iteration that has stopped decreasing.
@@ -115,16 +115,16 @@ DIFFERENCE: Final = 1e-5
 WIDE_DIFFERENCE: Final = 1e-4
 #: Steps of eighth-order differences in natural sizes, tried until two orders agree.
 EIGHTH_ORDER: Final = (5e-3, 5e-4, 5e-5)
-#: and the widest one, if a natural size causes relative changes below `SLIGHT` only.
-WIDEST: Final = 3e-2
-SLIGHT: Final = 1e-4
+#: and the widest one, if a natural size causes relative changes below `NEGLIGIBLE_CHANGE` only.
+WIDEST_STEP: Final = 3e-2
+NEGLIGIBLE_CHANGE: Final = 1e-4
 #: Largest difference of derivatives with the full and with half the step.
 AGREEING: Final = 1e-6
 #: Relative decrease below which a sum of squares has reached its minimum.
 FLAT: Final = 1e-7
 #: Largest error of a predictor along a path of solutions (of unit vectors): Newton's method then
 #: returns to the same path in two steps.
-FOLLOWED: Final = 1e-5
+PREDICTOR_TOLERANCE: Final = 1e-5
 #: Parameter of a path, from 1 to 0, below which it has ended at a singular solution: a triple one
 #: then has an error of the root of `NEARBY`.
 PATH_END: Final = 1e-11
@@ -132,13 +132,13 @@ PATH_END: Final = 1e-11
 #: less.
 NO_ROTATION: Final = 1e-4
 #: Largest residual of a solution near a multiple one.
-BESIDE: Final = 1e-8
+MULTIPLE_SOLUTION_RESIDUAL: Final = 1e-8
 #: Slope that vanishes, as a share of the cost.
-NO_SLOPE: Final = 1e-7
+NEGLIGIBLE_SLOPE: Final = 1e-7
 #: Least damping after a successful step, as a share of the matrix.
 LEAST_DAMPING: Final = 1e-4
 #: Prior information while too few rows are chosen, as a share of that of one row.
-FAINT: Final = 1e-5
+PRIOR_INFORMATION_SHARE: Final = 1e-5
 
 #: Share of its natural size below which a compliance under load is extrapolated by its derivative:
 #: the error is far below that of measurements, and stiffer springs slow a search down.

@@ -40,7 +40,7 @@ _MAX_STALLED_STEPS = 40
 _WATCHDOG_STEPS, _WATCHDOG_RATIO = 3, numerics.STIFF
 # Cap of the first step and of any, and the largest turn of one step [rad].
 _FIRST_CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
-_SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.TRUSTED
+_SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.LEAST_ENERGY_DECREASE
 # Shares of a motion's stiffness scale: the least stiffness of a step, and a saddle's least slope.
 _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
 

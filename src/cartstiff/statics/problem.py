@@ -520,7 +520,7 @@ class System:
             own = np.maximum(np.diag(scale), lost / IDLE)
             own_rounding = self._rounding_stiffness(point.posture, lines, N) * reach
         own = np.maximum(
-            own, max(numerics.AS_GOOD_AS_FREE * float(own.max(initial=0.0)), numerics.TINY)
+            own, max(numerics.FREE_STIFFNESS_SHARE * float(own.max(initial=0.0)), numerics.TINY)
         )
         unit = ROUNDINGS * EPSILON
         rounding = unit * (scale.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))

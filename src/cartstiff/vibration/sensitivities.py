@@ -141,9 +141,12 @@ class Home:
                 break
         if best is None:
             raise refused or InputError(f"{name} cannot be varied")
-        if numerics.BLANK < best.effect < numerics.SLIGHT and best.error <= numerics.CONVERGED:
+        if (
+            numerics.BLANK < best.effect < numerics.NEGLIGIBLE_CHANGE
+            and best.error <= numerics.CONVERGED
+        ):
             with suppress(CartstiffError):
-                row = self._row(name, numerics.WIDEST, modes)
+                row = self._row(name, numerics.WIDEST_STEP, modes)
                 best = row if row.error <= numerics.CONVERGED else best
         return best
 
