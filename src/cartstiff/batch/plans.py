@@ -102,11 +102,13 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
     needed = outputs if readings is None else (*outputs, *readings.needs)
-    if isinstance(case, PlatformCase):
-        arrays, lengths = platform_arrays(tape, case, needed), (True,) * 6
+    if isinstance(case, ClosedCase):
+        arrays = closed_arrays(tape, case, needed)
+    elif isinstance(case, ChainCase):
+        arrays = chain_arrays(tape, case, needed)
     else:
-        of_chain = closed_arrays if isinstance(case, ClosedCase) else chain_arrays
-        arrays, lengths = of_chain(tape, case, needed), case.constants.is_length
+        arrays = platform_arrays(tape, case, needed)
+    lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
         values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
