@@ -42,7 +42,7 @@ def described(command: str, *sources: object) -> dict[str, Any]:
     Parameters
     ----------
     command : str
-        Whose table.
+        Name of the command.
     sources : mapping or object
         Each key is read from the first source that has it, as a key or an attribute; optional keys
         are read from mappings only.

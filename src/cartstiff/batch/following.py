@@ -82,14 +82,14 @@ class Assembler:
         return at, is_closed, ~is_closed
 
     def led(self, q: Array) -> Closed:
-        """The same, what is held led straight from its values at the base to those of q."""
+        """As `near`, the held coordinates moving straight from the base to their values in q."""
         at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps(q))
         return at, is_closed
 
     def together(self, q: Array) -> Closed:
-        """Coordinates from q (N, n) each on its own: led there, or else near it.
+        """As `near`, for unrelated postures: reached from the base, or else near q.
 
-        What stands in q itself counts, where it is more than what is held.
+        All coordinates of q are used if more than the held ones are given.
         """
         q = self._chain.closed_as_given(q)
         at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps_where_asked(q))
@@ -100,19 +100,19 @@ class Assembler:
     def grid(self, values: Sequence[Array], columns: Sequence[int], box: Sequence[slice]) -> Closed:
         """Coordinates (N, n) of the cells of a box of a grid, in C order, and where they close.
 
-        What is held leads there straight, as `Chain.closed` does, so that a cell is what its values
-        give alone. Cells that are not reached so start from the one beside them: from the cell
-        nearest the base it goes along the first axis, from each of these along the next. What is
-        left then starts from the base.
+        The held coordinates move straight to each cell, as in `Chain.closed`, so that a cell is the
+        same as for its values alone. Cells that are not reached start from their neighbour: from
+        the cell nearest the base along the first axis, from each of these along the next axis. The
+        remaining cells start from the base.
 
         Parameters
         ----------
         values : sequence of ndarray
-            Of each axis.
+            Values along each axis.
         columns : sequence of int
-            Which coordinates they are values of.
+            Coordinate of each axis.
         box : sequence of slice
-            Which cells are asked for; a cell is the same in any box.
+            Required cells, which do not depend on the box.
         """
         axes = list(zip(values, columns, box, strict=True))
         seeds = [int(np.abs(v - self._base[c]).argmin()) for v, c, _ in axes]
@@ -132,7 +132,7 @@ class Assembler:
         seed: int,
         cells: slice,
     ) -> Closed:
-        """From cells at a seed along an axis: (N cells, n), those at the seed as they are."""
+        """Extend N cells at a seed along an axis: (N cells, n); those at the seed are unchanged."""
         first, last = min(cells.start, seed), max(cells.stop, seed + 1)
         every = np.repeat(q[:, None], last - first, axis=1)
         every[:, :, column] = value[first:last]
@@ -155,7 +155,7 @@ class Assembler:
 
 
 def _with(way: Callable[[Array], Closed], q: Array, is_closed: NDArray[np.bool_]) -> Closed:
-    """The same with those that are not closed in another way."""
+    """Close the postures that are not closed, by another method."""
     if (left := np.flatnonzero(~is_closed)).size:
         q[left], is_closed[left] = way(q[left])
     return q, is_closed

@@ -404,7 +404,7 @@ class RecordedSource(Source):
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
     ) -> list[Scalar]:
-        """Of a block of K (others held) or of C (others free), or the inverses of these."""
+        """Principal values of a block of K (others held) or of C (others free), or inverses."""
 
         def make() -> list[Scalar]:
             keep = BLOCKS[freedom]

@@ -467,19 +467,19 @@ class UntracedTerms:
     Attributes
     ----------
     mechanism : Mechanism
-        Whose coordinates they are in.
+        Mechanism whose coordinates are used.
     loose : tuple of Potential
-        Potentials that are evaluated posture by posture.
+        Potentials evaluated at one posture after the other.
     laws : dict of int to SpringLaw
         Nonlinear joint springs.
     rest : ndarray (n,), optional
         Their rest positions.
     beams : tuple of Beam
-        Of which the program takes the derivatives of each segment.
+        Beams, with derivatives for each segment.
     struts : FlexureStruts, optional
-        A platform's, condensed in stacks.
+        Struts of a platform.
     forces, points : tuple of ndarray (3,)
-        Dead forces on the platform, and where they act in M, for open rest lengths to carry.
+        Dead forces on the platform and their points in M, which open rest lengths balance.
     is_loaded : bool
         Whether rest lengths of struts are chosen so that they carry a wrench.
     load, axes : as of `cartstiff.batch.chains.ChainCase`.

@@ -121,7 +121,7 @@ def flat_connection(posture: MechanismPosture, reduction: Reduction, flat: FlatC
     Raises
     ------
     UndefinedError
-        Where K^F does not exist, with the reason.
+        If K^F does not exist, with the reason.
     """
     chart, rates, to_chart = posture.chart(), reduction.rates, flat.to_chart
     if to_chart is None or rates is None or isinstance(chart, str):
