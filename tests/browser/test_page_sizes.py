@@ -110,8 +110,8 @@ def test_what_a_springless_joint_would_have_to_carry_is_said(ur5):
 
 
 def test_a_file_of_one_posture_has_no_dead_cards(pages, tmp_path):
-    file = tmp_path / "five.html"
-    file.write_text(export_page(Source(cartstiff.load("five-bar"))), encoding="utf-8")
+    file = tmp_path / "cables.html"
+    file.write_text(export_page(Source(cartstiff.load("cable-robot"))), encoding="utf-8")
     page = pages.open(file.as_uri(), offline=True)
     for part in (".setup-card", ".compare-card", "#strip", ".posture-card .buttons"):
         assert not page.locator(part).is_visible(), part
