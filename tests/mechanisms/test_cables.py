@@ -326,3 +326,27 @@ def test_struts_hold_what_cables_cannot(tmp_path):
     assert limited.mechanism.leg_limits.forces[:, 0].tolist() == [0, 0, 0, -1e4, -1e4, -1e4]
     limits = cartstiff.workspace(limited, radius=0.5, directions=50).positions
     assert limits.first[cut] == pytest.approx(rays.first[cut], rel=1e-6)
+
+
+def test_cables_that_come_to_rest_far_away(tmp_path):
+    """Balance by a sum over seven cables; the way there begins where motions are free."""
+    rng = np.random.default_rng(5)
+    for m in (8, 7):
+        anchors, points = rng.uniform(-1, 1, (m, 3)), 0.2 * rng.uniform(-1, 1, (m, 3))
+        legs = {"stiffness": rng.uniform(1e4, 5e4, m), "preload": rng.uniform(50, 300, m)}
+    pose = {"xyz": [0.05, 0.1, -0.03], "rpy": [0.1, -0.2, 0.3]}
+    frame = {"xyz": [0.02, 0.01, 0.05], "rpy": [0, 0.3, 0]}
+    keys = {"unilateral": True, "base": anchors, "platform": points, "pose": pose, "frame": frame}
+    elastic = load(write_file(tmp_path, kind="springs", legs=legs, **keys))
+    force = np.array([5.0, -8.0, -20.0])
+    found = equilibrium(elastic, DeadForce(force))
+    T, b = found.pose, elastic.mechanism.points
+    ends = b @ T[:3, :3].T
+    lines = ends + T[:3, 3] - anchors
+    lengths = np.linalg.norm(lines, axis=1)
+    tensions = legs["stiffness"] * np.maximum(lengths - elastic.springs.rest_length, 0.0)
+    pulls = (tensions / lengths)[:, None] * lines
+    assert pulls.sum(axis=0) == pytest.approx(force, abs=1e-6)
+    assert np.cross(ends, pulls).sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
+    slack = [int(i) + 1 for i in np.flatnonzero(tensions == 0.0)]
+    assert note(found, "slack").values == {"slack": slack}

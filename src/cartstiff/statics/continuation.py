@@ -153,6 +153,12 @@ class LoadPath:
         right = np.append(np.zeros_like(push), 1.0)
         solved = self._solved(balance, push, direction, right)
         along = np.append(balance.motion(solved[:-1]), solved[-1])
+        size = float(np.abs(along).max())
+        if not 0.0 < size < np.inf:
+            raise ConvergenceError(
+                "the curve of equilibria has no direction", iterations=0, residual=size
+            )
+        along /= size  # whose squares may be too large
         along /= np.linalg.norm(along)
         moving = None
         if not conservative:
