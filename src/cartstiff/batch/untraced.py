@@ -113,10 +113,15 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
     }
 
 
-@lru_cache(maxsize=16)
-def _segment_program(length: float, section: Section, compiled: bool) -> Kernel:
+def segment_program(length: float, section: Section) -> Program:
+    """Energy, gradient, lower triangle of the Hessian and verdict of one segment at x (6,)."""
     tape, beam = Tape(), Beam(np.arange(6), length, section)
-    return compiled_or_portable(tape.program(_segment(tape, beam), []), compiled)
+    return tape.program(_segment(tape, beam), [])
+
+
+@lru_cache(maxsize=16)
+def _segment_kernel(length: float, section: Section, compiled: bool) -> Kernel:
+    return compiled_or_portable(segment_program(length, section), compiled)
 
 
 def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[Array, Array, Array]:
@@ -144,7 +149,7 @@ def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[A
 
 def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Array]:
     """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of equal segments."""
-    outputs = _segment_program(beam.length, beam.section, compiled)({"x": x})
+    outputs = _segment_kernel(beam.length, beam.section, compiled)({"x": x})
     energies, gradients = outputs["energy"][:, 0].copy(), outputs["gradient"]
     hessians = from_triangles(outputs["hessian"])
     doubtful = np.flatnonzero(~(outputs["verdict"][:, 0] == PLAIN))

@@ -18,7 +18,8 @@ from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import plain
 from cartstiff.batch.closed_chains import STEPS, ClosedCase
 from cartstiff.batch.execution import HELPERS, javascript
-from cartstiff.batch.plans import CLOSING, TracedModel, plan, program_for
+from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, plan, program_for
+from cartstiff.batch.untraced import segment_program
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
@@ -26,8 +27,10 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
+from cartstiff.potentials.beams import alike
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.settled_links import LAST, ROUNDED
 
 _NAMES = (
     "pose",
@@ -81,7 +84,12 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
     if (reason := _beside(free)) is not None:
         return reason
     programs = {"free": program_for(free.case, _NAMES)}
-    no_load = _beside(loaded)
+    bending, no_load = (
+        _bending(loaded, elastic.names) if free.is_closed else (None, _beside(loaded))
+    )
+    if bending is not None:
+        programs |= bending.pop("programs")
+        no_load = None
     if no_load is None:
         programs["loaded"] = program_for(loaded.case, _NAMES)
     elif not free.is_closed:
@@ -101,6 +109,7 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
         "words": _words(),
         "closing": closing,
         "no_load": no_load,
+        "bending": bending,
         **_mechanism(elastic, result),
     }
     return BrowserProgram(script, plain(data))
@@ -119,6 +128,35 @@ def _beside(chosen: TracedModel) -> str | None:
     if isinstance(chosen.case, ClosedCase) and chosen.case.still and chosen.case.fields:
         return "its weight bends its links"
     return None
+
+
+def _bending(
+    chosen: TracedModel, names: tuple[str, ...]
+) -> tuple[dict[str, Any] | None, str | None]:
+    """What bends compliant links under a load, with its programs; or why the browser cannot."""
+    terms = chosen.untraced
+    case = chosen.case
+    if not (chosen.settles and terms.beams) or terms.is_dense or getattr(case, "coupled", ()):
+        return None, _beside(chosen)
+    programs, beams = {"settling": program_for(chosen.case, SETTLING)}, []
+    for group in alike(terms.beams):
+        name = f"segment{len(programs)}"
+        programs[name] = segment_program(group[0].length, group[0].section)
+        beams += [(beam, name) for beam in group]
+    ordered = sorted(beams, key=lambda one: terms.beams.index(one[0]))
+    return {
+        "programs": programs,
+        "beams": [
+            {
+                "program": name,
+                "label": beam.link or names[beam.indices[0, 0]],
+                "segments": beam.indices.tolist(),
+            }
+            for beam, name in ordered
+        ],
+        "last": LAST,
+        "rounded": ROUNDED,
+    }, None
 
 
 def _closing(case: ClosedCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:

@@ -92,11 +92,11 @@ def page_script(main: str = _MAIN) -> str:
 
 
 def page_document(packed: bytes, title: str, more: str = "") -> str:
-    """The page as one file: data that the script unpacks, and `more` script before the page's own.
+    """The page as one file: data that the script unpacks, and `more` script behind the viewer's.
 
     The policy of the file allows these scripts and no others.
     """
-    script, viewer = more + page_script(), viewer_script().decode()
+    script, viewer = page_script(), f"{viewer_script().decode()}\n{more}"
     if "</script" in script:
         raise ValueError("the page's script must not hold its own end")
     policy = (

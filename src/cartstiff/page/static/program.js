@@ -11,6 +11,10 @@ export const NOT_CLOSED = "the loops do not close with the drives there: the pag
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
 const UNSURE = 10 * REPORTED_ERROR ** 0.5;
 
+// Steps within which links come to rest under a load, and turns of their ends (rad) up to which no note asks for more segments.
+const MOST_BENT = 40;
+const BENT = 0.3;
+
 export class Program {
   constructor(data, programs) {
     this.data = data;
@@ -113,20 +117,23 @@ export class Program {
   /** Everything that other answers are read from. */
   solve(state) {
     if (state.gravity || state.payload || state.command) throw new Error("other weights and commands of the drives are answered by `cartstiff view`");
-    const asked = state.q.map(Number);
-    const q = this.closed(asked);
+    const { bending, virtual } = this.data;
+    // Without a load links are straight.
+    const asked = state.q.map((x, j) => (bending && !state.load && virtual.includes(j) ? 0 : Number(x)));
+    let q = this.closed(asked);
     if (q.some((x, i) => !this.data.are_lengths[i] && Math.abs(x) > (this.data.platform ? 2 : 4) * Math.PI)) throw new Error(NOT_PLAIN);
     const inputs = { q, ...this.springs(state) };
     let name = "free";
     if (state.load) {
       if (this.data.no_load) throw new Error(`${this.data.no_load}: \`cartstiff view\` answers under a load`);
       name = "loaded";
-      inputs.wrench = inBody(state.load, state.load_axes === "inertial" ? this.place(q).pose : null, actsAt(state));
+      if (bending) q = this.bent(q, state, inputs);
+      Object.assign(inputs, { q, wrench: this.given(q, state) });
     }
     const found = this.run(name, inputs);
     if (found("verdict")[0] !== 0) throw new Error(NOT_PLAIN);
     const m = {
-      q, asked, pose: rows(found("pose"), 4), J: rows(found("jacobian") ?? [], this.n), W: found("wrench"), energy: found("energy")[0],
+      q, asked, hessians: inputs.segment_hessians, pose: rows(found("pose"), 4), J: rows(found("jacobian") ?? [], this.n), W: found("wrench"), energy: found("energy")[0],
       frames: frames(found("frames")), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
       given: Boolean(state.load?.some((x) => x)),
       ...(state.load || this.data.may_be_loaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
@@ -199,6 +206,43 @@ export class Program {
 
   least({ values }) {
     return values.at(-1) / values[0];
+  }
+
+  /** The wrench of a state in the body's axes, at coordinates that are closed. */
+  given(q, state) {
+    return inBody(state.load, state.load_axes === "inertial" ? rows(this.run("free", { q })("pose"), 4) : null, actsAt(state));
+  }
+
+  /** Coordinates at which links carry the load, as `cartstiff.batch.closed_chains.settle`; derivatives of their energy become inputs. */
+  bent(start, state, inputs) {
+    const { beams, last, rounded } = this.data.bending;
+    let [q, moved] = [start, Infinity];
+    for (let k = 0; k < MOST_BENT; k++) {
+      Object.assign(inputs, this.segments(q, beams));
+      if (moved <= last) return q;
+      const found = this.run("settling", { ...inputs, q, wrench: this.given(q, state) });
+      const [step, doubt] = found("moved");
+      if (doubt !== 0 || !Number.isFinite(step)) break;
+      [q, moved] = [found("settled"), step];
+    }
+    if (!(moved <= rounded)) throw new Error(NOT_PLAIN);
+    return q;
+  }
+
+  /** Energy, gradients and Hessians (lower triangles) of the segments of beams. */
+  segments(q, beams) {
+    let energies = 0;
+    const [gradients, hessians] = [[], []];
+    for (const { program, segments } of beams) for (const indices of segments) {
+      const x = indices.map((j) => q[j]);
+      const found = this.run(program, { x });
+      if (found("verdict")[0] !== 0 || largest([x.with(2, 0)]) > BENT) throw new Error(NOT_PLAIN);
+      energies += found("energy")[0];
+      gradients.push(...found("gradient"));
+      const lower = found("hessian");
+      for (let i = 0; i < 6; i++) for (let j = 0; j < 6; j++) hessians.push(lower[(Math.max(i, j) * (Math.max(i, j) + 1)) / 2 + Math.min(i, j)]);
+    }
+    return { energies: [energies], segment_gradients: gradients, segment_hessians: hessians };
   }
 
   /** J H^-1 J^T. */
@@ -339,10 +383,11 @@ export class Program {
     const displacement = clean(shift, size);
     const turn = twist.slice(0, 3).map((x) => (Math.abs(x) * m.length > ROUNDING * size ? x : 0));
     const { values } = eigen(m.C.load);
+    const names = [...this.data.names, ...(this.data.bending?.beams ?? []).map(({ label }) => `${label} (link)`)];
     return {
       displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, energy, acts_at: m.at,
       resisted: values[0] >= 0 || -values[0] <= ZERO * Math.max(...values.map(Math.abs)),
-      shares: this.shares(m, twist, shift, energy, state.point).flatMap((share, i) => (m.stiffness[i] || !m.N ? [{ name: this.data.names[i], share }] : [])), notes: [],
+      shares: this.shares(m, twist, shift, energy, state.point).flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }])), notes: [],
     };
   }
 
@@ -355,7 +400,15 @@ export class Program {
   shares(m, twist, shift, energy, point) {
     if (this.data.platform) return m.lines.map((line, i) => (energy ? (0.5 * m.stiffness[i] * dot(line, twist) ** 2) / energy : null));
     const way = this.way(m);
-    if (m.N) return m.stiffness.map((k, j) => (energy ? (0.5 * k * dot(m.N[j], way) ** 2) / energy : null));
+    if (m.N) {
+      const all = times(m.N, way);
+      let from = 0;
+      const links = (m.hessians ? this.data.bending.beams : []).map(({ segments }) => segments.reduce((sum, indices) => {
+        const x = indices.map((j) => all[j]);
+        return sum + 0.5 * dot(x, times(rows(m.hessians.slice(from, from += 36), 6), x));
+      }, 0));
+      return [...m.stiffness.map((k, j) => 0.5 * k * all[j] ** 2), ...links].map((x) => (energy ? x / energy : null));
+    }
     const size = dot(shift, shift);
     return transposed(m.J).map((column, a) => {
       const arm = cross(column.slice(0, 3), point);
