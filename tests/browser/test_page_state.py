@@ -194,7 +194,7 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
     from cartstiff.page.server import Background
     from cartstiff.page.source import Source
 
-    server = Background(Source(cartstiff.load("five-bar")))
+    server = Background(Source(cartstiff.load("cable-robot")))
     page = pages.open(server.url)
     settled(page)
     page.watch.without_server()
