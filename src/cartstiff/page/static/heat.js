@@ -97,7 +97,7 @@ export function heat(store, what) {
   /** Rows along a coordinate: of two sweeps at once the server answers the newer, and curves go first. */
   async function swept(coordinate, state, key) {
     const isWanted = async () => {
-      while (what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
+      while (asked === key && what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
       return asked === key;
     };
     const answer = await store.insist({ do: "sweep", coordinate, steps: CELLS, refined: false, state }, isWanted).catch(() => null);
