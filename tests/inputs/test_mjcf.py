@@ -520,7 +520,7 @@ def test_a_model_of_many_meshes_is_gone_through_once(tmp_path):
             return getattr(self.spec, name)
 
     spec = Counting(mujoco.MjSpec.from_file(str(tmp_path / "many.xml")))
-    files, lost = worker._thin(mujoco, spec)
+    files, lost = worker._reduced(mujoco, spec)
     assert len(files) == 20
     assert not lost
     assert spec.read.count("geoms") == 1
