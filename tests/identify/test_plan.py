@@ -108,7 +108,7 @@ def test_rows_are_moved_to_better_places():
 
 def test_no_row_stands_near_a_singularity(monkeypatch):
     """A five-bar stretched out moves by metres: the nearer, the more a linear row would tell."""
-    monkeypatch.setattr(planning, "_SLOW", 50)  # places beside the rows
+    monkeypatch.setattr(planning, "_SLOW_NEIGHBOURS", 50)  # places beside the rows
     elastic = cartstiff.load("five-bar")
     found = candidates(elastic, {"dx": 2e-5, "dy": 2e-5}, count=40, force=80.0)
     chosen = plan(unknowns_of(elastic), found, 6, beside=partial(beside, elastic))
