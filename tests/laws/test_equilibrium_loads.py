@@ -107,7 +107,7 @@ def test_loads_that_must_be_put_on_in_stages():
 @pytest.fixture
 def _short_searches(monkeypatch):
     """A tenth of the postures that a search in vain looks at, still more than one that succeeds."""
-    monkeypatch.setattr(problem, "_MOST", 15_000)
+    monkeypatch.setattr(problem, "_MAX_SEARCH_COST", 15_000)
 
 
 @pytest.mark.parametrize(

@@ -193,10 +193,10 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
         return at(self, q)
 
     monkeypatch.setattr(System, "at", counted)
-    monkeypatch.setattr(effort, "_FEWEST", 0)
+    monkeypatch.setattr(effort, "_MIN_POSTURES", 0)
     taken = []
     for most in (70 * effort.cost(elastic), 140 * effort.cost(elastic)):
-        monkeypatch.setattr(effort, "_MOST", most)
+        monkeypatch.setattr(effort, "_MAX_SEARCH_COST", most)
         bound = most // effort.cost(elastic)
         seen[0] = 0
         with pytest.raises(ConvergenceError, match=f"given up after {bound} postures") as caught:
@@ -205,6 +205,6 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
         assert np.isfinite(caught.value.residual)
         taken.append(caught.value.iterations)
     assert 0 < taken[0] < taken[1]
-    monkeypatch.setattr(effort, "_MOST", 1)
+    monkeypatch.setattr(effort, "_MAX_SEARCH_COST", 1)
     with pytest.raises(ConvergenceError, match="given up after 0 postures"):
         equilibrium(elastic)
