@@ -264,12 +264,15 @@ def client_program(session: Session, number: int) -> tuple[Answer, str]:
     str
         The script that it needs.
     """
+    message: dict[str, Any] = {"id": number, "do": "program"}
+    if getattr(session.elastic.mechanism, "closures", ()):
+        # To record it takes seconds, in which the server would answer nothing else.
+        return Answer(message | {"why": "the server answers for closed chains"}), ""
     fresh = Session(
         replace(session.source, elastic=session.elastic, reload=None), session.make_picture
     )
     base = fresh.result(fresh.start)
     program = browser_program(session.elastic, base)
-    message: dict[str, Any] = {"id": number, "do": "program"}
     if isinstance(program, str):
         return Answer(message | {"why": program}), ""
     data, commands = client_data(fresh, fresh.start, base, program)
