@@ -48,7 +48,7 @@ def is_zero(x: Scalar) -> bool:
     return not isinstance(x, Number) and x == 0
 
 
-def vanishes(values: Iterable[Scalar]) -> bool:
+def vanishes(values: Any) -> bool:
     """Whether all numbers are zero for all inputs."""
     return all(map(is_zero, np.ravel(values)))
 

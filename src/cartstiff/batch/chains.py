@@ -872,7 +872,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     if "hessian" in wanted:
         arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
         arrays["length"] = np.array([chain.length], object)
-    if "motions" in wanted and chain.is_closed:
+    if "motions" in wanted and chain.is_closed and chain.mimic is not None:
         arrays["motions"] = chain.mimic
     if chain.case.bodies is not None:
         arrays |= {

@@ -159,8 +159,11 @@ def _norms(x: Complex) -> Array:
 
 
 def follow(
-    start: Complex, end: NDArray, x: Complex, miss: float = numerics.PREDICTOR_TOLERANCE
-) -> Ends:  # type: ignore[type-arg]
+    start: Complex,
+    end: NDArray,  # type: ignore[type-arg]
+    x: Complex,
+    miss: float = numerics.PREDICTOR_TOLERANCE,
+) -> Ends:
     """Solutions of the quadrics `end`, from solutions x (n, 8) of the quadrics `start`.
 
     ``Q(t) = t start + (1 - t) end`` from t = 1 to 0: a Runge-Kutta step of fourth order and
