@@ -134,11 +134,11 @@ def _bending(
     chosen: TracedModel, names: tuple[str, ...]
 ) -> tuple[dict[str, Any] | None, str | None]:
     """What bends compliant links under a load, with its programs; or why the browser cannot."""
-    terms = chosen.untraced
-    case = chosen.case
-    if not (chosen.settles and terms.beams) or terms.is_dense or getattr(case, "coupled", ()):
+    terms, case = chosen.untraced, chosen.case
+    bends = chosen.settles and terms.beams and not terms.is_dense
+    if not (bends and isinstance(case, ClosedCase)) or case.coupled:
         return None, _beside(chosen)
-    programs, beams = {"settling": program_for(chosen.case, SETTLING)}, []
+    programs, beams = {"settling": program_for(case, SETTLING)}, []
     for group in alike(terms.beams):
         name = f"segment{len(programs)}"
         programs[name] = segment_program(group[0].length, group[0].section)
