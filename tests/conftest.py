@@ -32,16 +32,9 @@ SLOW = frozenset(
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is marked `thorough` or listed in thorough.txt, unless a file is named.
-
-    A thorough run of everything refuses a list that names tests which are gone.
-    """
+    """Leave out what is marked `thorough` or listed in thorough.txt, unless a file is named."""
     is_whole = not any(Path(name.partition("::")[0]).suffix == ".py" for name in config.args)
-    if THOROUGH:
-        gone = SLOW - {item.nodeid for item in items}
-        if config.args == config.getini("testpaths") and gone:
-            raise pytest.UsageError(f"tests/thorough.txt names tests that are gone: {min(gone)}")
-    elif is_whole:
+    if is_whole and not THOROUGH:
         later = [i for i in items if i.nodeid in SLOW or i.get_closest_marker("thorough")]
         config.hook.pytest_deselected(items=later)
         items[:] = [item for item in items if item not in set(later)]

@@ -187,3 +187,14 @@ def test_names_of_the_package_load_when_used():
     assert set(cartstiff.__all__) <= set(dir(cartstiff))
     with pytest.raises(AttributeError, match="nonsense"):
         _ = cartstiff.nonsense
+
+
+def test_slow_tests_that_are_left_out_exist():
+    folder = Path(__file__).parent
+    lines = (folder / "thorough.txt").read_text("utf-8").splitlines()
+    for test in {line.partition("[")[0] for line in lines if line and not line.startswith("#")}:
+        file, _, name = test.partition("::")
+        text = (folder.parent / file).read_text("utf-8")
+        assert re.search(rf"^ *(?:def|class) {name.rpartition('::')[2]}\b", text, re.M) or (
+            name.endswith("::runTest") and f"{name.partition('::')[0]} =" in text
+        ), test
