@@ -82,7 +82,12 @@ def bad(tmp_path_factory):
     (folder / "folder.stl").mkdir()
     words = {name: said for name, (_, said) in files.items()}
     words |= {"packed.dae": "UTF-8", "both.dae": "an archive", "pipe.stl": "regular"}
-    words |= {"zero.stl": "regular", "memory.obj": "", "folder.stl": "regular", "none.stl": ""}
+    words |= {
+        "zero.stl": "regular",
+        "memory.obj": "",
+        "folder.stl": "is a directory",
+        "none.stl": "",
+    }
     return {folder / name: said for name, said in words.items()}
 
 
