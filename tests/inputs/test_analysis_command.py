@@ -34,7 +34,9 @@ def test_levels():
         run(f"analyse cubic --analysis {level}") for level in ("none", "short", "full")
     )
     assert run("analyse cubic") == short
-    assert short.startswith(none.rstrip("\n"))
+    head, _, posture = none.rstrip("\n").partition("\n\n")
+    assert short.startswith(f"{head}\n\nAnswer\n")
+    assert f"\n\n{posture}" in short
     assert "centre" not in none
     assert len(short[len(none) :].splitlines()) <= 30
     for words in (

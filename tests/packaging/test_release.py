@@ -111,7 +111,7 @@ def test_actions_of_the_workflow_are_pinned_by_commit() -> None:
     """A tag can be moved to other code, a commit cannot."""
     text = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
     used = re.findall(r"uses: (.*)", text)
-    assert len(used) == 6
+    assert len(used) == 8
     assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v[\d.]+", one) for one in used)
 
 
