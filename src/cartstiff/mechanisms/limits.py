@@ -29,7 +29,7 @@ from cartstiff.potentials.springs import JointSprings
 _ROUNDOFF = numerics.LIMIT_SLACK
 # Largest plausible deflections: of a joint in rad, of the tip over the reach, of a leg over its
 # length.
-_MAX_WIND_UP, _MAX_RELATIVE_DEFLECTION = float(np.radians(5.0)), 0.1
+_MAX_WIND_UP, MAX_RELATIVE_DEFLECTION = float(np.radians(5.0)), 0.1
 # Angles beyond their limits look like degrees if they are larger than this, angles without limits
 # if they are larger than twice this, those of a pose if they are larger than this.
 _TURN = 2.0 * np.pi
@@ -313,13 +313,18 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
         reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
-        if moved > _MAX_RELATIVE_DEFLECTION * reach > 0.0:
+        if moved > MAX_RELATIVE_DEFLECTION * reach > 0.0:
             parts.append(f"the tip moves by {moved:.3g} {units.length}, its reach is {reach:.3g}")
             values |= {"moved": moved, "reach": reach}
     if not parts:
         return []
     words = f"{'; '.join(parts)}. Is the load meant, and the unit of the springs (1 N m/arcmin is "
     return [Note("implausible-deflection", f"{words}3438 N m/rad)?", values)]
+
+
+def stretch_is_doubted(platform: Platform, springs: LineSprings) -> NDArray[np.bool_]:
+    """Which lines (m,) are legs or cables of a robot: springs without a platform may be soft."""
+    return np.asarray(springs.cables | (platform.kind == "stewart-gough"))
 
 
 def _stretched(
@@ -331,8 +336,8 @@ def _stretched(
     lengths, units = springs.lengths_at(platform.at(q).pose), elastic.units
     tensions = springs.tensions(lengths)
     x = tensions / springs.stiffness
-    of_robots = springs.cables | (platform.kind == "stewart-gough")
-    long = np.flatnonzero(of_robots & (np.abs(x) > _MAX_RELATIVE_DEFLECTION * lengths))
+    is_long = np.abs(x) > MAX_RELATIVE_DEFLECTION * lengths
+    long = np.flatnonzero(stretch_is_doubted(platform, springs) & is_long)
     if not long.size:
         return []
     long = long[np.argsort(-np.abs(x[long]))]

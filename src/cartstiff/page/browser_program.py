@@ -24,7 +24,7 @@ from cartstiff.choices import LOAD_KINDS
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION, Limits, stretch_is_doubted
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
 from cartstiff.potentials.beams import alike
@@ -241,5 +241,21 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
             "length": float(mechanism.length),
             "T_P_M": mechanism.T_P_M.tolist(),
             "leg_limits": None if bounds is None else bounds.tolist(),
+            "doubted": _doubted(elastic, mechanism),
         }
     return described
+
+
+def _doubted(elastic: ElasticMechanism, platform: Platform) -> dict[str, Any] | None:
+    """Legs whose stretch under a load is doubted, from which share on, and the note's units."""
+    springs, units = elastic.springs, elastic.units
+    if not isinstance(springs, LineSprings):
+        return None
+    return {
+        "rest_is_open": bool(np.isnan(springs.rest_length).any()),
+        "legs": np.flatnonzero(stretch_is_doubted(platform, springs)).tolist(),
+        "share": MAX_RELATIVE_DEFLECTION,
+        "names": list(elastic.spring_names),
+        "force": units.force,
+        "spring": units.spring(True),
+    }

@@ -436,8 +436,23 @@ export class Program {
       notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${general(this.least(held), 2)}`,
         values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * (m.sizes ?? m.columns)[i])) } });
     }
-    notes.push(...this.beyond(m), ...data.last_notes);
+    notes.push(...this.beyond(m), ...this.stretched(m), ...data.last_notes);
     return notes;
+  }
+
+  /** Legs that the load stretches implausibly; where rest lengths were given and no load was, the stretch is meant. */
+  stretched(m) {
+    const { doubted, length_unit: unit } = this.data;
+    if (!doubted || !(doubted.rest_is_open || m.given)) return [];
+    const lengths = this.lengths(m.pose);
+    const stretch = m.tensions.map((tension, i) => tension / m.stiffness[i]);
+    const long = doubted.legs.filter((i) => Math.abs(stretch[i]) > doubted.share * lengths[i]).sort((a, b) => Math.abs(stretch[b]) - Math.abs(stretch[a]));
+    if (!long.length) return [];
+    const size = (x) => general(Math.abs(x), 3);
+    const words = long.slice(0, 3).map((i) => `${doubted.names[i]} changes its length of ${size(lengths[i])} by ${size(stretch[i])} ${unit} `
+      + `under ${size(m.tensions[i])} ${doubted.force}, at ${size(m.stiffness[i])} ${doubted.spring}`);
+    return [{ code: "implausible-deflection", message: `${words.join("; ")}. Is the load meant, and the unit of the springs (1 N/um is 1e6 N/m)?`,
+      values: { stretch: Object.fromEntries(long.map((i) => [doubted.names[i], stretch[i]])) } }];
   }
 
   /** Drives that the closures have moved: more of them than there are motions are not all free. */
