@@ -240,6 +240,7 @@ def test_the_answer_comes_first() -> None:
     moved = np.linalg.norm((np.linalg.inv(result.tangent) @ load)[3:])
     assert f"the body frame moves {1e3 * moved:.4g} mm under the load" in answer
     assert "K^load is positive definite" in answer
+    assert "The springs are illustrative, not measured." in answer
     assert shown.index("Answer") < shown.index("Posture")
     shown = runner.invoke(cartstiff_command, ["analyse", "stewart-gough"]).output
     answer = shown.partition("Answer\n")[2].partition("\n\n")[0]

@@ -259,7 +259,7 @@ def command(
         shown, answer = "", list[str]()
         if reading.level != "none":
             shown = summary_text(data["analysis"], elastic.units, reading.level)
-            answer = answer_lines(data["analysis"], elastic.units)
+            answer = answer_lines(data["analysis"], elastic)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
         lines = [describe(result, shown, answer=answer), *by_parameters, *how]

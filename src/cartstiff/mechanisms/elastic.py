@@ -326,6 +326,11 @@ class ElasticMechanism(ShownInLines):
         return [p for p in (self.springs, *self.potentials) if p is not None]
 
     @property
+    def is_illustrative(self) -> bool:
+        """Whether the file says that its springs are illustrative, not measured."""
+        return "illustrative" in self.source.lower()
+
+    @property
     def units(self) -> Units:
         """Units of every number."""
         return self.mechanism.units

@@ -289,7 +289,7 @@ def _doubt(elastic: ElasticMechanism) -> str:
     assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
     if assumed:
         words = f"The springs are assumed: {assumed[0]}."
-    elif "illustrative" in (elastic.source or "").lower():
+    elif elastic.is_illustrative:
         words = "The springs are illustrative, not measured (see What is assumed)."
     else:
         return ""

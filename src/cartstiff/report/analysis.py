@@ -17,7 +17,7 @@ from cartstiff.errors import check_name, joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import SI, Units, engineering
-from cartstiff.mechanisms.elastic import gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.report.layout import (
     COSINES,
@@ -250,9 +250,10 @@ def summary_text(
     return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
 
 
-def answer_lines(summary: Mapping[str, Any], units: Units) -> list[str]:
+def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
     """Verdict, displacement under the load with its largest share, softest direction."""
-    name, definite, lines = summary["connection"], summary["definiteness"], []
+    name, definite, units = summary["connection"], summary["definiteness"], elastic.units
+    lines = ["  The springs are illustrative, not measured."] * elastic.is_illustrative
     if name is not None and definite is not None:
         is_tangent = summary.get("load") is None or name == "load"
         is_stable = definite.startswith("positive") or summary["symmetrised"] or not is_tangent
