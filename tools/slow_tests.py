@@ -21,8 +21,8 @@ HEAD = """\
 # Tests that `make test` leaves to `make thorough`; a file named on the command line runs whole.
 # Written by tools/slow_tests.py from the times of a whole run.
 """
-QUICK = 0.3
-LONG = 2.0
+QUICK = 0.2
+LONG = 1.5
 ALWAYS = (
     "tests/browser/test_page.py::test_every_kind_of_mechanism",
     "tests/browser/test_exported_answers.py::",
