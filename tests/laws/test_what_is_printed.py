@@ -15,7 +15,12 @@ from cartstiff.analysis.asymmetry import compare_connections
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import Scaled
-from cartstiff.report.analysis import describe, summary_text
+from cartstiff.report.analysis import (
+    describe,
+    largest_share,
+    links_of_coordinates,
+    summary_text,
+)
 from cartstiff.report.layout import percent
 from cartstiff.report.statics import describe_equilibrium
 
@@ -238,10 +243,27 @@ def test_the_answer_comes_first() -> None:
     answer = shown.partition("Answer\n")[2].partition("\n\n")[0]
     result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load)
     moved = np.linalg.norm((np.linalg.inv(result.tangent) @ load)[3:])
-    assert f"the body frame moves {1e3 * moved:.4g} mm under the load" in answer
+    assert f"The body frame moves {1e3 * moved:.4g} mm under the load" in answer
     assert "K^load is positive definite" in answer
     assert "The springs are illustrative, not measured." in answer
     assert shown.index("Answer") < shown.index("Posture")
     shown = runner.invoke(cartstiff_command, ["analyse", "stewart-gough"]).output
     answer = shown.partition("Answer\n")[2].partition("\n\n")[0]
     assert answer.strip() == "the symmetric part of K^load is indefinite"
+
+
+def test_a_compliant_link_is_named_with_the_sum_of_its_shares() -> None:
+    """The text names the link that the report names, not one of its virtual joints."""
+    chain = cartstiff.load("3-rrr")
+    result = cartstiff.analyse(chain, wrench=[0.0, 0.0, 0.0, 5.0, 0.0, 0.0])
+    deflection = analyse_posture(result)["deflection"]
+    links, summed = links_of_coordinates(chain), dict[str, float]()
+    for part in deflection["shares"]:
+        name = part["name"]
+        name = f"the link {links[name]}" if name in links else name
+        summed[name] = summed.get(name, 0.0) + part["share"]
+    most = max(summed, key=lambda name: abs(summed[name]))
+    (words,) = largest_share(deflection, chain)
+    assert words.endswith(f"comes from {most}")
+    assert words.startswith(f"{100 * summed[most]:.0f} %")
+    assert not any(name in words for name in links)

@@ -33,6 +33,7 @@ from cartstiff.page.source import Source
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.report.analysis import largest_share, links_of_coordinates, resisted_deflection
 from cartstiff.report.layout import placed
 from cartstiff.scene.scales import round_number
 from cartstiff.statics.equilibrium import equilibrium
@@ -317,34 +318,9 @@ def _under(elastic: ElasticMechanism, load: _Load) -> str:
     return f"Under {acting}{weight}, held by {holds}."
 
 
-def _links(elastic: ElasticMechanism) -> dict[str, str]:
-    """Compliant link of each virtual joint, by its name."""
-    return {
-        elastic.names[j]: potential.link
-        for potential in elastic.potentials
-        if isinstance(potential, (Beam, CoupledSprings)) and potential.link
-        for j in np.ravel(potential.indices)
-    }
-
-
-def _deflection(analysis: dict[str, Any]) -> dict[str, Any]:
-    """The deflection under the load, if the body resists it; else nothing."""
-    found: dict[str, Any] = analysis.get("deflection") or {}
-    return found if found and found["energy"] > 0.0 else {}
-
-
 def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[str]:
     """Which joint, link or leg contributes most to the deflection under the load."""
-    deflection, of_links = _deflection(analysis), _links(elastic)
-    summed: dict[str, float] = {}
-    for part in deflection.get("shares") or []:
-        name = f"the link {of_links[own]}" if (own := part["name"]) in of_links else own
-        summed[name] = summed.get(name, 0.0) + (part["share"] or 0.0)
-    if not summed:
-        return []
-    name = max(summed, key=lambda name: abs(summed[name]))
-    of = "this" if deflection["kind"] == "joints" else "the energy that this takes"
-    return [f"{100 * summed[name]:.0f} % of {of} comes from {name}."]
+    return [f"{words}." for words in largest_share(resisted_deflection(analysis), elastic)]
 
 
 def _softest(result: PostureStiffness) -> list[str]:
@@ -475,7 +451,7 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
     sweeps: dict[str, tuple[Array, Array]] = {}
     if mechanism.closures or load.added is None or load.held is not None:
         return sweeps
-    posture, virtual = mechanism.at(start), _links(elastic)
+    posture, virtual = mechanism.at(start), links_of_coordinates(elastic)
     limits, length = limits_of(mechanism), posture.length
     limits = limits.leaving_out(limits.side(limits.values(posture.q, posture.pose), length))
     for j, c in enumerate(mechanism.coordinates[:40]):
@@ -628,7 +604,7 @@ def _quantity(value: float | None, unit: str) -> str:
 def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str:
     """Each coordinate and spring: position before the load, stiffness, share of the deflection."""
     elastic, units = result.elastic, result.elastic.units
-    deflection = _deflection(analysis)
+    deflection = resisted_deflection(analysis)
     shares = {part["name"]: part["share"] for part in deflection.get("shares") or []}
     stiffness = [] if elastic.springs is None else np.asarray(elastic.springs.stiffness).tolist()
     springs = dict(zip(elastic.spring_names, stiffness, strict=False))

@@ -19,6 +19,8 @@ from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import SI, Units, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.report.layout import (
     COSINES,
     body_frame,
@@ -250,6 +252,35 @@ def summary_text(
     return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
 
 
+def resisted_deflection(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Deflection under the load of an analysis if the body resists it, else an empty one."""
+    found: dict[str, Any] = summary.get("deflection") or {}
+    return found if found and found["energy"] > 0.0 else {}
+
+
+def links_of_coordinates(elastic: ElasticMechanism) -> dict[str, str]:
+    """Compliant link of each virtual joint, by its name."""
+    return {
+        elastic.names[j]: potential.link
+        for potential in elastic.potentials
+        if isinstance(potential, (Beam, CoupledSprings)) and potential.link
+        for j in np.ravel(potential.indices)
+    }
+
+
+def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
+    """Words on the joint, link or leg that contributes most to a deflection, if shares exist."""
+    links, summed = links_of_coordinates(elastic), dict[str, float]()
+    for part in deflection.get("shares") or []:
+        name = f"the link {links[own]}" if (own := part["name"]) in links else own
+        summed[name] = summed.get(name, 0.0) + (part["share"] or 0.0)
+    if not summed:
+        return []
+    name = max(summed, key=lambda name: abs(summed[name]))
+    of = "this" if deflection["kind"] == "joints" else "the energy that this takes"
+    return [f"{100 * summed[name]:.0f} % of {of} comes from {name}"]
+
+
 def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
     """Verdict, displacement under the load with its largest share, softest direction."""
     name, definite, units = summary["connection"], summary["definiteness"], elastic.units
@@ -260,16 +291,12 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
         part = "the symmetric part of " if summary["symmetrised"] else ""
         lines.append(f"  {part}K^{name} is {_DEFINITE.get(definite, definite)}")
         lines[-1] += "" if is_stable else ": the posture is not stable"
-    moved = summary.get("deflection")
-    if moved is not None and moved["energy"] > 0.0 and definite in (None, "positive"):
+    moved = resisted_deflection(summary)
+    if moved and definite in (None, "positive"):
         size = engineering(math.hypot(*moved["displacement"]), units.length)
-        shares = [s for s in moved["shares"] or [] if s["share"] is not None]
-        of = "this" if moved["kind"] == "joints" else "the energy that this takes"
-        what = "this point" if any(moved["point"]) else "the body frame"
-        lines.append(f"  {what} moves {size} under the load (linear, K^{moved['connection']})")
-        if shares:
-            most = max(shares, key=lambda s: abs(s["share"]))
-            lines[-1] += f"; {percent(most['share'])} of {of} comes from {most['name']}"
+        what = "This point" if any(moved["point"]) else "The body frame"
+        moves = f"  {what} moves {size} under the load (linear, K^{moved['connection']})"
+        lines.append("; ".join([moves, *largest_share(moved, elastic)]))
     lines += _softest(summary["ellipsoids"], units)
     return ["", "Answer", *lines] if lines else []
 
