@@ -149,6 +149,23 @@ def test_a_sweep_of_a_closed_chain_stays_assembled(session):
             assert np.abs(motors - [x, one.start.q[2]]).max() > 1e-3
 
 
+def test_a_load_that_bends_links_leaves_the_sweep_and_the_sliders(session):
+    one = session("3-rrr")
+    load = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "inertial"}
+    free, loaded = (
+        {x for x, row in zip(found["at"], found["rows"], strict=True) if "reason" not in row}
+        for found in (
+            worked(one, do="sweep", coordinate=15, steps=13, state=state, refined=False)
+            for state in ({}, load)
+        )
+    )
+    assert len(free) > 3
+    assert loaded == free
+    numbers = asked(one, do="numbers", state=load)["numbers"]
+    assert np.abs(np.subtract(numbers["result"]["q"], one.start.q)).max() > 1e-4, "links bend"
+    assert numbers["q"] == pytest.approx(one.start.q, abs=1e-12), "sent back with the next state"
+
+
 def test_the_motor_moves_and_the_closures_follow(session):
     one = session("five-bar")
     q = one.start.q

@@ -132,7 +132,7 @@ class Session:
         cloud = self.source.cloud
         return state.model_copy(
             update={
-                "q": (self._placed(state)[1] if source.command else result.q).tolist(),
+                "q": self._before_load(result, state).tolist(),
                 "quantity": quantity,
                 "quantity_of_map": None if cloud is None else next(iter(cloud.values)),
             }
@@ -264,10 +264,18 @@ class Session:
                 q = mechanism.closed(q, hold=hold).q
         return elastic, q
 
+    def _before_load(self, result: PostureStiffness, state: ViewState) -> Array:
+        """Coordinates before drives are commanded to move and before a load bends links.
+
+        A page sends them back with the next state, which must not begin with bent links: a closed
+        chain whose links are bent may not close at other positions of its drives.
+        """
+        bends = isinstance(self._elastic.mechanism, Chain) and self._elastic.mechanism.virtual
+        return self._placed(state)[1] if state.command or bends else result.q
+
     def numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-        """Its numbers; "q" is where the sliders stand, before the drives move on."""
-        q = result.q if not state.command else self._placed(state)[1]
-        numbers = shown_numbers(result, state) | {"q": q.tolist()}
+        """Its numbers; "q" is where the sliders are, see `_before_load`."""
+        numbers = shown_numbers(result, state) | {"q": self._before_load(result, state).tolist()}
         if state.gravity is not None or state.payload is not None:
             numbers["weighed"] = gravity_loads(result.elastic).text
         return numbers
@@ -411,13 +419,14 @@ class Session:
                 result = self.result(at)
                 if moved_on := self._moved_on(result, at):
                     return {"reason": moved_on}
-                return series_row(result, at)
+                row = series_row(result, at)
+                return row if at.command else row | {"q": self._before_load(result, at).tolist()}
         except CartstiffError as error:
             return {"reason": str(error)}
 
     def _moved_on(self, result: PostureStiffness, state: ViewState) -> str | None:
         """Why a posture is not the one asked for: its closures have moved a coordinate on."""
-        reached = result.q if not state.command else self._placed(state)[1]
+        reached = self._before_load(result, state)
         names, wanted = self._elastic.names, state.q or ()
         away = [
             (
