@@ -270,8 +270,10 @@ class Session:
         A page sends them back with the next state, which must not begin with bent links: a closed
         chain whose links are bent may not close at other positions of its drives.
         """
-        bends = isinstance(self._elastic.mechanism, Chain) and self._elastic.mechanism.virtual
-        return self._placed(state)[1] if state.command or bends else result.q
+        mechanism, q = self._elastic.mechanism, self._q if state.q is None else np.array(state.q)
+        links = sorted(mechanism.virtual) if isinstance(mechanism, Chain) else []
+        is_bent = bool((result.q[links] != q[links]).any())
+        return self._placed(state)[1] if state.command or is_bent else result.q
 
     def numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Its numbers; "q" is where the sliders are, see `_before_load`."""
