@@ -140,7 +140,7 @@ def test_an_indefinite_matrix_has_no_ellipsoid():
     facts = legend["ellipsoids"]["rotation"]
     assert not facts["shown"]
     assert facts["definiteness"] == "indefinite"
-    assert "indefinite: the smallest principal value is -511" in facts["reason"]
+    assert "indefinite, smallest principal value -511" in facts["reason"]
     viewer, body = drawing.viewer, drawing.body("rotation")
     assert not viewer.visible(body)
     parts = [body.replace("body", f"axis {i}") for i in (1, 3)]
@@ -160,7 +160,7 @@ def test_a_singular_matrix_is_a_disc_or_a_rod():
     drawing = Drawing("grasp")
     facts = drawing.draw()["ellipsoids"]["rotation"]
     assert facts["definiteness"] == "positive semidefinite"
-    assert "singular: a principal value is zero; what is drawn is a disc" in facts["reason"]
+    assert "one principal value is zero: drawn as a disc" in facts["reason"]
     assert facts["radii"][0] == 0.0
     body = drawing.body("rotation")
     assert drawing.viewer.visible(body)
@@ -169,7 +169,7 @@ def test_a_singular_matrix_is_a_disc_or_a_rod():
     assert lengths[1:] == pytest.approx(facts["radii"][1:])
     rod = add_ellipsoid(ViewerNode(RecordingWindow(), "/meshcat"), np.diag([0.0, 3.0, 0.0]))
     assert rod["shown"]
-    assert "two principal values are zero; what is drawn is a rod" in rod["reason"]
+    assert "two principal values are zero: drawn as a rod" in rod["reason"]
 
 
 def test_what_does_not_exist_has_its_reason():

@@ -196,7 +196,7 @@ class ChainPosture(MechanismPosture):
                 return IDENTITY
             if chain.closures:
                 return "K^F needs six actuated coordinates: the mechanism names none"
-            return f"K^F needs six joint coordinates as a chart of SE(3): this chain has {n}"
+            return f"K^F needs exactly six joint coordinates; this chain has {n}"
         select = self.actuation
         if select is None or len(actuated) != 6:
             return f"K^F needs six actuated coordinates: this mechanism has {len(actuated)}"

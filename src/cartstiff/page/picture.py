@@ -131,15 +131,13 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
     for freedom, facts in legend["ellipsoids"].items():
         if facts is None:
             continue
-        words = (
-            _radius(facts, length, legend["length"]["bar"])
-            if facts["shown"]
-            else f"not drawn: {facts['reason']}"
-        )
-        if facts["shown"] and facts["reason"]:
-            words += f"; {facts['reason']}"
         other = "rotation" if freedom == "translation" else "translation"
-        text = f"{freedom} ({other} {legend['others']}): {words}"
+        text = f"{freedom} ({other} {legend['others']})"
+        if not facts["shown"]:
+            text += f" is not drawn: {facts['reason']}"
+        else:
+            text += f": {_radius(facts, length, legend['length']['bar'])}"
+            text += f"; {facts['reason']}" if facts["reason"] else ""
         lines.append({"mark": freedom, "text": text})
     wrench = legend["wrench"]
     if wrench is not None:
@@ -152,8 +150,8 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
             )
             longer = _length(scale["length_per_decade"], length)
             text = (
-                f"{kind}: {number(size, unit)} is {_length(wrench[kind], length)} long, "
-                f"ten times as much {longer} longer"
+                f"{kind}: {number(size, unit)} is {_length(wrench[kind], length)} long; "
+                f"ten times the {kind} is {longer} longer"
             )
             law = f"length = {longer} log10(1 + {kind} / {number(scale['zero_at'], unit)})"
             lines.append({"mark": kind, "text": text, "title": law})

@@ -216,11 +216,11 @@ class LineSprings(PosePotential):
         if len(lines) > numerics.rank(values):
             tensions = self.balanced_at[1].tolist()
             message = (
-                "many tensions of the lines balance the load: those nearest to the given ones, or "
-                "to none, were chosen"
+                "several sets of tensions balance the load; this is the set nearest to the given "
+                "tensions, or to zero"
             )
             if self.unilateral:
-                message += ", every cable taut where that is possible"
+                message += ", with every cable taut where that is possible"
             notes.append(Note("tensions-chosen", message, {"tensions": tensions}))
         return notes
 

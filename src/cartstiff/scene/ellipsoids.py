@@ -34,8 +34,8 @@ FLAT = 1e-4
 #: Half the length at least of an axis whose value is not zero.
 SHORTEST = 0.015
 _FLAT = {
-    1: "singular: a principal value is zero; what is drawn is a disc",
-    2: "singular: two principal values are zero; what is drawn is a rod",
+    1: "one principal value is zero: drawn as a disc",
+    2: "two principal values are zero: drawn as a rod",
 }
 # Behind the value of an axis that is longer than it is drawn.
 CUT = " (cut)"
@@ -225,8 +225,8 @@ def _reason(shape: Ellipsoid, unit: str) -> str:
         zeros = int(np.sum(np.abs(shape.eigenvalues) <= size))
         return _FLAT[max(1, zeros)]
     if kind == "zero":
-        return "zero: there is nothing to draw"
-    return f"{kind}: the smallest principal value is {low}"
+        return "it is zero"
+    return f"{kind}, smallest principal value {low}"
 
 
 def _darker(colour: int) -> int:

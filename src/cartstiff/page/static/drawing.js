@@ -209,7 +209,7 @@ export class Drawing {
     const found = here.principal?.[freedom];
     this.show(at, state[freedom] && found !== undefined);
     if (!state[freedom]) return null;
-    if (!found) return { mark: freedom, text: `${called}: not drawn: no ${quantity} exists here` };
+    if (!found) return { mark: freedom, text: `${called} is not drawn: no ${quantity} exists here` };
     const { values, definiteness: kind } = found;
     const R = rotation(here.pose);
     const axes = found.axes.map((v) => times(R, v));
@@ -244,9 +244,9 @@ export class Drawing {
     }
     const { length } = this.scene.units;
     const cut = Math.max(...lengths) >= scale.most ? `; cut at ${inLength(scale.most, length)}: the stiffest axis is longer` : "";
-    const words = solid ? scale.words(unit, length, assets.bar) + cut
-      : `not drawn: ${kind}: the smallest principal value is ${number(values[0], unit)}`;
-    return { mark: freedom, text: `${called}: ${words}` };
+    const words = solid ? `: ${scale.words(unit, length, assets.bar)}${cut}`
+      : ` is not drawn: ${kind}, smallest principal value ${number(values[0], unit)}`;
+    return { mark: freedom, text: called + words };
   }
 
   arrows(m, here, state) {
@@ -266,7 +266,7 @@ export class Drawing {
       if (state.labels) this.write(`${path}/label`, number(size, unit), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
       else this.show(`${path}/label`, false);
       const longer = inLength(per, this.scene.units.length);
-      lines.push({ mark: kind, text: `${kind}: ${number(size, unit)} is ${inLength(length, this.scene.units.length)} long, ten times as much ${longer} longer`,
+      lines.push({ mark: kind, text: `${kind}: ${number(size, unit)} is ${inLength(length, this.scene.units.length)} long; ten times the ${kind} is ${longer} longer`,
         title: `length = ${longer} log10(1 + ${kind} / ${number(zero, unit)})` });
     });
     return lines;
