@@ -22,6 +22,7 @@ from cartstiff.cli.declare import Command, Factors, OptionType, add_once
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.matrix_names import Letter
+from cartstiff.notes import DOUBTS
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
@@ -801,7 +802,7 @@ class Printed:
 
         write_files(*((getattr(self, name), make) for name, make in files.items()))
         notes = data.get("notes", ())
-        doubted = [n for n in notes if n["code"] == "stiffness-assumed"]
+        doubted = [n for n in notes if n["code"] in DOUBTS]
         if self.json:
             first = (
                 {"notes": [*doubted, *(n for n in notes if n not in doubted)]} if doubted else {}

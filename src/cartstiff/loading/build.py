@@ -30,6 +30,7 @@ from cartstiff.errors import (
 )
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import JointPoses
+from cartstiff.loading.branches import FEET, notes_on_branches
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.plausible import large_strains
 from cartstiff.loading.robot_description import (
@@ -142,7 +143,6 @@ def _tool_rank(name: str) -> int:
 # A link with at least so many joints before it is a hand if it branches into chains that are all at
 # most so long and have no foot's name.
 _MIN_WRIST_DEPTH, _MAX_FINGER_JOINTS = 4, 4
-_FEET = re.compile("foot|toe", re.IGNORECASE)
 
 
 def _hand_joints(model: Any, free_joints: Collection[str]) -> set[str]:
@@ -157,7 +157,7 @@ def _hand_joints(model: Any, free_joints: Collection[str]) -> set[str]:
             continue
         ends = {names[j] for j in beyond}
         is_short = max(depths[j] for j in beyond) - depth <= _MAX_FINGER_JOINTS
-        if is_short and not any(map(_FEET.search, ends)):
+        if is_short and not any(map(FEET.search, ends)):
             found |= ends
     return found
 
@@ -203,7 +203,7 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
         # it is the deepest in the tree of fixed joints.
         ends, joints = (arms, longest_arm) if arms else (moving, longest)
         end = next(chain for _, chain in ends if len(chain) == joints)
-        feet = (chain for name, chain in ends if chain[:-1] == end[:-1] and _FEET.search(name))
+        feet = (chain for name, chain in ends if chain[:-1] == end[:-1] and FEET.search(name))
         end = next(feet, end)
         chosen = [name for name, chain in ends if chain == end][-1]
         why = f"a frame at the end of the longest chain ({joints} joints)"
@@ -1311,6 +1311,9 @@ def chain_of(
     tree = closing.tree
     _check_joints(in_closures, tree.names, "key q")
     notes += description_notes(description, tree, given, closed)
+    fingers = _hand_joints(description.model, facts.loose)
+    fingers |= {n for n in description.model.names if _is_finger(n)}
+    notes += notes_on_branches(description.model, facts, tree.names, frame, fingers)
 
     def at_base(chain: Chain) -> None:
         chain.base_pose = fixed(base)

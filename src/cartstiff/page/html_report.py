@@ -27,6 +27,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
+from cartstiff.notes import OPEN_LOOPS
 from cartstiff.page.export import export_page
 from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room, verdict
 from cartstiff.page.source import Source
@@ -286,15 +287,16 @@ def _answer(
 
 
 def _doubt(elastic: ElasticMechanism) -> str:
-    """A line in amber where the springs are assumed, or illustrative by what their file says."""
+    """Lines in amber: springs that are assumed, or illustrative by their file, and open loops."""
     assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
+    lines = [
+        f"{n.message[0].upper()}{n.message[1:]}." for n in elastic.notes if n.code == OPEN_LOOPS
+    ]
     if assumed:
-        words = f"The springs are assumed: {assumed[0]}."
+        lines.append(f"The springs are assumed: {assumed[0]}.")
     elif elastic.is_illustrative:
-        words = "The springs are illustrative, not measured (see What is assumed)."
-    else:
-        return ""
-    return f'<p class="doubt">{_text(words)}</p>'
+        lines.append("The springs are illustrative, not measured (see What is assumed).")
+    return "".join(f'<p class="doubt">{_text(line)}</p>' for line in lines)
 
 
 def _under(elastic: ElasticMechanism, load: _Load) -> str:

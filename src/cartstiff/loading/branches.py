@@ -1,0 +1,140 @@
+"""Joints beside the chain to the frame of interest: what does not act, and loops left open.
+
+A tree that a drawing program exports from a parallel machine has its loops cut. The chain to one
+frame is then one leg, and its answer is that of a serial arm.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.loading.robot_facts import RobotFacts
+from cartstiff.mechanisms.tree_building import find_frame
+from cartstiff.notes import OPEN_LOOPS, Note
+
+#: Names that a note lists before it counts the rest.
+_MOST_NAMES = 6
+#: Two equal chains of more joints are arms of one body.
+_MOST_OF_PAIR = 3
+#: Legs of walking machines, as fingers of hands, are alike and hold no common body.
+FEET = re.compile("foot|toe", re.IGNORECASE)
+#: Fewest joints that make chains comparable; so many without a distance between them are one, too.
+_FEWEST_JOINTS, _FEWEST_WITHOUT_LENGTH = 2, 4
+
+
+def notes_on_branches(
+    model: Any, facts: RobotFacts, kept: Collection[str], frame: str, fingers: Collection[str]
+) -> list[Note]:
+    """Return notes on joints that do not act on a frame and might be expected to.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The whole robot.
+    facts : RobotFacts
+        Its springs, couplings and actuators.
+    kept : collection of str
+        Coordinates of the mechanism.
+    frame : str
+        The frame of interest.
+    fingers : collection of str
+        Joints of hands, of which nobody expects that they hold the frame.
+    """
+    notes, words = [], f"not on the chain to {frame!r}"
+    names = [name for name in list(model.names)[1:] if name not in fingers]
+    away = [name for name in names if name not in kept and name not in facts.followers]
+    if springs := [name for name in away if name in facts.springs]:
+        message = f"{len(springs)} joints with springs are {words} and do not act"
+        if len(springs) == 1:
+            message = f"1 joint with a spring is {words} and does not act"
+        notes.append(Note("idle-springs", f"{message}: {_listed(springs)}", {"joints": springs}))
+    if FEET.search(frame) or "hand" in str(model.name).lower():
+        return notes
+    chains = equal_chains(model, int(find_frame(model, frame).parentJoint))
+    chains = [chain for chain in chains if set(fingers).isdisjoint(chain) and chain[0] not in kept]
+    beside = [name for chain in chains for name in chain]
+    is_short_pair = len(chains) == 1 and len(beside) <= _MOST_OF_PAIR and set(away) == set(beside)
+    driven = [name for name in away if name in facts.actuated]
+    undriven = [name for name in kept if name in names and name not in facts.actuated]
+    if len(chains) >= 2 or is_short_pair:
+        message = f"{frame!r} is at the end of one of {len(chains) + 1} equal chains"
+    elif 0 < len(driven) <= len(undriven):
+        beside = driven
+        message = f"no actuator drives {_listed(undriven)} on the chain to {frame!r}"
+    else:
+        return notes
+    message += (
+        f", and joints beside it do not act: {_listed(beside)}. If they hold the same body in the "
+        "real machine, this is the answer of one leg alone: name its loops under 'closures' in a "
+        "mechanism file of kind closed-chain"
+    )
+    return [*notes, Note(OPEN_LOOPS, message, {"frame": frame, "joints": beside})]
+
+
+def equal_chains(model: Any, joint: int) -> list[list[str]]:
+    """Return the chains beside the one to a joint that are equal to it, joint by joint.
+
+    They begin on one link. Chains are equal if hinges and slides follow each other in the same
+    order at the same distances, as far as the shorter one goes. Where several links have equal
+    chains, those of the link with the most of them are returned.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The robot.
+    joint : int
+        The joint at the end of the chain.
+    """
+    support = [int(j) for j in model.supports[joint]]
+    best: list[list[str]] = []
+    for place, start in enumerate(support[:-1]):
+        own = support[place + 1 :]
+        found = []
+        for child in (int(j) for j in model.children[start]):
+            if child == own[0]:
+                continue
+            paths = [
+                [int(j) for j in model.supports[end] if j >= child]
+                for end in range(child, model.njoints)
+                if child in model.supports[end] and not len(model.children[end])
+            ]
+            if equal := [path for path in paths if _are_equal(model, own, path)]:
+                found.append([str(model.names[j]) for j in max(equal, key=len)])
+        best = max(best, found, key=len)
+    return best
+
+
+def _are_equal(model: Any, one: Sequence[int], other: Sequence[int]) -> bool:
+    """Whether the joints of two chains are of the same kinds at the same distances."""
+    count = min(len(one), len(other))
+    if count < _FEWEST_JOINTS:
+        return False
+    kinds = [[_kind(model.joints[j]) for j in chain[:count]] for chain in (one, other)]
+    sizes = np.array(
+        [
+            [np.linalg.norm(model.jointPlacements[j].translation) for j in chain[1:count]]
+            for chain in (one, other)
+        ]
+    )
+    largest = float(sizes.max())
+    differ = np.abs(sizes[0] - sizes[1]) > numerics.LOST_ERROR * largest
+    has_shape = largest > numerics.CLOSE or count >= _FEWEST_WITHOUT_LENGTH
+    return kinds[0] == kinds[1] and has_shape and not differ.any()
+
+
+def _kind(joint: Any) -> str:
+    """Kind of a joint, without the direction of its axis."""
+    name = str(joint.shortname()).removeprefix("JointModel")
+    return re.sub("^(R|P)((UB)?[XYZ]|(evolute|rismatic)(Unbounded)?Unaligned)$", r"\1", name)
+
+
+def _listed(names: Iterable[str]) -> str:
+    """The first names, and how many more there are."""
+    names = list(names)
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
