@@ -179,7 +179,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     """Each joint's or leg's part, with its name and unit kind."""
     springs, posture = r.elastic.springs, r.posture
     if isinstance(springs, FlexureStruts):
-        raise UndefinedError("the flexures bend too, so that the legs do not account for all of it", code="no-shares")
+        raise UndefinedError("the flexures deflect too, not only the legs", code="no-shares")
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
         legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)

@@ -233,10 +233,11 @@ def _help_all(ctx: click.Context) -> None:
 
 
 def _brief(text: str, room: int) -> str:
-    """Return the first sentence of a help text, or its part before a colon, with the default."""
+    """Return the first sentence of a help text, or as much as fits, with the default."""
     words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups("")  # type: ignore[union-attr]
     sentence = re.split(r"(?<=\.)\s", words)[0]
-    ends = [m.start() for m in re.finditer(r"[:;] |\.$", sentence) if m.start() < room]
+    stops = re.finditer(r"[:;] |, (?![a-z]{1,2},)| \(|\.$", sentence)
+    ends = [m.start() for m in stops if m.start() < room]
     if not ends:
         return f"{sentence[: room - 3].rpartition(' ')[0]}..."
     brief = f"{sentence[: ends[-1]]}."

@@ -56,7 +56,7 @@ def command(
     output
         Keep every finished design here; go on with a file that exists.
     best : N
-        Most designs of the Pareto front that the text lists.
+        Number of designs of the front that are printed.
     workers : N
         Processes, each with whole designs.
     progress

@@ -91,12 +91,12 @@ def command(
     follower
         The same as --load-kind follower.
     hold
-        Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the axes of
+        Prescribed displacement of the body: rx, ry, rz, x, y, z (rad, length), along the axes of
         the unloaded body, or with --world the inertial axes.
     no_limits
         Ignore joint and leg limits.
     curve
-        Load-deflection curve up to this multiple of the load, with critical loads.
+        Load-deflection curve, up to this multiple of the load, with critical loads.
     path : FILE.csv
         Compensate along a path: one posture a line, or posture and wrench (as for --load, in the
         axes of the body at that posture), under a line of names if wanted; gives the commands that
@@ -106,8 +106,8 @@ def command(
         under the weight, or all, also that by the weight (the default where the file gives all rest
         positions).
     against_gravity
-        Gravity in F [m/s^2] under which the mechanism rests first, at the posture: the displacement
-        is the change from there to the gravity of --gravity or the file.
+        Gravity at the start, in F [m/s^2]. Under it the mechanism rests at the posture; the
+        displacement is the change from there to the gravity of --gravity or the file.
 
     Examples
     --------

@@ -92,9 +92,9 @@ class Table:
     Parameters
     ----------
     point
-        Point of the body, in its frame, that was measured; default its origin.
+        Measured point of the body, in its frame; default its origin.
     load_at
-        Point of the body, in its frame, at which loads act; default the measured one.
+        Point of the body where loads act, in its frame; default the measured one.
     axes
         Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table of
         `cartstiff path`.
@@ -179,7 +179,7 @@ class Fit:
         Unknown placement of the measuring frame in each session of a table with positions: position
         and rotation (rigid, the default), position alone, or none.
     loaded
-        Fit equilibria under the load instead of displacements that are linear in it.
+        Fit equilibria under the load, instead of displacements that are linear in it.
     fit
         Fit whose estimates come first.
     reject
@@ -264,8 +264,8 @@ class Plan:
     have : FILE.csv
         Rows that are measured already; the plan adds to them.
     simulate : SEED
-        Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as MECHANISM
-        would show them.
+        Simulate measurements: fill the columns of --sd into the rows of DATA.csv, as MECHANISM
+        would show them, with noise of that size.
     outliers : N
         Rows of --simulate with an error of 20 standard deviations.
     """
@@ -420,7 +420,7 @@ def command(
     data : [DATA.csv]
         The measurements.
     output
-        Write a mechanism file with the stiffnesses and their covariance.
+        Write a mechanism file, with the stiffnesses and their covariance.
 
     Examples
     --------

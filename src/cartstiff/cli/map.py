@@ -66,7 +66,7 @@ class Where:
         Values of a coordinate; repeat it, or separate by commas, for several. The others stay where
         --q or the file has them.
     random : N
-        N random postures within the limits of the joints; compliant links start unbent.
+        N random postures within the joints' limits; compliant links start straight.
     ranges
         Other limits of a coordinate; --range NAME=V:V holds it. For --random.
     cartesian
@@ -284,8 +284,8 @@ class Shown:
     Parameters
     ----------
     below
-        Print the share of the reached places at which the first quantity is at most this (0.2mm),
-        by the best branch of each place; a heat map has a line there.
+        Print the share of the places below a value: of those that are reached, where the first
+        quantity is at most this (0.2mm), by the best branch of each; a heat map has a line there.
     above
         The same for at least this value.
     single_branch

@@ -41,8 +41,8 @@ class Controller:
     Parameters
     ----------
     impedance : FILE
-        Stiffness that a controller shall produce at the body frame (6x6; .json, .csv or .npy). The
-        answer holds the damping by double diagonalisation with the masses at the posture, in the
+        Stiffness of a controller at the body frame (6x6; .json, .csv or .npy). The
+        answer has the damping by double diagonalisation with the masses at the posture, in the
         order and along the axes of the file, and joint-space gains.
     order
         Order of the rows of --impedance; default what its file says, else angular-linear.
@@ -123,8 +123,8 @@ class Response:
     Parameters
     ----------
     response
-        Response of the body to a force on it at COUNT frequencies [Hz], 400 by default: in equal
-        ratios, or in equal steps if LOW is 0.
+        Response to a force on the body, at COUNT frequencies [Hz], 400 by default: in equal ratios,
+        or in equal steps if LOW is 0.
     kind
         Displacement, velocity or acceleration per force; or motion of the body per motion of the
         ground.
@@ -134,7 +134,7 @@ class Response:
         Direction for --response, along the body's axes (the room's for a transmissibility); default
         x, y and z.
     lobes
-        Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by the
+        Stability lobes of --milling, between two spindle speeds [rev/min]: limiting depth by the
         zeroth-order theory.
     measured : FILE
         Response measured at the tool, in place of the modes for --lobes: .csv or .mat of three
@@ -276,10 +276,9 @@ def command(
     out
         Output.
     compare : NAMES
-        Also print the frequencies computed from a 6x6 stiffness and a mass at the tip: some of
-        A,B,K,F,load,energy.
+        Compare frequencies of 6x6 stiffnesses: with a mass at the tip; some of A,B,K,F,load,energy.
     strict
-        Exit with code 3 where there are no modes.
+        Exit with code 3 if there are no modes.
 
     Examples
     --------

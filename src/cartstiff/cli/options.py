@@ -539,7 +539,7 @@ class Posture:
         Frame of --pose: the body's own frame, or M, which --tcp and the file may put elsewhere.
         With M at a pivot, other angles are a motion about it.
     lengths
-        Posture of a platform by its six leg lengths, near the file's pose.
+        Posture by six leg lengths, near the file's pose.
     springs
         Published joint springs by name (see `cartstiff models`), a table (.csv) with columns joint
         and stiffness [N m/arcmin], or "actuators": the kp of an MJCF file's position actuators.

@@ -133,7 +133,7 @@ def command(
     out
         Output.
     free_axis
-        The body may turn about this axis of its own frame, the tool's axis.
+        Axis of the body about which it may turn, the tool's axis.
     free_rotation
         The body may turn in any way.
     direction

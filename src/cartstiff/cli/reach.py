@@ -73,7 +73,7 @@ def assemble_command(
     out
         Output.
     strict
-        Exit with code 3 where no mode exists, or some may be missing.
+        Exit with code 3 if modes may be missing, or none exists.
 
     Examples
     --------
@@ -147,8 +147,8 @@ def workspace_command(
     load: Annotated[
         Load,
         Overrides(
-            load="Wrench on the body in its own frame at the pose the rays start from, where "
-            "forces or tensions are limited."
+            load="Wrench on the body, in its own frame at the pose from which the rays start; "
+            "only for limited forces or tensions."
         ),
     ],
     search: Search,
@@ -183,7 +183,7 @@ def workspace_command(
     progress
         Bar on standard error; default on a terminal.
     strict
-        Exit with code 3 where architecture or orientation is singular.
+        Exit with code 3 if it is singular: architecture or orientation.
 
     Examples
     --------

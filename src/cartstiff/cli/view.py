@@ -23,10 +23,10 @@ class Shown:
     Parameters
     ----------
     map_path : FILE
-        Also draw the points of a stiffness map, or of the table that `cartstiff workspace --csv`
-        writes, coloured by a quantity or by the limit that cuts.
+        Also draw a stiffness map: its points, or those of the table that `cartstiff workspace
+        --csv` writes, coloured by a quantity or by the limit that cuts.
     workspace
-        Also draw the boundary of the workspace around the posture, coloured by the limit that cuts,
+        Also draw the workspace's boundary, around the posture, coloured by the limit that cuts,
         and the singular surface, as `cartstiff workspace` finds them.
     trajectory : FILE.csv
         Postures for a time slider: one a line, in joint order or under a line of names; a column
@@ -209,8 +209,9 @@ def export_command(
 ) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
 
-    The file of an arm, or of a body on line legs, computes any posture, load, springs and point.
-    The browser cannot compute other mechanisms: their file shows one posture, and says so.
+    The file of an arm, a closed chain or a body on straight legs computes any posture, load,
+    springs and point. The browser cannot compute other mechanisms: their file shows one posture,
+    and says so.
 
     Parameters
     ----------
