@@ -252,6 +252,19 @@ def test_the_answer_comes_first() -> None:
     assert answer.strip() == "the symmetric part of K^load is indefinite"
 
 
+def test_springs_are_illustrative_until_all_were_given() -> None:
+    arm, delta = cartstiff.load("ur5"), cartstiff.load("delta")
+    names = arm.spring_names
+    assert arm.with_springs(dict.fromkeys(names[1:], 1e4)).is_illustrative
+    assert not arm.with_springs(1e4).is_illustrative
+    assert (
+        not arm.with_springs({names[0]: 1e4})
+        .with_springs(dict.fromkeys(names[1:], "3 N m/arcmin"))
+        .is_illustrative
+    )
+    assert delta.with_springs(1e4).is_illustrative  # the rods' springs are the file's
+
+
 def test_a_compliant_link_is_named_with_the_sum_of_its_shares() -> None:
     """The text names the link that the report names, not one of its virtual joints."""
     chain = cartstiff.load("3-rrr")

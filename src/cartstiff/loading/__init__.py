@@ -244,7 +244,8 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
             where=one_line(text),
-            expected=".yaml, .urdf, .xacro or MJCF .xml",
+            expected=".yaml, .urdf, .xacro or MJCF .xml"
+            + "; a DH table goes into a .yaml as 'dh: {table: ...}'" * (suffix == ".csv"),
         )
     if not robots and text.isidentifier():
         example_robot(text)  # its error says how to install the robots that may have this name

@@ -685,7 +685,7 @@ def first_error(
         what, got = "unknown key", repr(at[-1])
         expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
     elif kind == "missing":
-        what, expected, got = f"key {at[-1]!r} is missing", None, None
+        what, expected, got = f"key {at[-1]!r} is missing", _meaning(str(at[-1])), None
     elif kind in ("union_tag_invalid", "union_tag_not_found"):
         what, expected, at = "unknown kind", ", ".join(FILE_KINDS), ("kind",)
         got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
@@ -713,13 +713,19 @@ def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | 
 
 def known_keys(base: type[BaseModel]) -> set[str]:
     """Return every key of the models of a file."""
-    models = [base]
-    keys: set[str] = set()
-    while models:
-        model = models.pop()
-        keys.update(model.model_fields)
-        models.extend(model.__subclasses__())
-    return keys
+    return {key for model in _models(base) for key in model.model_fields}
+
+
+def _models(base: type[BaseModel]) -> list[type[BaseModel]]:
+    """A model and all that derive from it."""
+    return [base, *(model for own in base.__subclasses__() for model in _models(own))]
+
+
+def _meaning(key: str) -> str | None:
+    """Words of a key that means the same in all models."""
+    fields = (model.model_fields.get(key) for model in _models(FileModel))
+    words = {field.description for field in fields if field is not None}
+    return words.pop() if len(words) == 1 else None
 
 
 _TYPES = {

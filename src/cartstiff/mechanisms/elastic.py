@@ -267,6 +267,8 @@ class ElasticMechanism(ShownInLines):
         Uncertainty of the stiffnesses, where they were measured.
     source : str
         Source of the numbers, for readers; empty where it is not known.
+    given : frozenset of str
+        Names of the springs whose stiffness was given in place of the file's.
     parameters : mapping of str to float
         Values of the parameters of the mechanism's file, in its units; empty without any.
     files : tuple of (str, str)
@@ -283,6 +285,7 @@ class ElasticMechanism(ShownInLines):
     damping: Array | None = None
     identified: Identified | None = None
     source: str = ""
+    given: frozenset[str] = frozenset()
     parameters: Mapping[str, float] = field(default_factory=dict)
     files: tuple[tuple[str, str], ...] = ()
 
@@ -327,8 +330,13 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def is_illustrative(self) -> bool:
-        """Whether the file says that its springs are illustrative, not measured."""
-        return "illustrative" in self.source.lower()
+        """Whether the file says that its springs are illustrative, and not all were replaced."""
+        if "illustrative" not in self.source.lower():
+            return False
+        if self.springs is None or len(self.parted_terms()[0]) > 1:
+            return True
+        shown = zip(self.spring_names, self.springs.stiffness, strict=True)
+        return not self.given.issuperset(name for name, k in shown if k)
 
     @property
     def units(self) -> Units:
@@ -471,12 +479,19 @@ class ElasticMechanism(ShownInLines):
         undriven, given = self.mechanism.undriven, self._own_stiffness(stiffness)
         springs = with_values(self.springs, self.spring_names, given, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
-        # Measurements do not apply to springs that are replaced.
-        identified = self.identified if stiffness is None else None
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
             notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
-        return replace(self, springs=springs, notes=notes, identified=identified)
+        if stiffness is not None:  # measurements do not apply to springs that are replaced
+            replaced = given if isinstance(given, Mapping) else self.spring_names
+            return replace(
+                self,
+                springs=springs,
+                notes=notes,
+                identified=None,
+                given=self.given.union(replaced),
+            )
+        return replace(self, springs=springs, notes=notes)
 
     def _own_stiffness(self, given: Any) -> Any:
         """Stiffnesses, some with units, as numbers in the mechanism's own units."""
