@@ -278,7 +278,7 @@ def test_repeats_show_what_the_model_does_not_explain(tmp_path):
     result = identify(elastic, read_measurements(table_of(tmp_path / "m.csv", q, W, d), elastic))
     assert result.checks.repeats == 72
     assert result.checks.lack_of_fit < 1e-6
-    worst = result.checks.patterns[0]
+    (worst,) = result.checks.patterns  # none that imitates it, and no negative play
     assert (worst.kind, worst.name) == ("backlash", "j2")
     assert worst.size == pytest.approx(2e-4, rel=0.3)
     assert {"lack-of-fit", "residual-pattern"} <= {n.code for n in result.notes}

@@ -86,6 +86,7 @@ TABLES = {
     "NaN": (_many(HEAD, ROW, dy="nan"), ("'dy'", "finite", "'nan'")),
     "an underscore": (_many(HEAD, ROW, fx="1_0"), ("'fx'", "'1_0'")),
     "no posture in a row": (_many(HEAD, ROW, j2=""), ("line 2", "'j2' is empty")),
+    "no load in a row": (_many(HEAD, ROW, fy=""), ("line 2", "'fy' is empty", "0 for none")),
     "millimetres for metres": (
         _many(HEAD, ROW, dx="0.31"),
         ("'dx'", "declares no unit", "[mm]", "0.31 m"),

@@ -107,3 +107,17 @@ def test_joints_alone(tmp_path):
     shorter = written(tmp_path / "c.csv", f[:9], 1e6 * G[:9])
     whole = written(tmp_path / "d.csv", f, 1e6 * G)
     assert "frequencies" in run(*words, whole, "--measured", shorter, code=2)
+
+
+def test_frequencies_that_cannot_be_used_are_named_by_file_and_row(tmp_path):
+    """Rows that do not ascend, one row alone; in CSV by line, in MAT by row."""
+    words, f = (*COMMAND, "6000:9000:4", "--measured"), np.array([0.0, 300.0, 320.0, 310.0])
+    file = written(tmp_path / "a.csv", f, receptance(f))
+    assert "a.csv, line 5: measured frequencies" in (told := run(*words, file, code=2))
+    assert "got 310 Hz" in told
+    savemat(tmp_path / "b.mat", {"tap": np.stack([f, f, f], 1), "units": "Hz, um/N, um/N"})
+    assert "b.mat, row 4: measured frequencies" in run(*words, tmp_path / "b.mat", code=2)
+    below = written(tmp_path / "c.csv", -f[1:], receptance(f[1:]))
+    assert "c.csv, line 2" in run(*words, below, code=2)
+    alone = written(tmp_path / "d.csv", f[:2], receptance(f[:2]))
+    assert "d.csv, line 1: measured frequencies" in run(*words, alone, code=2)

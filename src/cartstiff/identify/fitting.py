@@ -88,8 +88,8 @@ class Solved:
         Nuisances.
     covariance : ndarray (P, P)
         NaN where not determined.
-    offset_deviation : ndarray (S,)
-        Standard deviations of the nuisances, NaN where not determined.
+    offset_covariance : ndarray (S, S)
+        That of the nuisances, NaN where not determined.
     is_determined : ndarray of bool (P,)
         Whether the rows determine each parameter by itself.
     singular_values : ndarray
@@ -116,7 +116,7 @@ class Solved:
     unbounded: Array
     offsets: Array
     covariance: Array
-    offset_deviation: Array
+    offset_covariance: Array
     is_determined: NDArray[np.bool_]
     singular_values: Array
     directions: Array
@@ -237,7 +237,7 @@ def solved(
         x[:P],
         theta[P:],
         covariance[:P, :P],
-        np.sqrt(covariance.diagonal()[P:]),
+        covariance[P:, P:],
         basis.is_determined[:P],
         basis.values,
         basis.directions,

@@ -36,10 +36,10 @@ from cartstiff.identify.models import (
 from cartstiff.identify.offsets import (
     OffsetEstimate,
     Offsets,
-    aligned,
     corrected,
     corrections,
     estimated,
+    in_base,
     offsets_of,
     unit_of,
 )
@@ -625,6 +625,8 @@ FITS = ("plain", "robust")
 _SMALLEST_START = 1e-2
 # Shares of the compliances at which a search starts if they are too soft for the loads.
 _STIFFER = (0.5, 0.25, 0.1)
+# Residuals of positions, in the mechanism's sizes, that no error of geometry explains.
+_FOREIGN_SHARE = 0.05
 # Bound on the corrections of rows by the zeros and offsets found.
 _MAX_CORRECTIONS = 20
 
@@ -687,8 +689,8 @@ def identify(
     unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
     contradictions(measured)
     rows = measured.rows
-    measured = _in_base(unknowns, measured, offsets)
-    found: dict[str, float] = {}
+    poses = LinearModel(unknowns, measured).poses
+    measured, found = in_base(unknowns, measured, poses, offsets)
     model, plain, robust, measured, found = _fits(
         unknowns, measured, offsets, loaded, found, progress
     )
@@ -706,6 +708,7 @@ def identify(
             )
     chosen = robust.fit if fit == "robust" else plain
     seen = model.observations
+    _check_frame(model, chosen, elastic)
     checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
     inflation = inflation_of(checks)
     springs = estimates(chosen.solved, unknowns, level, inflation)
@@ -740,6 +743,26 @@ def identify(
         result = replace(result, estimates=tuple(springs))
     doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
     return replace(result, notes=(*doubts, *notes_of(result)))
+
+
+def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
+    """Refuse positions that are far from those of the mechanism at its joint positions.
+
+    Raises
+    ------
+    InputError
+        If their residuals exceed a share of the mechanism's size, as in another frame.
+    """
+    seen, length = model.observations, elastic.mechanism.at(elastic.q).length
+    far = fit.solved.residual[seen.is_absolute & ~seen.is_angle]
+    rms = float(np.sqrt(np.mean(far**2))) if far.size else 0.0
+    if rms > _FOREIGN_SHARE * length:
+        raise InputError(
+            "measured positions are not those of the mechanism: of another frame, point or posture",
+            expected="x, y, z of --point in the base frame; --unknown base finds another frame, "
+            "column session one for each session",
+            got=f"residuals of {rms:.3g} {elastic.units.length} (rms)",
+        )
 
 
 def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:
@@ -784,18 +807,6 @@ def _check(
         )
 
 
-def _in_base(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measurements:
-    """Positions in the robot's base frame, from the sessions' own frames."""
-    if not measured.session or offsets != "rigid":
-        return measured
-    elastic = unknowns.elements.elastic
-    poses = LinearModel(unknowns, measured).poses
-    T_F_B = elastic.mechanism.base_pose
-    in_room = poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)
-    points = (in_room - T_F_B[:3, 3]) @ T_F_B[:3, :3]
-    return aligned(measured, points)
-
-
 def _offset(name: str, unit: str, x: float, s: float, half: float) -> OffsetEstimate:
     if not np.isfinite(s):
         return OffsetEstimate(name, unit, None, None, None)
@@ -814,7 +825,7 @@ def _fits(
     elastic = unknowns.elements.elastic
     for _ in range(_MAX_CORRECTIONS):
         model, plain, noise, columns = _plain_fit(unknowns, measured, offsets, loaded, progress)
-        step = corrections(estimated(elastic, columns, plain.solved, {}))
+        step = corrections(elastic, estimated(elastic, columns, plain.solved, {}))
         if not step:
             robust = robust_fit(model, unknowns, noise, columns.columns, plain)
             return model, plain, robust, measured, found

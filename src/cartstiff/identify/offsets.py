@@ -149,23 +149,40 @@ def estimated(
 
     The deviation is NaN if the rows do not determine the offset.
     """
-    size = _MAX_DEVIATION * elastic.mechanism.at(elastic.q).length
-    last, spreads = {}, {}
-    for i in offsets.geometry.tolist():
-        name, s = offsets.names[i], float(solution.offset_deviation[i])
-        limit = _MAX_DEVIATION if unit_of(elastic, name) == elastic.units.angle else size
-        last[name], spreads[name] = float(solution.offsets[i]), s if s <= limit else np.nan
-    return {name: (x, spreads[name]) for name, x in _together(found, last).items()}
+    names = [offsets.names[i] for i in offsets.geometry]
+    C = solution.offset_covariance[np.ix_(offsets.geometry, offsets.geometry)]
+    place = _base(found)
+    turn = se3.log(se3.pose(place[:3, :3]))
+    by_step = np.zeros((6, 6))  # of the base's six numbers, whose step is along its turned axes
+    by_step[:3, :3], by_step[3:, 3:] = place[:3, :3], se3.right_jacobian_inverse(turn)[:3, :3]
+    at = [i for i, name in enumerate(names) if name.startswith("base.")]
+    parts = [_PARTS.index(names[i][5:]) for i in at]
+    G = np.eye(len(names))
+    G[np.ix_(at, at)] = by_step[np.ix_(parts, parts)]
+    # An undetermined number, whose covariance is NaN, spoils only those that it enters.
+    G[np.abs(G) < _MAX_DEVIATION] = 0.0
+    spreads = [np.sqrt(g[g != 0] @ C[np.ix_(g != 0, g != 0)] @ g[g != 0]) for g in G]
+    values = _together(found, dict(zip(names, solution.offsets[offsets.geometry], strict=True)))
+    limits = {n: _MAX_DEVIATION * size_of(elastic, n) for n in names}
+    return {
+        n: (float(values[n]), float(s) if s <= limits[n] else np.nan)
+        for n, s in zip(names, spreads, strict=True)
+    }
 
 
-def corrections(step: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+def size_of(elastic: ElasticMechanism, name: str) -> float:
+    """Natural size of an offset: 1 rad, or the mechanism's length."""
+    is_angle = unit_of(elastic, name) == elastic.units.angle
+    return 1.0 if is_angle else float(elastic.mechanism.at(elastic.q).length)
+
+
+def corrections(
+    elastic: ElasticMechanism, step: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
     """Part of a step to be corrected; empty if all of it is negligible."""
-    large = any(abs(x) > _NEGLIGIBLE * s for x, s in step.values())
-    return (
-        {name: x for name, (x, _) in step.items() if abs(x) <= _MAX_DEVIATION * 10.0}
-        if large
-        else {}
-    )
+    if not any(abs(x) > _NEGLIGIBLE * s for x, s in step.values()):
+        return {}
+    return {name: x for name, (x, _) in step.items() if abs(x) <= size_of(elastic, name)}
 
 
 def _base(found: Mapping[str, float], word: str = "base") -> Array:
@@ -177,9 +194,16 @@ def _base(found: Mapping[str, float], word: str = "base") -> Array:
 def _together(found: Mapping[str, float], step: Mapping[str, float]) -> dict[str, float]:
     """Offsets after a further step."""
     total = {name: found.get(name, 0.0) + x for name, x in step.items()}
-    T = _base(found) @ _base(step)
-    whole = dict(zip(_PARTS, [*T[:3, 3], *se3.log(se3.pose(T[:3, :3]))[:3]], strict=True))
-    return total | {n: whole[n[5:]] for n in total if n.startswith("base.")}
+    base, tool = _base(found) @ _base(step), _base(step, "tool") @ _base(found, "tool")
+    tool[:3, 3] = [total.get(f"tool.{part}", 0.0) for part in _PARTS[:3]]  # along the body's axes
+    whole = parts_of("base", base) | parts_of("tool", tool)
+    return {name: whole.get(name, x) for name, x in total.items()}
+
+
+def parts_of(word: str, T: Array) -> dict[str, float]:
+    """Offsets of the base, or of the tool, from its pose."""
+    parts = [*T[:3, 3].tolist(), *se3.log(se3.pose(T[:3, :3]))[:3].tolist()]
+    return {f"{word}.{part}": x for part, x in zip(_PARTS, parts, strict=True)}
 
 
 def corrected(
@@ -219,43 +243,68 @@ def _moved(
     return values
 
 
-def aligned(measured: Measurements, points: Array) -> Measurements:
-    """Positions and orientations of each session moved into the base frame of a rigid arm.
+def in_base(
+    unknowns: Unknowns, measured: Measurements, poses: Array, kind: str
+) -> tuple[Measurements, dict[str, float]]:
+    """Positions and orientations near the base frame, and the offsets of a base that is sought.
+
+    Each session's frame, or that of all rows if the base is sought, is placed so that the points
+    lie next to those of the rigid mechanism.
 
     Parameters
     ----------
+    unknowns : Unknowns
+        Parameters.
     measured : Measurements
-        With all of x, y, z; otherwise they are returned unchanged.
-    points : ndarray (N, 3)
-        The measured point of the rigid mechanism in the robot's base frame.
+        Without all of x, y, z they are returned unchanged.
+    poses : ndarray (N, 4, 4)
+        ``T_F_M`` of the rigid mechanism.
+    kind : str
+        Offsets of sessions, as in `identify`.
 
     Raises
     ------
     InputError
         For a session of fewer than three places.
     """
-    if not measured.session or not all(name in measured.values for name in POSITION):
-        return measured
+    elastic, sessions = unknowns.elements.elastic, np.array(measured.session)
+    by_session = measured.session and kind == "rigid"
+    if not all(n in measured.values for n in POSITION) or not (
+        by_session or "base" in unknowns.geometry
+    ):
+        return measured, {}
+    T_F_B = elastic.mechanism.base_pose
+    points = poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)
+    points = (points - T_F_B[:3, 3]) @ T_F_B[:3, :3]
     x = np.stack([measured.values[name] for name in POSITION], axis=1)
-    sessions = np.array(measured.session)
+    known = ~np.isnan(x).any(axis=1)
+    if not by_session:
+        place = _fit(points[known], x[known])
+        step = {} if place is None else parts_of("base", place)
+        return corrected(elastic, measured, {}, step)
     values: Mapping[str, Array] = measured.values
     for name in dict.fromkeys(measured.session):
-        rows = np.flatnonzero((sessions == name) & ~np.isnan(x).any(axis=1))
-        if rows.size:
-            values = _moved(values, rows, _fit(x[rows], points[rows], name), np.eye(3))
-    return replace(measured, values=values)
+        rows = np.flatnonzero((sessions == name) & known)
+        if not rows.size:
+            continue
+        if (T := _fit(x[rows], points[rows])) is None:
+            raise InputError(
+                f"the points of session {name!r} stand in one line: its frame is not known",
+                where="column session",
+                expected="three points that are not in line, or --offsets translation",
+            )
+        values = _moved(values, rows, T, np.eye(3))
+    return replace(measured, values=values), {}
 
 
-def _fit(seen: Array, there: Array, session: str) -> Array:
-    """Pose that moves points onto others with the least squares of distances."""
+def _fit(seen: Array, there: Array) -> Array | None:
+    """Pose that moves points onto others with the least squares of distances; None in one line."""
+    if not len(seen):
+        return None
     a, b = seen.mean(axis=0), there.mean(axis=0)
     values = np.linalg.svd((seen - a).T @ (there - b), compute_uv=False)
     if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
-        raise InputError(
-            f"the points of session {session!r} stand in one line: its frame is not known",
-            where="column session",
-            expected="three points that are not in line, or --offsets translation",
-        )
+        return None
     from scipy.spatial.transform import Rotation
 
     R = Rotation.align_vectors(there - b, seen - a)[0].as_matrix()

@@ -11,7 +11,6 @@ import io
 import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -63,7 +62,7 @@ class Pattern:
     size : float
         Its factor: half the play (rad, length); compliance per force; displacement per second.
     probability : float
-        Probability of so large a t under the model, by Holm's rule.
+        Probability of so large a t without it, by Bonferroni's rule, beside those found before.
     """
 
     kind: str
@@ -242,7 +241,7 @@ def _patterns(
     measured: Measurements,
     kept: NDArray[np.bool_],
 ) -> tuple[Pattern, ...]:
-    """Terms that explain more, by the t of each added column."""
+    """Terms that explain more, by the t of an added column, the strongest first."""
     from scipy.special import stdtr
 
     forces, by_functional = model.forces_in(fit.theta)
@@ -266,28 +265,31 @@ def _patterns(
     r = (solution.residual / solution.deviation)[kept]
     r = r - U @ (U.T @ r)
     freedom = len(r) - U.shape[1] - 1
-    if freedom < 1:
-        return ()
-    tested: list[Pattern] = []
-    for kind, name, column in candidates:
-        x = (column / solution.deviation)[kept]
-        own = float(x @ x)
-        x = x - U @ (U.T @ x)
-        left = float(x @ x)
-        if not left > numerics.ROUNDING**0.5 * own:
-            continue  # a combination of fitted columns
-        size = float(x @ r) / left
-        rest = float(np.sum((r - size * x) ** 2)) / freedom
-        if not rest > 0.0:
-            continue
-        t = abs(size) * np.sqrt(left / rest)
-        tested.append(Pattern(kind, name, size, float(2.0 * stdtr(freedom, -t))))
-    tested.sort(key=lambda p: p.probability)
-    by_holm = (
-        replace(p, probability=min(1.0, p.probability * (len(tested) - i)))
-        for i, p in enumerate(tested)
-    )
-    return tuple(takewhile(lambda p: p.probability < _SIGNIFICANT, by_holm))
+    found: list[Pattern] = []
+    while freedom >= 1 and candidates:
+        tested = []
+        for kind, name, column in candidates:
+            x = (column / solution.deviation)[kept]
+            own = float(x @ x)
+            x = x - U @ (U.T @ x)
+            left = float(x @ x)
+            if not left > numerics.ROUNDING**0.5 * own:
+                continue  # a combination of fitted columns
+            size = float(x @ r) / left
+            rest = float(np.sum((r - size * x) ** 2)) / freedom
+            if not rest > 0.0 or (kind == "backlash" and size < 0.0):  # no play is negative
+                continue
+            t = abs(size) * np.sqrt(left / rest)
+            probability = min(1.0, float(2.0 * stdtr(freedom, -t)) * len(candidates))
+            tested.append((probability, Pattern(kind, name, size, probability), x))
+        if not tested or (best := min(tested, key=lambda e: e[0]))[0] >= _SIGNIFICANT:
+            break
+        _, pattern, x = best  # what it explains is no sign of the others
+        found.append(pattern)
+        candidates = [c for c in candidates if c[:2] != (pattern.kind, pattern.name)]
+        U = np.column_stack([U, x / np.linalg.norm(x)])
+        r, freedom = r - U[:, -1] * (U[:, -1] @ r), freedom - 1
+    return tuple(found)
 
 
 Verdict = Literal["determined", "at-least", "not-identifiable", "negative"]

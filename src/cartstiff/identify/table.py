@@ -235,7 +235,7 @@ def read_measurements(
     reach = elastic.mechanism.at(elastic.q).length / length
     _check_sizes(columns, table, reach, cells)
     factors = np.repeat([force * length, force], 3)
-    wrench = np.stack([_loads(table, name, count) for name in LOAD], axis=1) * factors
+    wrench = np.stack([_loads(table, name, cells) for name in LOAD], axis=1) * factors
     values, sds = _measured(table, cells, dict(deviations or {}), length, open_cells)
     session: tuple[str, ...] = ()
     if "session" in names:
@@ -244,7 +244,7 @@ def read_measurements(
         for name, place in zip(session, cells.places, strict=True):
             if not name:
                 raise InputError("no session", where=place, expected="a name in every row")
-    mass, mass0 = _loads(table, "mass", count), _loads(table, "mass0", count)
+    mass, mass0 = _loads(table, "mass", cells), _loads(table, "mass0", cells)
     least = np.minimum(mass, mass0)
     _refuse(least < 0, cells, "mass cannot be used", "zero or more", least)
     if axes is None and OF_PATH in unused and wrench.any():
@@ -309,9 +309,11 @@ def _in_base(elastic: ElasticMechanism, q: Array, wrench: Array) -> Array:
     return turned
 
 
-def _loads(table: Mapping[str, Array], name: str, count: int) -> Array:
-    """A load's column; zero if it is missing, or where it is empty."""
-    return np.nan_to_num(table[name]) if name in table else np.zeros(count)
+def _loads(table: Mapping[str, Array], name: str, cells: Cells) -> Array:
+    """A load's column; zero if it is missing, refused where it is empty."""
+    values = table.get(name, np.zeros(len(cells.rows)))
+    _refuse(np.isnan(values), cells, f"no load: column {name!r} is empty", "a number, 0 for none")
+    return values
 
 
 def _postures(

@@ -374,15 +374,16 @@ def read_response(path: Path) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        With file and line.
+        With file and line or row: other units, fewer than two frequencies, or not ascending ones.
     """
     place, is_mat = one_line(str(path)), path.suffix.lower() == ".mat"
     if is_mat:
         units, table = _of_mat(path, place)
+        rows = [f"{place}, row {i}" for i in range(1, len(table) + 1)]
     else:
         cells = read_cells(path, "frequencies")
         units, place = [(_HEAD.fullmatch(h) or "  ")[2] or "" for h in cells.names], cells.place
-        table = cells.numbers()
+        table, rows = cells.numbers(), cells.places
     first, *others = [plain_unit(unit) for unit in units]
     length, _, rest = re.sub(r"[() ]", "", others[0] if others else "").partition("/")
     rate, _, force = rest.rpartition("/")
@@ -396,8 +397,16 @@ def read_response(path: Path) -> tuple[Array, Array]:
             expected=one if is_mat else heads,
             got=", ".join(units),
         )
-    table = table[table[:, 0] != 0.0]
-    hertz = table[:, 0] * _HERTZ[first]
+    used = np.flatnonzero(table[:, 0] != 0.0)
+    table, hertz = table[used], table[used, 0] * _HERTZ[first]
+    wrong = np.diff(hertz, prepend=0.0) <= 0.0
+    if wrong.any() or len(hertz) < 2:
+        raise InputError(
+            "measured frequencies cannot be used",
+            where=rows[used[np.argmax(wrong)]] if wrong.any() else place,
+            expected="two or more above zero, ascending",
+            got=f"{hertz[np.argmax(wrong)]:g} Hz" if wrong.any() else f"{len(hertz)}",
+        )
     size = LENGTHS[length] / FORCES[force] / (2j * np.pi * hertz) ** _DERIVATIVES[rate]
     return hertz, (table[:, 1] + 1j * table[:, 2]) * size
 
