@@ -324,13 +324,13 @@ def test_long_questions_do_not_hold_up_short_ones(tab):
 
 def test_long_questions_rest_while_a_hand_moves_something(tab, monkeypatch):
     """However long one posture of theirs takes: no picture waits for it, on no tab of the page."""
-    monkeypatch.setattr(serving, "_HAND", 1e9)
+    monkeypatch.setattr(serving, "_DRAG_PAUSE", 1e9)
     one, other = tab(), tab()
     other.ask({"id": 1, "do": "draw"})
     one.send({"id": 1, "do": "sweep", "coordinate": 0, "steps": 2})
     for number in range(2, 60):
         assert one.ask({"id": number, "do": "draw"})["id"] == number
-    monkeypatch.setattr(serving, "_HAND", 0.0)
+    monkeypatch.setattr(serving, "_DRAG_PAUSE", 0.0)
     assert one.read()["id"] == 1
 
 

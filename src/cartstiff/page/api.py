@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 
 class Page:
-    """A page that is served by this process; in a notebook it shows itself in a cell.
+    """A page that this process serves; a notebook displays it in a cell.
 
     Attributes
     ----------
     url : str
-        Its address. It holds a secret: who knows it can use the page.
+        Its address, which contains a secret: anyone who knows it can use the page.
     """
 
     def __init__(self, source: Source, port: int, height: int) -> None:
@@ -74,7 +74,7 @@ class Page:
 
 
 class StaticPage:
-    """An exported page: a notebook keeps it, and shows it where no server runs.
+    """An exported page: a notebook stores it, and displays it without a server.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ def show(
     trajectory : array_like (N, n), optional
         Postures for the time slider.
     workspace : Workspace, optional
-        From `cartstiff.workspace`: its boundary and the singular surface are drawn, too.
+        From `cartstiff.workspace`; its boundary and the singular surface are drawn.
     static : bool
         An exported page instead of a live one: for notebooks that are kept,
         or whose server runs on another machine.
@@ -137,13 +137,13 @@ def show(
     Returns
     -------
     Page or StaticPage
-        Left as the last word of a notebook's cell it shows itself there. A `Page` lives until
+        As the last expression of a notebook's cell it is displayed there. A `Page` is served until
         `close`, or until Python ends.
 
     Raises
     ------
     InputError
-        For a posture, wrench or trajectory that does not fit; CartstiffError where there is no
+        For a posture, wrench or trajectory that does not fit; CartstiffError if there is no
         posture.
     MissingDependencyError
         Without tornado or meshcat.

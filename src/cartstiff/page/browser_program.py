@@ -1,10 +1,9 @@
-"""What a browser needs to answer by itself: recorded formulas as JavaScript, and words.
+"""The program of a page that computes in the browser: recorded formulas as JavaScript, and words.
 
-The arithmetic of arms, closed chains and bodies on line legs is recorded (`cartstiff.batch`).
-Written out as JavaScript it computes pose, Jacobian, load and stiffness of any posture, under any
-load and with any springs, without a server; of a closed chain also the steps that close it.
-``static/program.js`` reads the rest from these. Where the recorded verdict is not plain, a posture
-is refused.
+`cartstiff.batch` records the formulas of arms, closed chains and bodies on straight legs. Printed
+as JavaScript they compute pose, Jacobian, load and stiffness of any posture, under any load and
+with any springs, without a server, and the steps that close a closed chain. ``static/program.js``
+derives all other numbers from these. It refuses a posture that the recorded formulas do not cover.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ class BrowserProgram:
         Sets ``globalThis.cartstiffProgram``: a function without a given load, one with, and those
         that take a step towards closure.
     data : dict
-        What ``static/program.js`` reads beside the functions.
+        Numbers and words that ``static/program.js`` needs beside the functions.
     """
 
     script: str
@@ -66,26 +65,26 @@ class BrowserProgram:
 
 
 def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> BrowserProgram | str:
-    """The arithmetic of a mechanism as JavaScript, or why it has none.
+    """Return the formulas of a mechanism as JavaScript, or the reason why there are none.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     result : PostureStiffness
-        Any posture of it: what is the same in all is taken from there.
+        Any posture of it; only what all postures share is used.
     """
-    if (reason := _reason(elastic)) is not None:
+    if (reason := _unsupported(elastic)) is not None:
         return reason
     chosen = plan(elastic, "none"), plan(elastic, "shared")
     if (no := next((one for one in chosen if isinstance(one, str)), None)) is not None:
         return no
     free, loaded = (one for one in chosen if isinstance(one, TracedModel))
-    if (reason := _beside(free)) is not None:
+    if (reason := _left_out(free)) is not None:
         return reason
     programs = {"free": program_for(free.case, _NAMES)}
     bending, no_load = (
-        _bending(loaded, elastic.names) if free.is_closed else (None, _beside(loaded))
+        _link_deflection(loaded, elastic.names) if free.is_closed else (None, _left_out(loaded))
     )
     if bending is not None:
         programs |= bending.pop("programs")
@@ -98,7 +97,7 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
     if isinstance(free.case, ClosedCase):
         steps = {f"closing{i}": program_for(way, CLOSING) for i, way in enumerate(free.case.ways)}
         programs |= steps
-        closing = _closing(free.case, free, list(steps))
+        closing = _chain_closure(free.case, free, list(steps))
     written = {name: javascript(program) for name, program in programs.items()}
     parts = [f"{name}:{source}" for name, (source, _) in written.items()]
     # In braces: a page may load it again, for another frame.
@@ -106,17 +105,17 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
     data = {
         "places": {name: places for name, (_, places) in written.items()},
         "shared": {n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()},
-        "words": _words(),
+        "words": _shared_words(),
         "closing": closing,
         "no_load": no_load,
         "bending": bending,
-        **_mechanism(elastic, result),
+        **_description(elastic, result),
     }
     return BrowserProgram(script, plain(data))
 
 
-def _beside(chosen: TracedModel) -> str | None:
-    """Why the program of a plan does not hold all that its answers need."""
+def _left_out(chosen: TracedModel) -> str | None:
+    """Return what the recorded formulas of a plan leave out; None if they are complete."""
     if getattr(chosen.case, "laws", ()):
         return "its nonlinear springs have no stiffness that could be set here"
     if chosen.settles:
@@ -130,14 +129,14 @@ def _beside(chosen: TracedModel) -> str | None:
     return None
 
 
-def _bending(
+def _link_deflection(
     chosen: TracedModel, names: tuple[str, ...]
 ) -> tuple[dict[str, Any] | None, str | None]:
-    """What bends compliant links under a load, with its programs; or why the browser cannot."""
+    """Return data and programs that deflect compliant links, or why the browser cannot do so."""
     terms, case = chosen.untraced, chosen.case
     bends = chosen.settles and terms.beams and not terms.is_dense
     if not (bends and isinstance(case, ClosedCase)) or case.coupled:
-        return None, _beside(chosen)
+        return None, _left_out(chosen)
     programs, beams = {"settling": program_for(case, SETTLING)}, []
     for group in alike(terms.beams):
         name = f"segment{len(programs)}"
@@ -159,8 +158,8 @@ def _bending(
     }, None
 
 
-def _closing(case: ClosedCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:
-    """What closes a chain: programs, the posture from which it moves, bounds of the steps."""
+def _chain_closure(case: ClosedCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:
+    """Return how a chain is closed: programs, reference posture, bounds of the steps."""
     home, lengths = chosen.home, case.constants.is_length
     return {
         "ways": ways,
@@ -176,8 +175,8 @@ def _closing(case: ClosedCase, chosen: TracedModel, ways: list[str]) -> dict[str
     }
 
 
-def _reason(elastic: ElasticMechanism) -> str | None:
-    """Why only the library can say all that a page says of the mechanism; None if it need not."""
+def _unsupported(elastic: ElasticMechanism) -> str | None:
+    """Return why the browser cannot compute this mechanism; None if it can."""
     springs, mechanism = elastic.springs, elastic.mechanism
     if isinstance(mechanism, Chain) and mechanism.closures and mechanism.actuated is None:
         return "a closed chain whose drives have no names is assembled posture by posture"
@@ -194,7 +193,7 @@ def _reason(elastic: ElasticMechanism) -> str | None:
     return None
 
 
-def _words() -> dict[str, Any]:
+def _shared_words() -> dict[str, Any]:
     return {
         "definite": {name: list(names) for name, names in DEFINITE.items()},
         "near": {code: [level, title] for code, level, title in NEAR},
@@ -207,7 +206,7 @@ def _words() -> dict[str, Any]:
     }
 
 
-def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str, Any]:
+def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str, Any]:
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "kf-undefined"]
@@ -241,13 +240,13 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
             "length": float(mechanism.length),
             "T_P_M": mechanism.T_P_M.tolist(),
             "leg_limits": None if bounds is None else bounds.tolist(),
-            "doubted": _doubted(elastic, mechanism),
+            "doubted": _doubted_legs(elastic, mechanism),
         }
     return described
 
 
-def _doubted(elastic: ElasticMechanism, platform: Platform) -> dict[str, Any] | None:
-    """Legs whose stretch under a load is doubted, from which share on, and the note's units."""
+def _doubted_legs(elastic: ElasticMechanism, platform: Platform) -> dict[str, Any] | None:
+    """Return the legs whose stretch is doubted from a share of their length on, with units."""
     springs, units = elastic.springs, elastic.units
     if not isinstance(springs, LineSprings):
         return None

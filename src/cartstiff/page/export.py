@@ -1,13 +1,12 @@
 """The page as one file that opens anywhere without a network.
 
-The file of an arm, a closed chain or a body on line legs computes: it holds their arithmetic as
+The file of an arm, a closed chain or a body on straight legs computes: it has their formulas as
 JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their
-file holds one posture, its numbers and its picture, and says so. Nothing in either depends on when
-or where it was made. A live page gets the same data, so that it goes on without its server.
+file has one posture, its numbers and its picture, and says so. The same input makes the same file.
+A live page gets the same data, so that it continues without its server.
 
-Meshes are kept in little room: as steps between corners on a fine grid, byte planes one after the
-other. Only they lose digits (the grid is 1/4096 of a link's size); the page's numbers are never
-touched.
+Meshes are stored as steps between corners on a grid, byte planes one after the other, so that they
+compress well. Only meshes lose digits (the grid is 1/4096 of a link's size).
 """
 
 from __future__ import annotations
@@ -125,10 +124,10 @@ def _steps(values: NDArray[Any], kind: str) -> bytes:
     return np.ascontiguousarray(steps.reshape(len(steps), -1).view(np.uint8).T).tobytes()
 
 
-# Parts that a file which computes does not draw.
+# Parts of the picture that JavaScript cannot draw.
 _NOT_COMPUTED = ("deflection", "screws", "centres")
-# What a file holds as it was: the mechanism is that of the state.
-_PLAIN = {"gravity": None, "payload": None, "command": None}
+# Parts of a state that are in the mechanism of a file.
+_APPLIED = {"gravity": None, "payload": None, "command": None}
 
 
 def export_page(
@@ -144,11 +143,11 @@ def export_page(
     Parameters
     ----------
     source : Source
-        What is shown.
+        The input of the page.
     elastic : ElasticMechanism, optional
         The mechanism with the frame of interest that a tab has chosen; default the source's.
     state : ViewState, optional
-        What is shown at first.
+        The state in which the file opens.
     picture : callable
         Makes the picture of a mechanism.
     address : str, optional
@@ -157,7 +156,7 @@ def export_page(
     Raises
     ------
     CartstiffError
-        Where the posture has no picture.
+        If the posture has no picture.
     """
     elastic = source.elastic if elastic is None else elastic
     with np.errstate(all="ignore"):
@@ -177,10 +176,9 @@ def export_page(
 def client_data(
     session: Session, shown: ViewState, base: PostureStiffness, program: BrowserProgram | str
 ) -> tuple[dict[str, Any], list[bytes]]:
-    """What a page needs to answer by itself, with the picture's commands.
+    """Return the data of a page without a server, and the picture's commands.
 
-    It computes with the program of its mechanism; without one (then a text says why) it has the
-    numbers of one posture.
+    With a `program` the page computes; with a reason instead it has the numbers of one posture.
     """
     hello = session.hello().data
     if isinstance(program, str):
@@ -198,7 +196,7 @@ def client_data(
 def _session(
     source: Source, elastic: ElasticMechanism, state: ViewState | None, picture: PictureMaker
 ) -> tuple[Session, ViewState]:
-    """A session of the machine as it was told and as it weighs, and what is shown of it."""
+    """Return a session whose mechanism has commands, payload and gravity of a state; the state."""
     here = replace(source, elastic=elastic, reload=None)
     session = Session(here, picture)
     first = session.start if state is None else state
@@ -213,7 +211,7 @@ def _session(
         here = replace(here, elastic=heavy)
     else:
         return session, first
-    return Session(here, picture), first.model_copy(update=_PLAIN | update)
+    return Session(here, picture), first.model_copy(update=_APPLIED | update)
 
 
 def _picture_of(
@@ -255,7 +253,7 @@ def _picture_of(
 
 
 def client_program(session: Session, number: int) -> tuple[Answer, str]:
-    """What a live page computes by itself between two answers, and while there are none.
+    """Return the program of a live page, which computes while the server is busy or gone.
 
     Returns
     -------

@@ -46,8 +46,8 @@ from cartstiff.version import __version__
 
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
-# Of arrows in the drawing, in its own units.
-_SHORT = 8.0
+# Shortest arrow of the drawing, in its units.
+_SHORTEST_ARROW = 8.0
 # Random starts of the search for other postures at the same tip pose.
 _STARTS = 16
 _COLOURS = ("#2060c0", "#c04020", "#208040", "#8040a0", "#b08000", "#008090", "#c0307a", "#606060")
@@ -77,9 +77,9 @@ def report_page(
     wrench, load_kind, load_at, load_axes
         The load, as in `cartstiff.analyse`.
     command : str
-        What the report names as the command that made it.
+        The command that made the report, which it quotes.
     sections : sequence of (title, HTML)
-        What else it shows, after the sweep.
+        Further sections, after the sweep.
 
     Raises
     ------
@@ -143,17 +143,17 @@ def report_page(
 
 @dataclass(frozen=True, eq=False)
 class _Load:
-    """What acts on the body: a load, and the wrench that holds the posture without it.
+    """The load on the body, and the wrench that holds the posture without it.
 
     Attributes
     ----------
     added : ndarray (6,) or None
         The load of the report, as it was given.
     held : ndarray (6,) or None
-        What holds the mechanism at the posture before the load, at the same point and along the
-        same axes; None where its springs hold it there.
+        The wrench that holds the mechanism at the posture before the load, at the same point and
+        along the same axes; None if its springs hold it there.
     kind : LoadKind
-        What both do while the body moves, and where they act.
+        Their behaviour while the body moves, and the point at which they act.
     axes : {"body", "world"}
         Axes of both.
     pose : ndarray (4, 4)
@@ -300,7 +300,7 @@ def _doubt(elastic: ElasticMechanism) -> str:
 
 
 def _under(elastic: ElasticMechanism, load: _Load) -> str:
-    """What acts, and what holds the body against it."""
+    """The sentence that names load, weight, and the springs that carry them."""
     units, of = elastic.units, "F" if load.axes == "world" else "M"
     parts = []
     for size, unit, kind in zip(
@@ -531,7 +531,7 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
             ]
         for vector, colour, _ in arrows:
             a, b = ((p - low) / size * 210 for p in (tip, tip + vector))
-            if np.linalg.norm((b - a)[[across, up]]) < _SHORT:
+            if np.linalg.norm((b - a)[[across, up]]) < _SHORTEST_ARROW:
                 continue  # towards the reader
             drawn.append(
                 f'<line x1="{left + a[across]:.1f}" y1="{235 - a[up]:.1f}" '
@@ -642,7 +642,7 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
     return _table([row[:shown] for row in rows], head[:shown]) + left_out
 
 
-# What the table of a joint says that has no spring, and takes no part in the displacement.
+# Stiffness and share in the row of a joint without a spring that does not contribute.
 _PASSIVE = [(spring, share) for spring in ("", "none") for share in ("", "0 %")]
 
 
@@ -653,7 +653,7 @@ def _table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
 
 
 def _acting(elastic: ElasticMechanism, load: _Load) -> list[str]:
-    """What acts on the body, and on its parts by gravity."""
+    """The lines about the load and the weight."""
     units, at = elastic.units, ", ".join(f"{x:g}" for x in load.kind.at)
     of = "F" if load.axes == "world" else "M"
 

@@ -1,4 +1,4 @@
-"""What a tab may ask: every message is checked here before anything is computed.
+"""The messages of a tab; all are checked here before anything is computed.
 
 Messages are JSON objects with the keys "id", "do" and "state", and for some kinds a few numbers.
 Nothing in them is a path, a command or a name that is looked up outside a fixed list.
@@ -59,7 +59,7 @@ class ViewState(_Strict):
     connection, quantity, axes
         Which matrix, stiffness or compliance, and along whose axes its components are.
     others : {"free", "held"}
-        What the other three freedoms do in the principal values and in the ellipsoids.
+        Whether the other three freedoms are free or held in principal values and ellipsoids.
     point : (3,)
         Reference point in the frame M.
     stiffness : list of float or None
@@ -68,7 +68,7 @@ class ViewState(_Strict):
     load : (6,) or None
         Wrench (moment, force) that the environment applies, along `load_axes`.
     load_kind : {"dead", "follower", "conservative"}
-        What the load does while the body moves.
+        Behaviour of the load while the body moves.
     load_at : (3,) or None
         Point in M at which the load acts; None for the reference point, and for the origin of M
         where the springs decide what the load is.
@@ -81,7 +81,7 @@ class ViewState(_Strict):
     ghost : list of float or None
         A second posture, drawn pale.
     quantity_of_map : str or None
-        What colours the points of the map.
+        The quantity that colours the points of the map.
     mode : int or None
         The mode, from 1, whose nodal axis is drawn; None for no modes at all.
 
@@ -130,7 +130,7 @@ class ViewState(_Strict):
         return (0.0, 0.0, 0.0) if self.load is None else self.point
 
 
-class _Asked(_Strict):
+class _Request(_Strict):
     id: int = Field(ge=0, le=2**53)
     state: ViewState = ViewState()
 
@@ -142,7 +142,7 @@ class Towards(_Strict):
     turning: bool = True
 
 
-class Draw(_Asked):
+class Draw(_Request):
     """The numbers and the picture of a state; of the posture that follows a hand, if one pulls.
 
     With `lengths` that of the platform's legs, next to the state's.
@@ -153,19 +153,19 @@ class Draw(_Asked):
     lengths: _Vector | None = None
 
 
-class Numbers(_Asked):
+class Numbers(_Request):
     """The numbers of a state alone: the picture stays."""
 
     do: Literal["numbers"]
 
 
-class Result(_Asked):
+class Result(_Request):
     """All that `analyse` says of a state, as JSON."""
 
     do: Literal["result"]
 
 
-class Sweep(_Asked):
+class Sweep(_Request):
     """Principal values while one coordinate runs through its range; `refined` where they jump."""
 
     do: Literal["sweep"]
@@ -174,46 +174,46 @@ class Sweep(_Asked):
     refined: bool = True
 
 
-class Series(_Asked):
+class Series(_Request):
     """Principal values along the trajectory that the page was started with."""
 
     do: Literal["series"]
 
 
-class Swing(_Asked):
+class Swing(_Request):
     """Pictures along the swing of the mode that the state names."""
 
     do: Literal["swing"]
     share: float = Field(default=0.05, gt=0.0, le=0.5)
 
 
-class Response(_Asked):
+class Response(_Request):
     """Receptance at the reference point over frequency, all modes damped by one ratio."""
 
     do: Literal["response"]
     ratio: float = Field(default=0.02, ge=0.0, le=10.0)
 
 
-class Analysis(_Asked):
+class Analysis(_Request):
     """The analysis of the matrix, as text."""
 
     do: Literal["analysis"]
 
 
-class Export(_Asked):
+class Export(_Request):
     """The page at this state as one file; the rest of the page's state is in `address`."""
 
     do: Literal["export"]
     address: str | None = Field(default=None, max_length=20_000)
 
 
-class Program(_Asked):
+class Program(_Request):
     """The arithmetic of the mechanism, for the page itself."""
 
     do: Literal["program"]
 
 
-class Frame(_Asked):
+class Frame(_Request):
     """Another frame of the mechanism as the frame of interest; `kept` states go along."""
 
     do: Literal["frame"]
@@ -221,7 +221,7 @@ class Frame(_Asked):
     kept: Annotated[list[ViewState], Field(max_length=3)] = []
 
 
-class Bounds(_Asked):
+class Bounds(_Request):
     """How much room the picture of a state takes."""
 
     do: Literal["bounds"]

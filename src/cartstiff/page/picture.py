@@ -22,7 +22,7 @@ from cartstiff.scene.viewer import RecordingWindow, ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
 
-# What a state and an appearance call by the same name.
+# Fields that a state and an appearance share.
 _ALIKE = {f.name for f in fields(Appearance)} & set(ViewState.model_fields)
 _ALIKE -= {"axes", "ghost", "measures"}
 
@@ -35,7 +35,7 @@ class PageScene:
         self._scene = Scene(ViewerNode(self._window, "/meshcat"), elastic)
 
     def draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-        """Move everything to a posture; returns what the picture's sizes mean."""
+        """Move everything to a posture; return the legend."""
         nodal = None
         if state.mode is not None:
             with suppress(UndefinedError):
@@ -103,7 +103,7 @@ class PageScene:
 
 
 def _appearance(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Appearance:
-    """What the picture of a state shows."""
+    """Return the appearance of the picture of a state."""
     measures = state.measures
     kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}
     return Appearance(
@@ -187,7 +187,7 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _radius(facts: Mapping[str, Any], length: str, bar: float) -> str:
-    """What a radius means, by the example of a round one of the picture's size."""
+    """Return the meaning of a radius, by the example of the scale bar."""
     scale, unit = facts["scale"], facts["unit"]
     if scale["kind"] == "log":
         return (

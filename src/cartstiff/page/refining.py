@@ -1,4 +1,4 @@
-"""Where a sweep needs another posture: curves that break off, jump, or may do so between two."""
+"""Refinement of a sweep where its curves begin, end or jump, or may do so between two postures."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cartstiff.geometry.se3 import Array
 
 # A curve that changes by less than this factor from one posture to the next is drawn well enough.
 _DECADES = 0.1
-# What breaks off, or starts, counts as a change of this many decades.
+# A curve that begins or ends counts as a change of this many decades.
 _BREAK = 3.0
 
-#: Of one posture what is plotted, with its "q"; or the "reason" why it is not reached.
+#: The plotted numbers of a posture with its "q", or the "reason" why it is not reached.
 Row = Mapping[str, Any]
 #: By the coordinate that runs.
 Rows = dict[float, Row]

@@ -156,7 +156,7 @@ class GatedServer(HTTPServer):
     """An HTTP server on which no crowd can lock out a visitor with the token.
 
     Connections stand in the order of their last request with the token, or of their beginning.
-    Where there are too many, the first goes of those from the address that has most.
+    If there are too many, the address with most connections loses its first one.
     """
 
     def initialize(self, *arguments: Any, **options: Any) -> None:
@@ -197,11 +197,11 @@ MOST_MESSAGES = 2000
 _MOST_WAITING = 16
 # Longest time (s) without a look at other tabs while a long question is answered.
 _SLICE = 0.004
-# Between two looks (s) whether a hand rests.
-_PATIENCE = 0.05
-# Pictures that follow each other faster than this (s) are asked for by a hand. Long questions rest
-# meanwhile: one posture of theirs may take longer than the next picture should.
-_HAND = 0.25
+# Time (s) between two checks whether dragging has ended.
+_POLL = 0.05
+# Pictures that follow each other faster than this (s) mean that the user is dragging. Curves wait
+# meanwhile: one of their postures may take longer than the next picture should.
+_DRAG_PAUSE = 0.25
 # Close code of a socket that is one too many; the page knows it.
 _FULL = 4029
 # Bytes in a message: an answer that is larger comes in pieces behind its size, and the page shows
@@ -324,7 +324,7 @@ class TabSocket(Guarded, WebSocketHandler):
                 elif self._waits():
                     self._awake.clear()
                     with suppress(TimeoutError):
-                        await asyncio.wait_for(self._awake.wait(), _PATIENCE)
+                        await asyncio.wait_for(self._awake.wait(), _POLL)
                     self._awake.set()
                 else:
                     await asyncio.sleep(0)
@@ -385,10 +385,10 @@ class TabSocket(Guarded, WebSocketHandler):
         return Answer({"id": message.id, "do": "export", "name": name, "text": text})
 
     def _waits(self) -> bool:
-        """Whether curves are asked for while a hand moves something."""
+        """Whether curves have to wait because the user is dragging."""
         if self._pushed or self._drawing or self._quick or not self._curves:
             return False
-        return time.monotonic() - self._page.drawn < _HAND
+        return time.monotonic() - self._page.drawn < _DRAG_PAUSE
 
     def _slice(self, session: Session) -> Answer | None:
         """A little of a question about many postures; its answer at the end."""
@@ -508,7 +508,7 @@ class PageServer:
     Parameters
     ----------
     source : Source
-        What is shown.
+        The input of the page.
     host : str
         Address to listen on.
     port : int
@@ -541,7 +541,7 @@ class PageServer:
         self.source, self.beside = source, tuple(beside)
         self.picture = PageScene if picture is None else picture
         self.tabs: set[TabSocket] = set()
-        self.drawn = -inf  # when a picture was asked for last
+        self.drawn = -inf  # time of the last request for a picture
         self.files = page_files()
         token = secrets.token_urlsafe(24) if token is None else token
         application = Gate(
@@ -609,7 +609,7 @@ def serve(
     Parameters
     ----------
     source : Source
-        What is shown.
+        The input of the page.
     host, port
         Where; see `PageServer`. Port 0 takes `USUAL_PORT` if it is free.
     ready : callable

@@ -1,7 +1,7 @@
-"""One tab: what it asks becomes numbers and commands for its own picture.
+"""One tab: its messages become numbers and commands for its own picture.
 
-A session knows nothing of sockets. Quick questions are answered at once by `answer`; those that
-take many postures are generators, `work`, which a server can interrupt between two postures.
+A session has no socket. `answer` answers messages about one posture. `work` answers those about
+many postures; it is a generator, which a server can interrupt between two postures.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
-# A coordinate that differs from the one asked for by more, over 1 or its size, has moved.
+# A coordinate that differs from the wanted one by more, relative to 1 or its size, has moved.
 _REACHED = numerics.CLOSE
 # A sweep is refined to this share of its first step.
 _FINEST = 64
@@ -82,17 +82,17 @@ class Session:
     Parameters
     ----------
     source : Source
-        What the page was started with.
+        The input of the page.
     picture : callable
         Makes a picture of a mechanism.
-    told : mapping, optional
-        What else a new page is sent.
+    facts : mapping, optional
+        Further facts that a new page is sent.
     """
 
     def __init__(
-        self, source: Source, picture: PictureMaker = PageScene, told: dict[str, Any] | None = None
+        self, source: Source, picture: PictureMaker = PageScene, facts: dict[str, Any] | None = None
     ) -> None:
-        self.source, self._told = source, told or {}
+        self.source, self._facts = source, facts or {}
         self.make_picture = picture
         self._start(source.elastic, source.q)
 
@@ -113,7 +113,7 @@ class Session:
 
     @property
     def start(self) -> ViewState:
-        """What is shown at first: the matrix that exists, stiffness where there is one."""
+        """The first state: with the compliance if there is no stiffness."""
         source = self.source
         state = ViewState(
             q=self._q.tolist(),
@@ -156,7 +156,7 @@ class Session:
             "mechanism": describe_mechanism(self._elastic, self._q, source.reload is not None),
             "state": state.model_dump(),
             "now": None if now is None else now.model_dump(),
-            **self._told,
+            **self._facts,
             "trajectory": None
             if trajectory is None
             else {"time": trajectory.time.tolist(), "timed": trajectory.timed},
@@ -186,7 +186,7 @@ class Session:
         Raises
         ------
         CartstiffError
-            What is wrong with it, in one line; the picture is then as it was.
+            The reason in one line; the picture is then unchanged.
         """
         with np.errstate(all="ignore"):  # what is not finite is refused as a whole
             if isinstance(message, Draw):
@@ -427,7 +427,7 @@ class Session:
             return {"reason": str(error)}
 
     def _moved_on(self, result: PostureStiffness, state: ViewState) -> str | None:
-        """Why a posture is not the one asked for: its closures have moved a coordinate on."""
+        """Return why a posture is not the wanted one: closures have moved a coordinate; or None."""
         reached = self._before_load(result, state)
         names, wanted = self._elastic.names, state.q or ()
         away = [

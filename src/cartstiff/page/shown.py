@@ -1,4 +1,4 @@
-"""The state of a posture in one line of words, and how serious it is."""
+"""The numbers of a posture that the page shows, and its state in words."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from cartstiff.vibration.response import frequency_response
 
 Level = Literal["good", "warning", "bad"]
 
-# Asymmetry below this share of the largest entry is rounding.
+# Asymmetry below this share of the largest entry is round-off.
 _ROUNDING = numerics.SYMMETRY
 
-# Why there is no matrix, the most telling first.
+# Notes that say why there is no matrix, the most specific first.
 NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
     ("constraint-singularity", "bad", "Constraint singularity: branches of motion cross here"),
     ("non-regular-redundancy", "bad", "The closures lose rank and block the motion"),
@@ -228,7 +228,7 @@ def _axes(elastic: ElasticMechanism) -> list[list[float]]:
 def slider_coordinates(elastic: ElasticMechanism) -> list[int]:
     """Coordinates that a user moves: all of an open chain, the motors of a closed one.
 
-    Where a closed chain names no motors, those with a spring; the closures move the others.
+    A closed chain without named motors has those with a spring; the closures move the others.
     """
     mechanism = elastic.mechanism
     every = list(range(len(mechanism.coordinates)))
@@ -283,7 +283,7 @@ def shown_numbers(
     result : PostureStiffness
         The posture.
     state : ViewState
-        What the tab shows.
+        The state of the tab.
     whole : bool
         Whether "result" is all that ``cartstiff analyse --json`` prints; else without the Jacobian
         and without the matrices of the quantity that is not shown.
@@ -293,7 +293,7 @@ def shown_numbers(
     dict
         Keys "result", "has_compliance", "position", "angles", "frame", "stiffness", "compliance",
         "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs", "moved",
-        "modes", "verdict". What does not exist is None.
+        "modes", "verdict"; None for numbers that do not exist.
     """
     T = reference_frame(result, state)
     here = result.at(T)
@@ -339,7 +339,7 @@ def reference_frame(result: PostureStiffness, state: ViewState) -> Array | None:
 
 
 def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
-    """What is shown of the object of `analyse` and changes with the posture."""
+    """Return the part of the object of `analyse` that is shown and depends on the posture."""
     table = result.matrices if quantity == "stiffness" else result.compliances
     return {
         "q": result.q.tolist(),
@@ -353,7 +353,7 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
 
 
 def modes_part(result: PostureStiffness) -> dict[str, Any]:
-    """Of the object of ``cartstiff modes --json`` what the page shows, or why there are none."""
+    """Return the part of ``cartstiff modes --json`` that the page shows, or why there is none."""
     try:
         answer = modes(result).as_dict()
     except UndefinedError as error:
@@ -380,7 +380,7 @@ def response_curves(result: PostureStiffness, state: ViewState, ratio: float) ->
     Raises
     ------
     UndefinedError
-        Where there are no modes, or none that swings.
+        If there are no modes, or none that vibrates.
     """
     swings = modes(result)
     hertz = swings.frequencies[np.isfinite(swings.frequencies) & (swings.frequencies > 0.0)]
@@ -521,7 +521,7 @@ def legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
 
 
 def _deflection(result: PostureStiffness, state: ViewState, notes: Notes) -> FoundDeflection | None:
-    """What the analysis says of the deflection of the reference point under the load."""
+    """Return the deflection of the reference point under the load, as the analysis has it."""
     point = np.array(state.point)
     return deflection_found(result, "load", None, np.zeros(3), point, notes)
 
@@ -533,7 +533,7 @@ def _resists(result: PostureStiffness) -> bool:
 
 
 def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
-    """How far the load moves the reference point: to first order, from the rest without it."""
+    """Return the displacement of the reference point under the load, to first order."""
     notes = Notes()
     found = _deflection(result, state, notes)
     if found is None:

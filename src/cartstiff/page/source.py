@@ -1,4 +1,4 @@
-"""What a page is started with: the mechanism, where it stands, and what else is shown."""
+"""The input of a page: mechanism, posture, load, trajectory and map."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MOST_COORDINATES = 200_000
 # Postures of a map that are read at a time.
 _AT_ONCE = 1_000_000
 _MOST_POSTURES = 5_000
-# What colours a workspace's boundary.
+# Names of the quantity that colours the boundary of a workspace, and of singular points.
 _CUTS = "limit that cuts"
 _SINGULAR = "singular surface"
 
@@ -49,7 +49,7 @@ class Playback:
     timed : bool
         Whether `time` is in seconds.
     unused : tuple of str
-        Columns of the file that say something else.
+        Other columns of the file.
     """
 
     q: Array
@@ -85,7 +85,7 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Everything that a page is started with; never changed by a tab.
+    """The input of a page; no tab changes it.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Source:
     load : ndarray (6,) or None
         Wrench shown at first.
     load_kind, load_at, load_axes
-        What it does, where and along which axes, as in `cartstiff.page.messages.ViewState`.
+        Its behaviour, point and axes, as in `cartstiff.page.messages.ViewState`.
     command : list of float or None
         Commands of the drives at first, one number a spring.
     reload : callable or None

@@ -1,4 +1,4 @@
-"""What a picture shows."""
+"""The choice of parts and scales of a picture, and the matrices that it shows."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _KNOWN = {
 
 @dataclass(frozen=True)
 class Appearance:
-    """What a picture shows, and how.
+    """The parts and scales of a picture.
 
     Attributes
     ----------
@@ -56,11 +56,11 @@ class Appearance:
         Which stiffness, "load" the tangent under the load; of an unsymmetric one the symmetric part
         is drawn.
     quantity : {"stiffness", "compliance"}
-        What the ellipsoids show.
+        Quantity of the ellipsoids.
     translation, rotation : bool
         Which ellipsoids.
     others : {"block", "held", "free"}
-        What the other three freedoms do, see `cartstiff.analysis.ellipsoids`. The block of the
+        State of the other three freedoms, see `cartstiff.analysis.ellipsoids`. The block of the
         matrix itself is "held" for a stiffness and "free" for a compliance.
     scale : {"root", "linear", "log"}
         From principal values to lengths: their square roots, themselves, or their logarithms; the
@@ -142,7 +142,7 @@ def why_missing(result: PostureStiffness, look: Appearance) -> str | None:
     return states[-1] if states else f"K^{look.connection} does not exist here"
 
 
-# Of each freedom the block of K and that of C.
+# Index of the blocks of K and of C by freedom.
 _PLACES: dict[Freedom, tuple[int, int]] = {"translation": (0, 3), "rotation": (1, 2)}
 
 
@@ -150,8 +150,8 @@ class MatrixPair:
     """A `StiffnessInFrame.pair`, and what is read from it together.
 
     Each of these numbers has a function of its own (`cartstiff.analysis.ellipsoids`, `metrics`)
-    that takes what one matrix has no digits for from the other. Where a block has all its digits,
-    as nearly always, one call of LAPACK serves three of them.
+    that uses the matrix with more correct digits. If a block has all its digits, as nearly always,
+    one call of LAPACK serves three of them.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def block_ellipsoid(
 ) -> Ellipsoid | None:
     """Ellipsoid of a 3x3 block, or with the other freedoms free or held; None without a matrix.
 
-    Stiffness and compliance each give what the other has no digits for.
+    Each value comes from the matrix, stiffness or compliance, that has more correct digits.
 
     Raises
     ------

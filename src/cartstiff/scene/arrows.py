@@ -25,7 +25,7 @@ LONGEST_ARROW = 0.22
 SMALLEST_MOTION = 1e-7
 # Turn (rad) that is drawn as large as a displacement of the longest arrow.
 _TURN = 0.6
-# Of `add_wrench`, which knows no mechanism: forces and moments of 10 have the size asked for.
+# Load at which arrows of `add_wrench` begin: those of 10 then have the wanted size.
 _SMALLEST_LOAD = 1e-3
 
 
@@ -87,7 +87,7 @@ class WrenchPicture:
     node, look
         Where, and in which colours.
     scales : tuple of Growing
-        Of force and moment.
+        Scales of force and moment.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class WrenchPicture:
 
 
 class DeflectionPicture:
-    """Where a small motion takes the body, much enlarged: a pale frame and an arrow to it."""
+    """A small motion of the body, enlarged: a pale frame and an arrow to it."""
 
     def __init__(self, node: ViewerNode, size: float, look: theme.Theme) -> None:
         self._size = size

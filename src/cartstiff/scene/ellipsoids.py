@@ -1,10 +1,10 @@
 """Ellipsoids of stiffness and compliance, with their principal axes and values.
 
-Radii and axes are those of `cartstiff.analysis.ellipsoids`; what is drawn are lengths by a stated
-scale. Where principal values are zero what is drawn is a disc or a rod, of a thickness of its own.
-A matrix with negative ones has no ellipsoid: its axes are drawn alone, negative ones red and
-dashed. An axis that is far too long, near a singularity, is cut and ends in two discs; the softest
-one is never too short to be seen. The legend says why.
+Values and axes are those of `cartstiff.analysis.ellipsoids`; the legend states the scale of the
+radii. If principal values are zero, a disc or a rod of a fixed thickness is drawn. A matrix with
+negative principal values has no ellipsoid: only its axes are drawn, negative ones red and dashed.
+An axis that is far too long, near a singularity, is cut and ends in two discs; the softest axis is
+never too short to be seen.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from cartstiff.scene.labels import Label, number
 from cartstiff.scene.scales import SCALES, Logarithmic, Scale
 from cartstiff.scene.viewer import ViewerNode
 
-# Decades that have a ring.
+# Largest number of decades with a ring.
 MOST_RINGS = 6
 # Half the thickness of a disc or a rod, over the size of the mechanism.
 _THICKNESS = 0.006
-# That of an ellipsoid whose short axis would be less.
+# Half the least thickness of an ellipsoid, over the size of the mechanism.
 FLAT = 1e-4
-#: Half the length at least of an axis whose value is not zero.
+#: Least half length of an axis whose value is not zero, over the size of the mechanism.
 SHORTEST = 0.015
 _FLAT = {
     1: "one principal value is zero: drawn as a disc",
     2: "two principal values are zero: drawn as a rod",
 }
-# Behind the value of an axis that is longer than it is drawn.
+# Words behind the value of an axis that is cut.
 CUT = " (cut)"
 _BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 
@@ -104,7 +104,7 @@ class EllipsoidPicture:
         self.node.show(True)
         self._body.show(solid)
         if solid:
-            # A flat side still is a surface to look at.
+            # A flat side is still a visible surface.
             thickness = (_THICKNESS if flat else FLAT) * self._size
             x, y, z = (
                 _along(column, max(radius, thickness))
@@ -192,7 +192,7 @@ class EllipsoidPicture:
     def _draw_rings(
         self, columns: list[list[float]], centre: list[float], step: float, largest: float
     ) -> None:
-        """Where a logarithmic scale has another factor of ten, across the softest axis."""
+        """Draw a ring for each factor of ten of a logarithmic scale, across the softest axis."""
         if not step and not self._has_rings:
             return
         self._has_rings = step > 0.0
@@ -253,8 +253,8 @@ def add_ellipsoid(
     visualizer : meshcat.Visualizer
         Where: ``vis["path"]``; it is drawn below, as "ellipsoid". A later call replaces it.
     matrix : array_like, shape (3, 3) or (6, 6)
-        Symmetric part is drawn. Of a 6x6 matrix, in order (rotation, translation), the block of
-        `freedom`.
+        Its symmetric part is drawn; of a 6x6 matrix, in order (rotation, translation), that of the
+        block of `freedom`.
     T : array_like, shape (4, 4), optional
         Pose of the frame of the matrix in `visualizer`, ``T_F_M``; default identity.
     freedom : {"translation", "rotation"}

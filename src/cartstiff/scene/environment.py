@@ -31,7 +31,7 @@ _METRES = {
     "ft": 0.3048,
     "km": 1e3,
 }
-# What the viewer shows well: its camera sees from a hundredth to a hundred units.
+# Sizes in scene units that the viewer shows well: its camera sees from 0.01 to 100 units.
 _SMALLEST, _LARGEST = 0.4, 8.0
 _FIELD_OF_VIEW = 38.0
 # Intensities of the viewer's lights: where all reach it a white surface is not burnt out.
@@ -65,7 +65,7 @@ class Environment:
     node : ViewerNode
         Place of the mechanism, in its own unit of length.
     points : ndarray (n, 3)
-        What has to be in the picture.
+        Points that have to be in the picture.
     unit : str
         Unit of length.
     """
@@ -102,7 +102,7 @@ class Environment:
         return self.scale * (points - self._middle)
 
     def facts(self) -> dict[str, Any]:
-        """Where the viewer's units come from, and the height of a label."""
+        """Scale and origin of the viewer's units, and the height of a label."""
         return {
             "scale": self.scale,
             "middle": self._middle.tolist(),
@@ -135,7 +135,7 @@ class Environment:
         return objects.lines(lines, look.grid, 0.8)
 
     def camera(self, preset: str = "iso") -> None:
-        """Appearance from "iso", "front", "side" or "top"; "fit" is the first of them.
+        """View from "iso", "front", "side" or "top"; "fit" is the first of them.
 
         Raises
         ------

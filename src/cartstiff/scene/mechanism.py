@@ -1,4 +1,4 @@
-"""Bodies held by lines: plates, legs as telescopes or cables, tension in colour."""
+"""Pictures of mechanisms: chains by meshes or sticks, platforms by plates, lines by tension."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class LinesPicture:
                 self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
 
     def carry(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
-        """Colour each line by what it carries at a length; returns the legend.
+        """Colour each line by its tension at a length; return the legend.
 
         Tensions that are not known yet (no rest length) count as zero.
         """
@@ -194,11 +194,11 @@ class PlatformPicture:
         self._lines.move(platform.anchors, platform.points @ T[:3, :3].T + T[:3, 3])
 
     def facts(self) -> dict[str, Any]:
-        """What the legs are, for a viewer that moves the picture itself."""
+        """Facts about the legs, for a viewer that moves the picture itself."""
         return {"telescope": self._lines.telescope, "colours": theme.FORCES.tolist()}
 
     def paint(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
-        """Colour the legs by what they carry; returns the legend."""
+        """Colour the legs by their tensions; return the legend."""
         return self._lines.carry(springs, lengths)
 
 
@@ -243,7 +243,7 @@ class ChainPicture:
     Attributes
     ----------
     notes : list of str
-        What cannot be shown, and what stands for it.
+        Parts that cannot be shown, and what is drawn instead.
     """
 
     def __init__(
@@ -272,7 +272,7 @@ class ChainPicture:
         if self.notes or not any(shown):
             self._sticks(skeleton(chain, lines))
             if self.notes:
-                self.notes.append("sticks between the joints stand for what is missing")
+                self.notes.append("sticks between the joints are drawn instead")
         self._moving = [self._joints[j] for j in sorted(self._joints) if j > 0]
 
     def move(self, posture: ChainPosture) -> None:
@@ -285,7 +285,7 @@ class ChainPicture:
             node.set_transform(objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3]))
 
     def facts(self) -> dict[str, Any]:
-        """What moves with which joint, for a viewer that moves the picture itself."""
+        """Nodes by the joints that move them, for a viewer that moves the picture itself."""
         return {
             "joints": sorted(j for j in self._joints if j > 0),
             "sliders": [
@@ -445,7 +445,7 @@ class MechanismPicture:
     node : ViewerNode
         Its place.
     notes : list of str
-        What cannot be shown.
+        Parts that cannot be shown.
     """
 
     def __init__(
@@ -503,7 +503,7 @@ class MechanismPicture:
         return self._chain.corners(posture)
 
     def facts(self) -> dict[str, Any]:
-        """What a viewer needs that moves the picture itself."""
+        """Facts for a viewer that moves the picture itself."""
         part = self._chain or self._platform
         return {} if part is None else part.facts()
 

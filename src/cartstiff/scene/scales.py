@@ -32,8 +32,8 @@ def round_number(x: float) -> float:
     return float(f"{step}e{power}")
 
 
-# Beyond so many times the value next to it the largest one decides no scale: near a singularity.
-_APART = 30.0
+# A largest value beyond this many times the next one, near a singularity, does not set the scale.
+_LARGEST_RATIO = 30.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Linear:
         The scale of `usual` values is kept as long as a length is of use; else it is whole powers
         of ten away. With `cut` a largest value that lies far apart is cut, and the others are seen.
         """
-        largest = _telling if cut else max
+        largest = _bounded_largest if cut else max
         sizes, area = _sizes(values), target**cls._power
         if not sizes:
             return cls()
@@ -80,7 +80,7 @@ class Linear:
         return np.minimum((np.abs(values) / self.per_length) ** (1.0 / self._power), self.most)
 
     def legend(self) -> dict[str, Any]:
-        """What a length means."""
+        """Return the meaning of a length."""
         cut_at = self.most if self.most < inf else None
         return {"kind": self.kind, "value_per_length": self.per_length or None, "cut_at": cut_at}
 
@@ -148,7 +148,7 @@ class Logarithmic:
         return np.log10(sizes / self.zero) * self.per_decade
 
     def legend(self) -> dict[str, Any]:
-        """What a length means."""
+        """Return the meaning of a length."""
         return {
             "kind": self.kind,
             "zero_at": self.zero or None,
@@ -162,14 +162,14 @@ def _sizes(values: ArrayLike) -> list[float]:
     return sizes if any(sizes) else []
 
 
-def _telling(sizes: list[float]) -> float:
-    """The largest, if it does not lie apart from the next."""
+def _bounded_largest(sizes: list[float]) -> float:
+    """The largest value, but at most `_LARGEST_RATIO` times the next."""
     *_, following, largest = (0.0, *sorted(sizes))
-    return min(largest, _APART * following) if following else largest
+    return min(largest, _LARGEST_RATIO * following) if following else largest
 
 
 def _smallest(sizes: list[float]) -> float:
-    """What is rounding beside the largest counts as zero and has no length."""
+    """The smallest value; round-off beside the largest counts as zero and has no length."""
     return min(v for v in sizes if v > numerics.ZERO * max(sizes))
 
 
@@ -189,7 +189,7 @@ class Growing:
     target : float
         Length of 10^4 times `zero`.
     zero : float
-        Where lengths begin.
+        Value at which lengths begin.
     """
 
     def __init__(self, target: float, zero: float) -> None:
@@ -200,7 +200,7 @@ class Growing:
         return self.per_decade * log1p(abs(value) / self.zero) / log(10.0)
 
     def legend(self) -> dict[str, Any]:
-        """What a length means."""
+        """Return the meaning of a length."""
         return {"kind": "log", "zero_at": self.zero, "length_per_decade": self.per_decade}
 
 

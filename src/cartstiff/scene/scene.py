@@ -51,12 +51,12 @@ _RADIUS = 0.17
 
 
 class Scene:
-    """Draws a mechanism and what its stiffness says.
+    """Draws a mechanism with its stiffness, load and deflection.
 
     Parameters
     ----------
     visualizer : meshcat.Visualizer
-        Where; the picture stands below ``visualizer["cartstiff"]``, and the viewer's own grid,
+        Where; the picture is below ``visualizer["cartstiff"]``, and the viewer's own grid,
         axes, background and camera are set.
     elastic : ElasticMechanism
         The mechanism. Its springs may change later, its geometry may not.
@@ -64,7 +64,7 @@ class Scene:
     Attributes
     ----------
     notes : list of str
-        What cannot be shown (a missing mesh), and what stands for it.
+        Parts that cannot be shown (a missing mesh), and what is drawn instead.
     """
 
     def __init__(self, visualizer: Any, elastic: ElasticMechanism) -> None:
@@ -86,21 +86,21 @@ class Scene:
     # -- the picture -------------------------------------------------------------------------
 
     def draw(self, result: PostureStiffness, look: Appearance | None = None) -> dict[str, Any]:
-        """Move everything to a posture and show what a `Appearance` asks for.
+        """Move everything to a posture and show the parts that an `Appearance` selects.
 
         Parameters
         ----------
         result : PostureStiffness
             From `cartstiff.analyse`, of the same mechanism.
         look : Appearance, optional
-            What is shown; the default shows the tangent stiffness under the load, and the load.
+            Parts and scales; default the tangent stiffness under the load, and the load.
 
         Returns
         -------
         dict
             "length" (unit, grid, scene units), "connection", "quantity", "others", "ellipsoids" by
             freedom, "wrench", "deflection", "screws", "compliant_axes", "centres", "nodal",
-            "tension", "notes". What is not shown has a "reason".
+            "tension", "notes". A part that is not shown has a "reason".
 
         Raises
         ------
@@ -163,7 +163,7 @@ class Scene:
         return add_path(self._node["path"], positions, values, label=label, unit=unit)
 
     def camera(self, preset: str = "iso") -> None:
-        """Appearance from "iso" (also "fit", "home"), "front", "side" or "top"."""
+        """View from "iso" (also "fit", "home"), "front", "side" or "top"."""
         self._environment.camera(preset)
 
     def bounds(self, result: PostureStiffness) -> Array:
@@ -301,7 +301,7 @@ class Scene:
         return self._ellipsoids[freedom, quantity]
 
     def _arrow_scales(self) -> tuple[Growing, Growing]:
-        """Of forces and moments, beginning where they hardly move the mechanism."""
+        """Scales of forces and moments, from loads on that move the mechanism very little."""
         scales = []
         for freedom, motion in zip(_FREEDOMS, (self._environment.size, 1.0), strict=True):
             stiffness = float(np.abs(self._usual_values("stiffness", freedom)).max())

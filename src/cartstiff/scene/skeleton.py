@@ -1,7 +1,7 @@
 """A chain as a stick figure: bones between joint origins, knuckles at the joints, plates.
 
-For robots whose files show nothing, and for what their missing meshes would have shown. Everything
-is fixed to a joint of the tree, except the sliders of prismatic joints.
+For robots whose files have no shapes, and in place of missing meshes. Everything is fixed to a
+joint of the tree, except the sliders of prismatic joints.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Knuckle:
 
 @dataclass(frozen=True, eq=False)
 class Slider:
-    """What a prismatic joint pushes out: from a point (3,) of its parent to its own origin."""
+    """The rod of a prismatic joint, from a point (3,) of its parent to the joint's origin."""
 
     joint: int
     parent: int
@@ -152,6 +152,6 @@ def _tied(chain: Chain) -> dict[int, list[Array]]:
 
 
 def _grips(chain: Chain) -> list[Array]:
-    """Where the legs hold the body, in the body frame: the origins of their last joints."""
+    """Origins of the last joints of the legs, which hold the body, in the body frame."""
     frames = {name for c in chain.closures for name in (c.frame_a, c.frame_b)}
     return [se3.inverse(chain.placement(name).T_j_f)[:3, 3] for name in sorted(frames)]

@@ -1,4 +1,4 @@
-"""A mode as something to look at: postures along its swing, enlarged by a chosen share."""
+"""Postures along the swing of a mode, for playback, with a chosen amplitude."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def swing_of(modes: Modes, number: int, share: float = 0.05, count: int = 17) ->
     modes : Modes
         The modes.
     number : int
-        Of the mode, from 1.
+        Number of the mode, from 1.
     share : float
-        What moves most goes to either side by this share of the mechanism's size (a mode has no
-        size of its own); no joint is turned by more than half a radian.
+        Amplitude of the point that moves most, over the mechanism's size (a mode has no amplitude
+        of its own); no joint turns by more than half a radian.
     count : int
         How many postures; made odd.
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.arrays import real_array
 from cartstiff.geometry.se3 import Array
 
-#: What each hue means. Positive and negative are signs of stiffnesses and of values of a map;
+#: Meaning of each hue. Positive and negative are signs of stiffnesses and of values of a map;
 #: "screw" are axes and centres of motion.
 COLOURS = {
     "translation": 0xE69F00,
@@ -32,7 +32,7 @@ COLOURS = {
 GHOST = 0x56B4E9
 #: x, y, z of a frame. Red and green differ in lightness, for those who confuse the hues.
 AXES = (0xCC3311, 0x44AA66, 0x2255CC)
-#: Of points by kind: eight hues, then the same ones lighter.
+#: Colours of points by kind: eight hues, then the same ones lighter.
 KINDS = (
     0x0072B2,
     0xD55E00,
@@ -59,14 +59,14 @@ ELLIPSOID_OPACITY, GHOST_OPACITY = {"translation": 0.38, "rotation": 0.2}, 0.22
 
 @dataclass(frozen=True)
 class Theme:
-    """What differs between a light and a dark picture.
+    """Colours that differ between a light and a dark picture.
 
     Attributes
     ----------
     top, bottom : int
         Background at the top and the bottom.
     text, paper : int
-        Colours of labels: their letters, and what is behind these.
+        Colours of labels: letters and background.
     grid : int
         Lines on the ground.
     link, joint, plate : int

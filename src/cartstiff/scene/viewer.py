@@ -64,7 +64,7 @@ class ViewerNode:
 
     @classmethod
     def of(cls, visualizer: Any) -> ViewerNode:
-        """The place that a ``meshcat.Visualizer`` (or a ViewerNode) stands for.
+        """Return the node of a ``meshcat.Visualizer``, or a ViewerNode itself.
 
         Raises
         ------
@@ -133,7 +133,7 @@ def scaled(T: Array, scale: Array | float) -> Array:
     return M
 
 
-#: What the viewer makes by itself: hidden or moved, but never deleted.
+#: Parts that the viewer makes itself: hidden or moved, but never deleted.
 _OWN_PARTS = {"Cameras", "Lights", "Background", "Grid", "Axes", "Animations"}
 _KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
 
@@ -249,7 +249,7 @@ class RecordingWindow:
         for known in [p for p in self._nodes if p == path or p.startswith(below)]:
             del self._nodes[known]
         for key in [k for k in self._pending if k[1] == path or k[1].startswith(below)]:
-            # An earlier delete still stands: the viewer may hold more than this window knows.
+            # An earlier delete is kept: the viewer may have more than this window knows.
             if key[0] != "delete" and kind in (None, key[0]):
                 del self._pending[key]
 
