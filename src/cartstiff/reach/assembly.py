@@ -256,6 +256,8 @@ class AssemblyModes(ShownInLines):
         the notes.
     notes : tuple of Note
         Assumptions, and reasons why modes are missing.
+    found : int
+        Number of modes that were found; with ``every=False`` more than are listed.
     """
 
     elastic: ElasticMechanism
@@ -263,6 +265,7 @@ class AssemblyModes(ShownInLines):
     modes: tuple[AssemblyMode, ...]
     search: PathCount | Search | None
     notes: tuple[Note, ...] = ()
+    found: int = 0
 
     def __len__(self) -> int:
         return len(self.modes)
@@ -290,7 +293,7 @@ class AssemblyModes(ShownInLines):
 
     def _lines(self) -> list[str]:
         return [
-            f"Assembly modes of {self.elastic.name}: {len(self.modes)}",
+            f"Assembly modes of {self.elastic.name}: {self.found}, {len(self.modes)} listed",
             f"  searched  {self.search}",
             f"  stable    {sum(mode.stable is True for mode in self.modes)}",
         ]
@@ -308,7 +311,11 @@ class AssemblyModes(ShownInLines):
                 "found": search.found,
                 "complete": False,
             }
-        own = {"search": method, "modes": [mode.as_dict() for mode in self.modes]}
+        own = {
+            "found": self.found,
+            "search": method,
+            "modes": [mode.as_dict() for mode in self.modes],
+        }
         return described("assemble", own, elastic.about(), gravity_loads(elastic).as_dict(), self)
 
 
@@ -469,7 +476,9 @@ def _of_platform(
         )
     if listed:
         notes += limit_notes(platform, listed[0].result.posture)
-    return AssemblyModes(elastic, lengths_by_leg, tuple(listed), search, tuple(notes))
+    return AssemblyModes(
+        elastic, lengths_by_leg, tuple(listed), search, tuple(notes), found=len(poses)
+    )
 
 
 def _of_chain(
@@ -499,7 +508,7 @@ def _of_chain(
     )
     fixed = {elastic.names[j]: float(q[j]) for j in held}
     search = Search(int(starts) + 1, (), len(closed), len(listed))
-    return AssemblyModes(elastic, fixed, listed, search, tuple(elastic.notes))
+    return AssemblyModes(elastic, fixed, listed, search, elastic.notes, found=len(closed))
 
 
 def _gap(result: PostureStiffness) -> float:

@@ -28,12 +28,13 @@ def describe_assembly(modes: AssemblyModes) -> str:
     elastic, units = modes.elastic, modes.elastic.units
     held = ", ".join(_held(elastic, name, x) for name, x in modes.given.items())
     count = len(modes)
+    listed = ", the nearest one listed (--all: every one)" if count < modes.found else ""
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
         f"Held: {held}",
         *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
         gravity_loads(elastic).text,
-        f"Assembly modes: {count}; searched: {modes.search or 'not, see the notes'}",
+        f"Assembly modes: {modes.found}{listed}; searched: {modes.search or 'not, see the notes'}",
     ]
     if modes.search is not None:
         lines.append(
