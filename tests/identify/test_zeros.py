@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,7 +13,9 @@ from tests.support.commands import run
 import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.identify.identification import identify
+from cartstiff.identify.plan import candidates, plan, simulated
 from cartstiff.identify.table import read_measurements
+from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.report.identification import describe_identification
 
@@ -287,7 +291,7 @@ def test_refusals(arm, tmp_path):
 
 
 def test_command_line(tmp_path):
-    """Words of one option, in any order; plans are for springs alone."""
+    """Words of one option, in any order, of a fit and of a plan."""
     folder = tmp_path / "x"
     folder.mkdir()
     file = _urdf(folder / "ten.yaml")
@@ -295,8 +299,52 @@ def test_command_line(tmp_path):
     text = run("identify", file, path, "--unknown", "zeros,tool")
     assert "elbow_joint.zero" in text
     assert "tool.y" in text
-    planned = ("--plan", "3", "--force", "50", "--sd", "x=0.02mm", "--unknown", "zeros")
-    run("identify", file, *planned, code=2, said="plans are for springs")
+    few = ("--plan", "9", "--mass", "5", "--candidates", "50", "--sd")
+    planned = run("identify", file, *few, "x=0.02mm", "--unknown", "joints,zeros")
+    assert "Predicted standard deviations of zeros and offsets" in planned
+    assert "shoulder_pan_joint.zero" in planned
+    differences = ("dx=0.02mm", "--unknown", "joints,zeros")
+    run("identify", file, *few, *differences, code=2, said="differences do not show")
+
+
+@pytest.mark.parametrize("criterion", ["worst", "all"])
+def test_a_plan_separates_springs_from_zeros_and_says_what_the_fit_will(arm, criterion):
+    """Deviations of the fit of planned rows are the predicted ones; a plan for springs is worse."""
+    sought, spread = ("joints", "zeros", "tool", "base"), dict.fromkeys("xyz", 5e-5)
+    found = candidates(arm, spread, count=150, mass=10.0, seed=1)
+
+    def realised(rows):
+        rows = simulated(arm, rows, spread, seed=3, tell_deviations=True)
+        return identify(arm, rows, sought=sought)
+
+    chosen = plan(unknowns_of(arm, sought), found, 16, criterion=criterion)
+    result = realised(chosen.rows)
+    fitted = [np.inf if e.deviation is None else e.deviation for e in result.estimates]
+    assert fitted / chosen.unknowns.nominal == pytest.approx(chosen.deviations[-1], rel=2e-3)
+    assert chosen.lost == ("shoulder_pan_joint",)
+    for g, predicted in zip(result.geometry, chosen.geometry, strict=True):
+        assert (g.name, g.unit) == (predicted.name, predicted.unit)
+        assert g.sd == (None if predicted.sd is None else pytest.approx(predicted.sd, rel=2e-3))
+    springs = realised(plan(unknowns_of(arm), found, 16, criterion=criterion).rows)
+    worse = np.array([e.deviation for e in springs.estimates[1:]]) / fitted[1:]
+    assert worse.max() > 1.15
+    assert np.prod(worse) > 1.1
+
+
+def test_a_plan_takes_the_frames_of_measured_sessions_as_unknown(arm, tmp_path):
+    """Rows in two frames add less than rows in the base frame, as much as the fit of all says."""
+    frames = np.repeat(["a", "b"], 15).tolist()
+    path = campaign(tmp_path / "a.csv", rows=30, zeros=np.zeros(6), session=frames)
+    have = read_measurements(path, arm)
+    found = candidates(arm, dict.fromkeys("xyz", 5e-5), count=100, mass=10.0, seed=1)
+    unknowns = unknowns_of(arm, ())
+    alone = plan(unknowns, found, 1, have=have).deviations[-1][1:]
+    result = identify(arm, have)
+    fitted = np.array([e.deviation for e in result.estimates])[1:] / unknowns.nominal[1:]
+    assert np.all(alone < fitted * 1.05)
+    assert np.median(alone / fitted) > 0.6
+    based = plan(unknowns, found, 1, have=replace(have, session=())).deviations[-1][1:]
+    assert np.all(based < alone)
 
 
 def test_intervals_of_session_positions_count_the_linear_models_error(arm, tmp_path):

@@ -1,13 +1,15 @@
 """Choice of the postures and loads to measure.
 
 Each candidate adds ``G_i = sum a a^T / s^2`` to the information M of the compliances, in shares of
-their present values. Three criteria:
+their present values, and of the zeros, tool and base that are sought: the columns are those of the
+fit. C is the compliances' part of ``M^-1``, so that what else is sought is separated from them.
+Three criteria:
 
-* worst: the smallest widest interval, ``max_j (M^-1)_jj``;
-* all: the largest determinant of M (D-optimal, [AtkinsonDonev]_); the widest interval may then be
+* worst: the smallest widest interval, ``max_j C_jj``;
+* all: the smallest determinant of C (D-optimal, [AtkinsonDonev]_); the widest interval may then be
   nearly as wide as that of random rows;
 * posture: the smallest error of the deflection at the user's own posture under the user's own load,
-  ``tr(L M^-1 L^T)`` (test-pose criterion, [KlimchikTestPose]_).
+  ``tr(L C L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
 The rows are chosen greedily, then each is exchanged for any candidate as long as that reduces the
 cost. Most exchanges do not change the widest interval: norms of all intervals, with increasing
@@ -29,7 +31,8 @@ from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array, checked_seed, plain_dict
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.measurements import DISPLACEMENT, MEASURED, POSITION, TURN, Measurements
-from cartstiff.identify.models import model_of
+from cartstiff.identify.models import Model, model_of
+from cartstiff.identify.offsets import OffsetEstimate, offsets_of, size_of, unit_of
 from cartstiff.identify.unknowns import Unknowns, unknowns_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -340,6 +343,8 @@ Cost = Callable[[Array], Array]
 #: Neighbours of rows within a share of the ranges, and the row that each belongs to.
 Beside = Callable[[Measurements, float, np.random.Generator], tuple[Measurements, NDArray[np.intp]]]
 
+# Natural size of zeros and offsets: rad, and shares of the mechanism.
+_SMALL = 1e-3
 _MAX_PASSES = 20
 # Number of random exchanges of rows, to leave a poor local optimum.
 _RANDOM_EXCHANGES = 300
@@ -371,6 +376,8 @@ class Plan:
         Springs that no candidate determines by themselves.
     level : float
         Probability of the intervals.
+    geometry : tuple of OffsetEstimate
+        Predicted standard deviations of zeros, tool and base, if they are sought.
     """
 
     unknowns: Unknowns
@@ -381,6 +388,7 @@ class Plan:
     factors: Array
     lost: tuple[str, ...]
     level: float
+    geometry: tuple[OffsetEstimate, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -405,6 +413,7 @@ class Plan:
             "rows": len(self.rows),
             "level": self.level,
             "parameters": rows,
+            "geometry": [{"name": g.name, "unit": g.unit, "sd": g.sd} for g in self.geometry],
             "by_rows": [{"rows": n, "worst_relative_sd": worst} for n, worst in falls],
             "not_identifiable": self.lost,
         }
@@ -426,15 +435,17 @@ class Plan:
         return self.deviations[:, known].max(axis=1)
 
 
-def information(unknowns: Unknowns, measured: Measurements) -> Array:
-    """G (N, P, P) of each row, of compliances in shares of their present values."""
-    return _information_and_motion(unknowns, measured)[0]
+def information(unknowns: Unknowns, measured: Measurements, geometry: Sequence[str] = ()) -> Array:
+    """G (N, T, T) of each row, of compliances in shares of their values, and of `geometry`."""
+    return _per_row(unknowns, measured, geometry)[0]
 
 
-def _information_and_motion(unknowns: Unknowns, measured: Measurements) -> tuple[Array, Array]:
-    """G, and the largest motion of each row (N,): rad, or shares of the mechanism's length."""
+def _regressor(
+    unknowns: Unknowns, measured: Measurements, geometry: Sequence[str]
+) -> tuple[Model, Array, Array, Array]:
+    """Model, displacements (m,), and columns over deviations (m, T): the fit's, and of sessions."""
     model = model_of(unknowns, measured)
-    seen = model.observations
+    seen, elastic = model.observations, unknowns.elements.elastic
     y, A = model.at(unknowns.nominal)
     if np.isnan(seen.deviation).any():
         raise InputError(
@@ -442,10 +453,25 @@ def _information_and_motion(unknowns: Unknowns, measured: Measurements) -> tuple
             where="--sd",
             expected="one for each column that is measured",
         )
-    scaled = A * unknowns.sizes / seen.deviation[:, None]
-    G = np.zeros((len(measured), A.shape[1], A.shape[1]))
+    sought = unknowns if seen.is_absolute.any() else replace(unknowns, geometry=())
+    offsets = offsets_of(sought, seen, measured, "rigid")
+    named = dict(zip(offsets.names, offsets.columns.T, strict=True))
+    nothing = np.zeros(len(seen))
+    more = [named.pop(n, nothing) * _SMALL * size_of(elastic, n) for n in geometry]
+    sizes = unknowns.sizes / seen.deviation[:, None]
+    own = np.hstack([A * sizes, np.array(more).reshape(-1, len(seen)).T / seen.deviation[:, None]])
+    sessions = [column for name, column in named.items() if name not in geometry]
+    return model, y, own, np.array(sessions).reshape(-1, len(seen)).T / seen.deviation[:, None]
+
+
+def _per_row(
+    unknowns: Unknowns, measured: Measurements, geometry: Sequence[str]
+) -> tuple[Array, Array]:
+    """G, and the largest motion of each row (N,): rad, or shares of the mechanism's length."""
+    model, y, scaled, _ = _regressor(unknowns, measured, geometry)
+    seen, elastic = model.observations, unknowns.elements.elastic
+    G = np.zeros((len(measured), scaled.shape[1], scaled.shape[1]))
     np.add.at(G, seen.row, scaled[:, :, None] * scaled[:, None, :])
-    elastic = unknowns.elements.elastic
     size = np.where(seen.is_angle, 1.0, elastic.mechanism.at(elastic.q).length)
     moved = np.zeros(len(measured))
     np.maximum.at(moved, seen.row, np.abs(y) / size)
@@ -468,7 +494,7 @@ def plan(
     Parameters
     ----------
     unknowns : Unknowns
-        Parameters.
+        Parameters; zeros, tool and base that are sought are separated from them.
     offered : Measurements
         From `candidates`, with standard deviations.
     count : int
@@ -496,31 +522,34 @@ def plan(
         raise InputError(
             "number of rows cannot be used", where="--plan", expected="1 or more", got=count
         )
-    if unknowns.geometry:
-        raise InputError(
-            f"plans are for springs: {', '.join(unknowns.geometry)} cannot be planned for",
-            where="--unknown",
-            expected="springs",
-        )
-    whole, moved = _information_and_motion(unknowns, offered)
+    P, elastic = len(unknowns.parameters), unknowns.elements.elastic
+    seen = model_of(unknowns, offered).observations
+    geometry = offsets_of(unknowns, seen, offered, "none").names
+    whole, moved = _per_row(unknowns, offered, geometry)
     most = max(_LARGE_DISPLACEMENT, _TIMES_MEDIAN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]
-    start, priors = _of_priors(unknowns)
+    start, others = np.zeros(whole.shape[1:]), len(unknowns.priors)
+    for p, _, deviation in unknowns.priors:
+        start[p, p] += (unknowns.sizes[p] / deviation) ** 2
     if have is not None:
-        start += information(unknowns, have).sum(axis=0)
-    known = _seen(whole.sum(axis=0) + start)
+        _, _, own, sessions = _regressor(unknowns, have, geometry)
+        own = own - sessions @ np.linalg.lstsq(sessions, own, rcond=None)[0]
+        start += own.T @ own
+        others += len(own) - sessions.shape[1]
+    known = np.isfinite(_deviations_of(whole.sum(axis=0) + start))
+    others -= int(known.sum())
+    known[P:] = False
     if not known.any():
         raise InputError(
             "no candidate tells anything about a spring",
             expected="other loads, or columns to be measured",
         )
 
-    def of_known(rows: Measurements) -> Array:
-        information, moved = _information_and_motion(unknowns, rows)
-        return np.where((moved <= most)[:, None, None], information, 0.0)[:, known][:, :, known]
+    def of_rows(rows: Measurements) -> Array:
+        information, moved = _per_row(unknowns, rows, geometry)
+        return np.where((moved <= most)[:, None, None], information, 0.0)
 
-    G, start = whole[:, known][:, :, known], start[np.ix_(known, known)]
-    one = float(np.median(np.trace(G, axis1=1, axis2=2))) / len(start)
+    one = float(np.median(np.trace(whole, axis1=1, axis2=2))) / len(start)
     faint = numerics.PRIOR_INFORMATION_SHARE * one * np.eye(len(start))
     effects = None
     if criterion == "posture":
@@ -530,61 +559,53 @@ def plan(
                 where="--criterion",
                 expected="--q and --load",
             )
-        effects = _effects(unknowns, *test)[:, known]
+        effects = _effects(unknowns, *test)[:, known[:P]]
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
-    cost = _cost_of(criterion, effects)
-    tried = np.arange(len(G))
+    cost = _cost_of(criterion, known, effects)
+    tried = np.arange(len(whole))
     ways = [cost]
     if criterion == "worst":
-        tried = _most_helpful(G, start + faint, count)
-        ways = [*(_cost_of(criterion, None, norm) for norm in _NORMS), cost]
-    order = _greedy(G[tried], start + faint, count, cost)
-    chosen = _searched(G[tried], start + faint, order, ways)
+        tried = _most_helpful(whole, start + faint, count, known)
+        ways = [*(_cost_of(criterion, known, None, norm) for norm in _NORMS), cost]
+    order = _greedy(whole[tried], start + faint, count, cost)
+    chosen = _searched(whole[tried], start + faint, order, ways)
     order = tried[order].tolist()
     rows = offered.taken(tried[chosen].tolist())
     if beside is not None:
-        rows = _refined(rows, of_known, beside, start + faint, ways)
-    final = of_known(rows).sum(axis=0)
-    P = len(unknowns.parameters)
-    counts, spreads = [], []
-    for n in range(1, count + 1):
-        M = start + (final if n == count else G[order[:n]].sum(axis=0))
-        spread = np.full(P, np.inf)
-        spread[known] = _spread_of(M)
-        counts.append(n)
-        spreads.append(spread)
-    others = priors + (0 if have is None else len(have) * len(have.values)) - int(known.sum())
-    degrees = np.maximum(np.array(counts) * len(offered.values) + others, 1)
-    names = tuple(n for n, is_known in zip(unknowns.names, known, strict=True) if not is_known)
+        rows = _refined(rows, of_rows, beside, start + faint, ways)
+    final = start + of_rows(rows).sum(axis=0)
+    sums = [start + whole[order[:n]].sum(axis=0) for n in range(1, count)]
+    spreads = np.array([_deviations_of(M) for M in (*sums, final)])
+    counts = np.arange(1, count + 1)
+    degrees = np.maximum(counts * len(offered.values) + others, 1)
+    predicted = spreads[-1, P:] * [_SMALL * size_of(elastic, n) for n in geometry]
     return Plan(
         unknowns,
         rows,
         criterion,
-        np.array(counts),
-        np.array(spreads),
+        counts,
+        np.where(known[:P], spreads[:, :P], np.inf),
         np.array([quantile(level, d) for d in degrees]),
-        names,
+        tuple(n for n, is_known in zip(unknowns.names, known, strict=False) if not is_known),
         level,
+        tuple(
+            OffsetEstimate(n, unit_of(elastic, n), None, s if np.isfinite(s) else None, None)
+            for n, s in zip(geometry, predicted.tolist(), strict=True)
+        ),
     )
 
 
-def _of_priors(unknowns: Unknowns) -> tuple[Array, int]:
-    """Information (P, P) of priors on compliances in shares of their values; their number."""
-    widths, sizes = np.zeros(len(unknowns.parameters)), unknowns.sizes
-    for p, _, deviation in unknowns.priors:
-        widths[p] = (sizes[p] / deviation) ** 2
-    return np.diag(widths), int(np.count_nonzero(widths))
-
-
-def _seen(M: Array) -> NDArray[np.bool_]:
-    """Parameters (P,) that all candidates together determine."""
+def _deviations_of(M: Array) -> Array:
+    """Standard deviations (T,) from an information; infinite where it does not determine one."""
     size = np.sqrt(np.diag(M))
     there = size > numerics.RANK * size.max(initial=0.0)
     scale = np.where(there, 1.0 / np.where(there, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
-    lost = vectors[:, values <= numerics.ROUNDING * values.max()]
-    return np.asarray(there & (np.linalg.norm(lost, axis=1) <= numerics.ROUNDING**0.25))
+    good = values > numerics.ROUNDING * values.max()
+    seen = there & (np.linalg.norm(vectors[:, ~good], axis=1) <= numerics.ROUNDING**0.25)
+    spread = scale * np.linalg.norm(vectors[:, good] / np.sqrt(values[good]), axis=1)
+    return np.where(seen, spread, np.inf)
 
 
 def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
@@ -598,14 +619,16 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
 
 
-def _cost_of(criterion: str, effects: Array | None, norm: float = np.inf) -> Cost:
-    """Cost (k,) of informations (k, P, P); infinite for singular ones."""
+def _cost_of(
+    criterion: str, known: NDArray[np.bool_], effects: Array | None, norm: float = np.inf
+) -> Cost:
+    """Cost (k,) of informations (k, T, T), of the known parameters (T,)."""
 
     def of(M: Array) -> Array:
+        inverse = np.linalg.inv(M)[:, known][:, :, known]
         if criterion == "all":
-            sign, value = np.linalg.slogdet(M)
-            return np.where(sign > 0, -value, np.inf)
-        inverse = np.linalg.inv(M)
+            sign, value = np.linalg.slogdet(inverse)
+            return np.where(sign > 0, value, np.inf)
         if effects is not None:
             return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
         return np.asarray(np.linalg.norm(inverse.diagonal(0, 1, 2), norm, axis=1))
@@ -735,22 +758,14 @@ def _are_different(
     return np.asarray((crossed | (far.max(axis=2) > _LEAST_DISTANCE)).all(axis=1))
 
 
-def _most_helpful(G: Array, start: Array, count: int) -> NDArray[np.intp]:
+def _most_helpful(G: Array, start: Array, count: int, known: NDArray[np.bool_]) -> NDArray[np.intp]:
     """The `_MAX_TRIED` candidates that reduce the variances of all most, in sum and one by one.
 
     The best of all alone might leave a parameter out if many candidates are alike.
     """
     tried = max(_MAX_TRIED, count)
-    inverse = np.linalg.inv(start + count * G.mean(axis=0))
-    gains = np.einsum("jp,ijk,kp->ip", inverse, G, inverse, optimize=True)
+    inverse = np.linalg.inv(start + count * G.mean(axis=0))[known]
+    gains = np.einsum("pj,ijk,pk->ip", inverse, G, inverse, optimize=True)
     places = np.argsort(-np.column_stack([gains.sum(axis=1), gains]), axis=0, kind="stable")
     each = -(-tried // (2 * gains.shape[1]))
     return np.unique(np.append(places[: tried // 2, 0], places[:each, 1:]))
-
-
-def _spread_of(M: Array) -> Array:
-    """Standard deviations from an information; infinite where it is singular."""
-    inverse = numerics.invert(M)
-    if inverse is None:
-        return np.full(len(M), np.inf)
-    return np.sqrt(np.maximum(inverse.matrix.diagonal(), 0.0))

@@ -148,6 +148,12 @@ def describe_plan(plan: Plan) -> str:
             ]
         )
     lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
+    if plan.geometry:
+        lines += ["", "Predicted standard deviations of zeros and offsets"]
+        body = [
+            [g.name, number(g.sd, 3, missing="not identifiable"), g.unit] for g in plan.geometry
+        ]
+        lines += table(("", "sd", "unit"), body)
     lines += ["", "Widest interval with the number of rows"]
     for factor, entry in zip(plan.factors, data["by_rows"], strict=True):
         worst = entry["worst_relative_sd"]
