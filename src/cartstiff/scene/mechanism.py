@@ -18,7 +18,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene import objects, theme
 from cartstiff.scene.objects import Y_TO_Z
 from cartstiff.scene.scales import Tension
@@ -67,17 +67,14 @@ class LinesPicture:
         self.telescope = telescope
         self._radius = radius
         self._cables = cables
-        colour = theme.GHOST if ghost else 0xFFFFFF
-        opacity = theme.GHOST_OPACITY if ghost else 1.0
         lines = [node[f"line {i + 1}"] for i in range(count)]
         self._rods = [line["rod"] for line in lines]
         self._tubes = [line["tube"] for line in lines] if telescope is not None else []
         self._shades: list[int | None] = [None] * count
-        outer = theme.GHOST if ghost else tube
         for line in self._rods:
-            line.set_object(objects.rod(radius, colour, opacity))
+            line.set_object(objects.rod(radius, *theme.shade(0xFFFFFF, ghost)))
         for line in self._tubes:
-            line.set_object(objects.rod(1.9 * radius, outer, opacity))
+            line.set_object(objects.rod(1.9 * radius, *theme.shade(tube, ghost)))
         self._dashed = [False] * count
 
     def move(self, starts: Array, ends: Array) -> None:
@@ -135,24 +132,32 @@ class PlatformPicture:
     ) -> None:
         self._platform = platform
         self.notes: list[str] = []
-        radius = 0.011 * size
-        opacity = theme.GHOST_OPACITY if ghost else 1.0
-        colour = theme.GHOST if ghost else look.plate
-        ball = theme.GHOST if ghost else look.joint
+        radius, thick = 0.011 * size, 0.025 * size
         self._body = node["body"]
-        solid_body = 0.45 if cables else 0.8
-        flat = objects.plate(platform.points, 0.025 * size, colour, min(opacity, solid_body))
+        flat = objects.plate(
+            platform.points, thick, *theme.shade(look.plate, ghost, 0.45 if cables else 0.8)
+        )
         if flat is not None:
             self._body["plate"].set_object(flat)
         else:
             for i, point in enumerate(platform.points):
                 if np.linalg.norm(point) > numerics.NEARBY * size:
                     rod = self._body[f"rod {i + 1}"]
-                    rod.set_object(objects.rod(radius, colour, opacity))
+                    rod.set_object(objects.rod(radius, *theme.shade(look.plate, ghost)))
                     rod.set_transform(objects.segment(np.zeros(3), point))
-        self._balls(self._body, platform.points, 1.7 * radius, ball, opacity)
+        self._balls(self._body, platform.points, 1.7 * radius, *theme.shade(look.joint, ghost))
         if not ghost:
-            self._ground(node["base"], size, look, ball)
+            anchors = platform.anchors
+            spread = np.linalg.svd(anchors - anchors.mean(axis=0), compute_uv=False)
+            is_flat = spread[-1] < 0.2 * spread[0]
+            made = (
+                objects.plate(anchors, thick, look.plate, 0.9)
+                if is_flat
+                else _edges(anchors, look.link)
+            )
+            if made is not None:
+                node["base"]["plate"].set_object(made)
+            self._balls(node["base"], anchors, 0.017 * size, look.joint)
         legs = platform.kind == "stewart-gough"
         lengths = platform.leg_lengths(reference)
         shortest = lengths.min() if platform.limits is None else platform.limits[:, 0].min()
@@ -166,32 +171,24 @@ class PlatformPicture:
             ghost=ghost,
         )
 
-    def _ground(self, node: ViewerNode, size: float, look: theme.Theme, ball: int) -> None:
-        anchors = self._platform.anchors
-        spread = np.linalg.svd(anchors - anchors.mean(axis=0), compute_uv=False)
-        if spread[-1] < 0.2 * spread[0]:
-            made = objects.plate(anchors, 0.025 * size, look.plate, 0.9)
-        else:
-            made = _edges(anchors, look.link)
-        if made is not None:
-            node["plate"].set_object(made)
-        self._balls(node, anchors, 0.017 * size, ball, 1.0)
-
     @staticmethod
-    def _balls(node: ViewerNode, points: Array, radius: float, colour: int, opacity: float) -> None:
+    def _balls(
+        node: ViewerNode, points: Array, radius: float, colour: int, opacity: float = 1.0
+    ) -> None:
+        made = objects.solid(objects.sphere(radius), colour, opacity)
         for i, point in enumerate(np.unique(np.round(points, 12), axis=0)):
-            T = np.eye(4)
-            T[:3, 3] = point
-            node[f"joint {i + 1}"].set_object(
-                objects.solid(objects.sphere(radius), colour, opacity)
-            )
-            node[f"joint {i + 1}"].set_transform(T)
+            node[f"joint {i + 1}"].set_object(made)
+            node[f"joint {i + 1}"].move_to(point)
 
     def move(self, posture: PlatformPosture) -> None:
         """Put body and legs where they are at a pose."""
         T, platform = posture.pose, self._platform
         self._body.set_transform(T)
         self._lines.move(platform.anchors, platform.points @ T[:3, :3].T + T[:3, 3])
+
+    def corners(self, _: PlatformPosture) -> Array:
+        """No boxes: plates and legs are within `extent`."""
+        return np.zeros((0, 3))
 
     def facts(self) -> dict[str, Any]:
         """Facts about the legs, for a viewer that moves the picture itself."""
@@ -334,47 +331,45 @@ class ChainPicture:
         return True
 
     def _paint(self, visual: Visual, mesh: Mesh | None) -> tuple[int, float]:
-        if self._ghost:
-            return theme.GHOST, theme.GHOST_OPACITY
+        colour, opacity = _UNPAINTED, 1.0
         if visual.colour is not None:
-            return theme.hex_of(255 * np.array(visual.colour)), max(visual.colour[3], 0.05)
-        if mesh is not None and mesh.colour is not None:
-            return theme.hex_of(mesh.colour), 1.0
-        return _UNPAINTED, 1.0
+            colour = theme.hex_of(255 * np.array(visual.colour))
+            opacity = max(visual.colour[3], 0.05)
+        elif mesh is not None and mesh.colour is not None:
+            colour = theme.hex_of(mesh.colour)
+        return theme.shade(colour, self._ghost, opacity)
 
     def _sticks(self, figure: Skeleton) -> None:
-        size, look = self._size, self._theme
-        opacity = theme.GHOST_OPACITY if self._ghost else 1.0
-        link = theme.GHOST if self._ghost else look.link
-        knuckle = theme.GHOST if self._ghost else look.joint
+        size, look, ghost = self._size, self._theme, self._ghost
+        link, knuckle = theme.shade(look.link, ghost), theme.shade(look.joint, ghost)
         radius = 0.012 * size
         for i, bone in enumerate(figure.bones):
             node = self._on(bone.joint)[f"bone {i}"]
-            node.set_object(objects.rod(radius, link, opacity))
+            node.set_object(objects.rod(radius, *link))
             node.set_transform(objects.segment(bone.start, bone.end))
         for i, flat in enumerate(figure.plates):
             # The ground plate of a planar mechanism must not hide its links.
             solid = 0.35 if flat.joint == 0 else 0.85
-            made = objects.plate(flat.corners, 0.02 * size, link, min(opacity, solid))
+            made = objects.plate(flat.corners, 0.02 * size, *theme.shade(look.link, ghost, solid))
             if made is not None:
                 self._on(flat.joint)[f"plate {i}"].set_object(made)
         for part in figure.knuckles:
             node = self._on(part.joint)["knuckle"]
             if part.axis is None:
-                node.set_object(objects.solid(objects.sphere(1.8 * radius), knuckle, opacity))
+                node.set_object(objects.solid(objects.sphere(1.8 * radius), *knuckle))
                 continue
             if part.prismatic:
                 sides = (5 * radius, 3 * radius, 3 * radius)
-                node.set_object(objects.solid(objects.box(sides), knuckle, opacity))
+                node.set_object(objects.solid(objects.box(sides), *knuckle))
             else:
                 geometry = objects.cylinder(1.8 * radius, 4.2 * radius)
-                node.set_object(objects.solid(geometry, knuckle, opacity, objects.Y_TO_X))
+                node.set_object(objects.solid(geometry, *knuckle, objects.Y_TO_X))
             T = np.eye(4)
             T[:3, :3] = objects.rotation_to(part.axis)
             node.set_transform(T)
         for slider in figure.sliders:
             node = self._node[f"slider {slider.joint}"]
-            node.set_object(objects.rod(0.7 * radius, link, opacity))
+            node.set_object(objects.rod(0.7 * radius, *link))
             parent, joint = (FixedFrame(j, np.eye(4)) for j in (slider.parent, slider.joint))
             self._sliders.append((node, parent, slider.start, joint))
 
@@ -458,22 +453,17 @@ class MechanismPicture:
         ghost: bool = False,
     ) -> None:
         self.node = node
-        self.notes: list[str] = []
-        self._elastic, self._ghost = elastic, ghost
+        self._elastic = elastic
         mechanism, own = elastic.mechanism, elastic.springs
-        self._platform: PlatformPicture | None = None
-        self._chain: ChainPicture | None = None
         lines = tuple(term for term in elastic.potentials if isinstance(term, LineSprings))
+        self._own: Any = None  # takes postures of its own kind of mechanism
         if isinstance(mechanism, Platform):
             cables = isinstance(own, LineSprings) and bool(own.unilateral)
-            self._platform = PlatformPicture(
-                node, mechanism, cables, size, look, elastic.q, ghost=ghost
-            )
+            self._own = PlatformPicture(node, mechanism, cables, size, look, elastic.q, ghost=ghost)
         elif isinstance(mechanism, Chain):
-            self._chain = ChainPicture(node, mechanism, size, look, ghost=ghost, lines=lines)
-            self.notes = self._chain.notes
-        else:
-            self.notes = [f"a {mechanism.kind} mechanism has no picture of its own"]
+            self._own = ChainPicture(node, mechanism, size, look, ghost=ghost, lines=lines)
+        missing = [f"a {mechanism.kind} mechanism has no picture of its own"]
+        self.notes: list[str] = missing if self._own is None else self._own.notes
         self._lines = [
             LinesPicture(
                 node[f"springs {i + 1}"],
@@ -487,10 +477,8 @@ class MechanismPicture:
 
     def move(self, posture: MechanismPosture) -> None:
         """Put everything where it is at a posture."""
-        if self._platform is not None and isinstance(posture, PlatformPosture):
-            self._platform.move(posture)
-        if self._chain is not None and isinstance(posture, ChainPosture):
-            self._chain.move(posture)
+        if self._own is not None:
+            self._own.move(posture)
         for picture, (_, starts, ends) in zip(
             self._lines, _lines(self._elastic, posture), strict=True
         ):
@@ -498,14 +486,11 @@ class MechanismPicture:
 
     def corners(self, posture: MechanismPosture) -> Array:
         """Corners (n, 3) in F of boxes around the links' meshes; none for other pictures."""
-        if self._chain is None or not isinstance(posture, ChainPosture):
-            return np.zeros((0, 3))
-        return self._chain.corners(posture)
+        return np.zeros((0, 3)) if self._own is None else self._own.corners(posture)
 
     def facts(self) -> dict[str, Any]:
         """Facts for a viewer that moves the picture itself."""
-        part = self._chain or self._platform
-        return {} if part is None else part.facts()
+        return {} if self._own is None else self._own.facts()
 
     def draw(self, result: PostureStiffness) -> dict[str, Any] | None:
         """Move to a result's posture and colour lines by their tension; returns what colours mean.
@@ -516,25 +501,15 @@ class MechanismPicture:
             "unit", "limits", "values" and "slack" (numbers from 1), and under "lines" the same for
             every group of springs between links. None where there are no lines.
         """
-        self.move(result.posture)
-        if self._platform is None and not self._lines:
-            return None
-        unit = self._elastic.units.force
-        answer: dict[str, Any] | None = None
-        springs, posture = result.elastic.springs, result.posture
-        if (
-            self._platform is not None
-            and isinstance(springs, LineSprings)
-            and isinstance(posture, PlatformPosture)
-        ):
-            lengths = springs.geometry(posture).lengths
-            legs = self._platform.paint(springs, lengths)
-            answer = {"unit": unit, **legs}
-        groups = []
+        posture, springs = result.posture, result.elastic.springs
+        self.move(posture)
+        unit, answer = self._elastic.units.force, dict[str, Any]()
+        if isinstance(springs, LineSprings) and isinstance(posture, PlatformPosture):
+            answer = {"unit": unit, **self._own.paint(springs, posture.lines.lengths)}
         terms = _lines(result.elastic, posture)
-        for picture, (term, starts, ends) in zip(self._lines, terms, strict=True):
-            lengths = line_geometry(np.eye(4), starts, ends).lengths
-            groups.append({"unit": unit, **picture.carry(term, lengths)})
-        if groups:
-            answer = {**(answer or {}), "lines": groups}
-        return answer
+        if terms:
+            answer["lines"] = [
+                {"unit": unit, **picture.carry(term, np.linalg.norm(ends - starts, axis=1))}
+                for picture, (term, starts, ends) in zip(self._lines, terms, strict=True)
+            ]
+        return answer or None

@@ -130,6 +130,11 @@ SEQUENTIAL = np.array(
 )
 
 
+def shade(colour: int, ghost: bool, opacity: float = 1.0) -> tuple[int, float]:
+    """Colour and opacity of a part, or of a ghost's part."""
+    return (GHOST, GHOST_OPACITY) if ghost else (colour, opacity)
+
+
 def hex_of(colour: Sequence[float] | Array) -> int:
     """0xRRGGBB of red, green, blue in [0, 255]."""
     r, g, b = (round(float(c)) for c in colour[:3])
