@@ -37,6 +37,7 @@ from cartstiff.scene.environment import scene_units
 from cartstiff.scene.labels import number, text_png
 from cartstiff.scene.objects import rotation_to, segment
 from cartstiff.scene.scales import Tension, round_number
+from cartstiff.scene.scene import Scene
 from cartstiff.scene.viewer import ViewerNode
 
 ROUNDING = 1e-9
@@ -457,3 +458,16 @@ def test_one_shade_is_that_of_many():
     values = np.concatenate([np.linspace(-1.2, 1.2, 997), [-1.0, -0.5, 0.0, 0.5, 1.0]])
     expected = [theme.hex_of(colour) for colour in theme._between(theme.FORCES, 0.5 + 0.5 * values)]
     assert [theme.force_colour(x) for x in values.tolist()] == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "has_one"), [("ur5", True), ("hexapod", True), ("delta", False), ("five-bar", False)]
+)
+def test_a_mechanism_that_stands_on_its_base_has_a_shadow(name, has_one):
+    """Hung from above, or flat on the ground, it has none."""
+    arm = cartstiff.load(name)
+    window = RecordingWindow()
+    scene = Scene(ViewerNode(window, "/meshcat"), arm)
+    scene.draw(cartstiff.analyse(arm))
+    paths = {path for kind, path, _ in window.by_path() if kind == "set_object"}
+    assert ("/meshcat/cartstiff/ground/shadow" in paths) == has_one

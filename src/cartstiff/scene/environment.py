@@ -120,18 +120,25 @@ class Environment:
         background = self._root["Background"]
         background.set_property("top_color", theme.fractions(look.top))
         background.set_property("bottom_color", theme.fractions(look.bottom))
-        self.node["ground"].set_object(self._ground(look))
+        level = min(0.0, float(self._low[2])) if self._low[2] > -0.05 * self.size else self._low[2]
+        self.node["ground"].set_object(self._ground(look, level - 1e-3 * self.size))
+        near = self._points[self._points[:, 2] < level + 0.1 * self.size, :2]
+        # It stands on its base: it neither hangs nor lies in a plane.
+        if level > -0.05 * self.size and 0 < len(near) < len(self._points):
+            spot = np.append(near.mean(axis=0), level - 2e-3 * self.size)
+            reach = float(np.linalg.norm(near - spot[:2], axis=1).max())
+            radii = np.linspace(0.7 * reach, reach + 0.2 * self.size, 16)
+            self.node["ground"]["shadow"].set_object(objects.shadow(spot, radii))
 
-    def _ground(self, look: theme.Theme) -> objects.Object:
+    def _ground(self, look: theme.Theme, level: float) -> objects.Object:
         step = self.spacing
         centre = np.round(0.5 * (self._low + self._high)[:2] / step) * step
         half = np.ceil(0.85 * self.size / step) * step
         across = np.arange(-half, half + 0.5 * step, step)
-        level = min(0.0, float(self._low[2])) if self._low[2] > -0.05 * self.size else self._low[2]
         ends = []
         for x in across:
             ends += [[x, -half, 0], [x, half, 0], [-half, x, 0], [half, x, 0]]
-        lines = np.array(ends) + np.array([centre[0], centre[1], level - 1e-3 * self.size])
+        lines = np.array(ends) + np.array([centre[0], centre[1], level])
         return objects.lines(lines, look.grid, 0.8)
 
     def camera(self, preset: str = "iso") -> None:

@@ -364,6 +364,28 @@ def frame(node: ViewerNode, length: float, opacity: float = 1.0) -> None:
         node["xyz"[axis]].set_object(solid(cylinder(radius, length, 12), colour, opacity, M))
 
 
+def shadow(centre: Array, radii: Array) -> Object:
+    """A soft dark spot on the ground: transparent discs about a point, one on the other."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    circle[0] = 0.0  # the middle of the fan
+    fan = np.array([[0, 1 + k, 1 + (k + 1) % 48] for k in range(48)])
+    geometry = mesh(
+        np.concatenate([centre + r * circle for r in radii]),
+        np.concatenate([fan + 49 * k for k in range(len(radii))]),
+    )
+    material = {
+        "uuid": "material",
+        "type": "MeshBasicMaterial",
+        "color": 0,
+        "opacity": 0.023,
+        "transparent": True,
+        "depthWrite": False,
+        "side": _BOTH_SIDES,
+    }
+    return surface(geometry, material, "Mesh")
+
+
 def plate(corners: Array, thickness: float, colour: int, opacity: float) -> Object | None:
     """A solid through points (n, 3): a plate where they lie in a plane, else their convex hull.
 
