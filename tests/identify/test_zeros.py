@@ -416,3 +416,71 @@ def test_a_base_far_away_and_a_turned_tool(tmp_path, units):
 def _arm_in(folder, units):
     arm = cartstiff.load(str(_urdf(folder / "ten.yaml")))
     return arm if units is None else in_units(arm, units["length"])
+
+
+def _written(path, source, *more):
+    """The mechanism of a file that the command writes."""
+    out = path.with_name("found.yaml")
+    run("identify", path, source, "--unknown", "joints,zeros,tool,base", *more, "-o", out)
+    return cartstiff.load(str(out))
+
+
+@pytest.mark.parametrize("lengths", ["m", "mm"])
+def test_the_file_written_stands_where_the_rows_were_measured(tmp_path, lengths):
+    """Zeros, tool and base of the file: by its equilibria the rows are predicted to their noise.
+
+    Among them are those that the rows do not separate: the first zero and the base about its axis.
+    """
+    base = pin.SE3(pin.exp3(np.array([0.01, -0.02, 0.015])), np.array([0.2, -0.1, 0.05]))
+    tilt, inside = np.array([4e-3, -3e-3, 2e-3]), (0.02, 0.01, 0.04)
+    true = {"zeros": 8.0 * ZEROS, "tool": np.array(inside) + 4e-3, "base": base.homogeneous}
+    source = campaign(tmp_path / "a.csv", orientation=1e-4, tilt=tilt, **true)
+    text = source.read_text("utf-8").replace(
+        "mass,x,y,z,sd_x,sd_y,sd_z",
+        "mass,x [m],y [m],z [m]," + ",".join(f"sd_{n} [m]" for n in "xyz"),
+    )
+    source.write_text(text, "utf-8")
+    size = {"m": 1.0, "mm": 1e3}[lengths]
+    place = f"--point={','.join(str(size * x) for x in inside)}"
+    arm = _written(
+        _urdf(tmp_path / "ten.yaml"), source, place, "--load-at=0,0,0", f"--units={lengths},rad"
+    )
+    rows = read_measurements(source, arm, point=inside)
+    missed, turned = [], []
+    for n in range(0, len(rows), 4):
+        x = rows.q[n]
+        for _ in range(8):
+            state = arm.mechanism.at(x)
+            pull = state.pose[:3, :3].T @ np.array([0, 0, -9.81 * rows.mass[n]])
+            torque = state.motion.jacobian[3:].T @ pull
+            torque = torque - state.gravity(arm.gravity).gradient
+            x = rows.q[n] + torque / arm.springs.stiffness
+        T = arm.mechanism.at(x).pose
+        seen = [rows.values[name][n] for name in "xyz"]
+        missed.append(T[:3, 3] + T[:3, :3] @ inside - seen)
+        R = pin.rpy.rpyToMatrix(*(rows.values[name][n] for name in ("roll", "pitch", "yaw")))
+        turned.append(pin.log3(R.T @ T[:3, :3]))
+    assert np.sqrt(np.mean(np.square(missed))) < 1.5e-4  # of 5e-5, and equilibria about the tool
+    assert np.sqrt(np.mean(np.square(turned))) < 2e-4
+    bare = cartstiff.load(str(tmp_path / "ten.yaml"))
+    wrong = bare.mechanism.at(rows.q[0]).pose[:3, 3] - T[:3, 3]
+    assert np.linalg.norm(wrong) > 0.01
+
+
+def test_what_no_file_can_hold_is_refused(arm, tmp_path):
+    """A base turned by a radian would turn the weight; a platform's file has no tool."""
+    file = _urdf(tmp_path / "ten.yaml")
+    base = pin.SE3(pin.exp3(np.array([0.6, 0.0, 0.5])), np.array([1.0, 2.0, 0.5])).homogeneous
+    source = campaign(tmp_path / "a.csv", base=base)
+    words = ("--unknown", "joints,base", "-o", tmp_path / "b.yaml")
+    run("identify", file, source, *words, code=2, said="along whose axes the weight acts")
+    assert not (tmp_path / "b.yaml").exists()
+    legs = cartstiff.load("stewart-gough")
+    q = np.random.default_rng(0).uniform(-0.1, 0.1, (12, 6)) + legs.q
+    table = dict(zip([f"q_{n}" for n in legs.names], q.T, strict=True))
+    table |= dict(
+        zip("xyz", np.array([legs.mechanism.at(x).pose[:3, 3] for x in q]).T, strict=True)
+    )
+    path = write_table(tmp_path / "p.csv", table | {"fz": np.full(12, 500.0)})
+    words = ("--unknown", "joints,tool", "-o", tmp_path / "p.yaml")
+    run("identify", "stewart-gough", path, *words, code=2, said="no place in a file of kind")

@@ -277,3 +277,34 @@ def test_base_of_a_serial_arm(tmp_path: Path) -> None:
         assert np.abs(a.wrench - b.wrench).max() < 1e-9 * np.abs(b.wrench).max()
     world, _ = hanging.mechanism.at(hanging.q).relative("world", "base")
     assert np.abs(world - T).max() < 1e-12
+
+
+def test_zeros_of_a_serial_arm(tmp_path: Path) -> None:
+    """A joint stands at 0.02 where its command is 0, also one that slides or is followed."""
+    axis = "0 0 1"
+    parts = [
+        f'<joint name="{name}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0.1 0.2 0.3" rpy="0.4 0 0.3"/><axis xyz="{axis}"/>'
+        f'<limit lower="-2" upper="2" effort="1" velocity="1"/>{more}</joint>'
+        for i, (name, kind, more) in enumerate(
+            (
+                ("turn", "revolute", ""),
+                ("slide", "prismatic", ""),
+                ("follow", "revolute", '<mimic joint="turn" multiplier="-2" offset="0.1"/>'),
+            )
+        )
+    ]
+    links = "".join(f'<link name="l{i}"/>' for i in range(4))
+    (tmp_path / "m.urdf").write_text(f'<robot name="m">{links}{"".join(parts)}</robot>', "utf-8")
+    text = "kind: serial\nmodel: m.urdf\nframe: l3\nsprings: {turn: {stiffness: 1e4}, "
+    (tmp_path / "a.yaml").write_text(text + "slide: {stiffness: 1e5}}\n", "utf-8")
+    moved = text + "slide: {stiffness: 1e5}}\nzeros: {turn: 0.02, slide: -0.03}\n"
+    (tmp_path / "b.yaml").write_text(moved, "utf-8")
+    a, b = (cartstiff.load(str(tmp_path / name)) for name in ("a.yaml", "b.yaml"))
+    q = np.array([0.5, 0.2])
+    there, here = a.mechanism.at(q + np.array([0.02, -0.03])), b.mechanism.at(q)
+    assert np.abs(there.pose - here.pose).max() < 1e-13
+    assert np.abs(there.motion.jacobian - here.motion.jacobian).max() < 1e-13
+    (tmp_path / "b.yaml").write_text(moved.replace("turn: 0.02", "follow: 0.02"), "utf-8")
+    with pytest.raises(InputError, match="key zeros"):
+        cartstiff.load(str(tmp_path / "b.yaml"))

@@ -289,7 +289,8 @@ def _zeros(result: Identification) -> Iterator[Note]:
     if sought := unknowns.geometry:
         words = (
             f"estimated together with the springs: {', '.join(sought)}; loads act where they are "
-            "stated, and a mechanism file written holds the springs alone"
+            "stated. A mechanism file written holds them: of those that the rows do not separate "
+            "some that fit the rows"
         )
         yield Note("geometry-estimated", words, {"sought": list(sought)})
     zeros = [
@@ -714,9 +715,10 @@ def identify(
     springs = estimates(chosen.solved, unknowns, level, inflation)
     columns = offsets_of(unknowns, seen, measured, offsets)
     half = quantile(level, freedom_of(chosen.solved, inflation)) * inflation
+    placed = estimated(elastic, columns, chosen.solved, found)
     geometry = [
         _offset(name, unit_of(elastic, name), x, s * inflation, half * s)
-        for name, (x, s) in estimated(elastic, columns, chosen.solved, found).items()
+        for name, (x, s) in placed.items()
     ]
     result = Identification(
         elastic,
@@ -730,6 +732,7 @@ def identify(
         robust,
         tuple(springs),
         tuple(geometry),
+        {name: x for name, (x, _) in placed.items()},
         columns.names,
         checks,
         level,

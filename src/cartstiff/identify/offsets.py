@@ -151,7 +151,7 @@ def estimated(
     """
     names = [offsets.names[i] for i in offsets.geometry]
     C = solution.offset_covariance[np.ix_(offsets.geometry, offsets.geometry)]
-    place = _base(found)
+    place = placement_of(found)
     turn = se3.log(se3.pose(place[:3, :3]))
     by_step = np.zeros((6, 6))  # of the base's six numbers, whose step is along its turned axes
     by_step[:3, :3], by_step[3:, 3:] = place[:3, :3], se3.right_jacobian_inverse(turn)[:3, :3]
@@ -185,7 +185,7 @@ def corrections(
     return {name: x for name, (x, _) in step.items() if abs(x) <= size_of(elastic, name)}
 
 
-def _base(found: Mapping[str, float], word: str = "base") -> Array:
+def placement_of(found: Mapping[str, float], word: str = "base") -> Array:
     """Pose of the base, or of the tool, from its offsets."""
     x = [found.get(f"{word}.{part}", 0.0) for part in _PARTS]
     return se3.pose(se3.exp([*x[3:], 0.0, 0.0, 0.0])[:3, :3], x[:3])
@@ -194,7 +194,10 @@ def _base(found: Mapping[str, float], word: str = "base") -> Array:
 def _together(found: Mapping[str, float], step: Mapping[str, float]) -> dict[str, float]:
     """Offsets after a further step."""
     total = {name: found.get(name, 0.0) + x for name, x in step.items()}
-    base, tool = _base(found) @ _base(step), _base(step, "tool") @ _base(found, "tool")
+    base, tool = (
+        placement_of(found) @ placement_of(step),
+        placement_of(step, "tool") @ placement_of(found, "tool"),
+    )
     tool[:3, 3] = [total.get(f"tool.{part}", 0.0) for part in _PARTS[:3]]  # along the body's axes
     whole = parts_of("base", base) | parts_of("tool", tool)
     return {name: whole.get(name, x) for name, x in total.items()}
@@ -217,9 +220,9 @@ def corrected(
     if (np.isnan(table).any(axis=0) & ~np.isnan(table).all(axis=0)).any():
         step = {n: x for n, x in step.items() if not n.startswith("base.")}  # no whole positions
     zeros = [step.get(f"{name}{ZERO}", 0.0) for name in elastic.names]
-    tool = _base(step, "tool")
+    tool = placement_of(step, "tool")
     rows = np.arange(len(measured))
-    values = _moved(measured.values, rows, se3.inverse(_base(step)), tool[:3, :3].T)
+    values = _moved(measured.values, rows, se3.inverse(placement_of(step)), tool[:3, :3].T)
     point = tuple((np.asarray(measured.point) + tool[:3, 3]).tolist())
     return replace(measured, q=measured.q + zeros, values=values, point=point), _together(
         found, step

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import io
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,13 +27,13 @@ from cartstiff.geometry import se3
 from cartstiff.identify.fitting import Fit, Robust, Solved
 from cartstiff.identify.measurements import POSITION, TURN, Measurements
 from cartstiff.identify.models import LinearModel, Model
-from cartstiff.identify.offsets import OffsetEstimate
-from cartstiff.identify.unknowns import Unknown, Unknowns
+from cartstiff.identify.offsets import OffsetEstimate, placement_of
+from cartstiff.identify.unknowns import ZERO, Unknown, Unknowns
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import with_parameters
-from cartstiff.loading.schema import FlexibleModel, place_of
+from cartstiff.loading.schema import FlexibleModel, PoseModel, place_of, pose_of
 from cartstiff.loading.yaml_file import read_yaml
-from cartstiff.mechanisms.contract import SI
+from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
@@ -423,6 +424,8 @@ class Identification:
         One per parameter.
     geometry : tuple of OffsetEstimate
         Joint zeros, offsets of tool and base, if they are sought.
+    placed : mapping of str to float
+        Zeros and offsets that fit the rows, also those that these do not separate.
     columns : tuple of str
         Names of all offsets in the regressor.
     checks : Checks
@@ -450,6 +453,7 @@ class Identification:
     robust: Robust
     estimates: tuple[Estimate, ...]
     geometry: tuple[OffsetEstimate, ...]
+    placed: Mapping[str, float]
     columns: tuple[str, ...]
     checks: Checks
     level: float
@@ -570,6 +574,8 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
+# Turn [rad] of a base up to which the weight acts along the fit's axes.
+_MAX_TURN = 0.05
 _ROBOTS = (".urdf", ".xml", ".mjcf")
 
 
@@ -667,6 +673,7 @@ def mechanism_file(
     if elastic.units.length != length:  # --units are those of input and output
         elastic = in_units(elastic, length)
     _put_springs(data, elastic, to.parent)
+    _put_geometry(data, result)
     identified = elastic.identified
     if identified is None:
         raise TypeError("a result without findings")
@@ -774,6 +781,49 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) 
     for i, line in enumerate(data.get("lines", ())):
         at = names.index(f"line{i + 1}")
         line["stiffness"] = float(names.stiffness[at, at])
+
+
+def _put_geometry(data: dict[str, Any], result: Identification) -> None:
+    """Write the zeros, the tool and the base that were found.
+
+    Raises
+    ------
+    InputError
+        If the kind of file has no key for them, or the base is turned so far that the weight, which
+        the fit takes along the stated axes, would act along others.
+    """
+    placed, elastic = result.placed, result.elastic
+    lengths, _ = convert_length(elastic.units, SI)
+    keys = {"zeros": "zeros", "tool": "offset", "base": "base"}
+    words = {"zeros" if n.endswith(ZERO) else n.partition(".")[0] for n in placed}
+    for word in words - (set(keys) if data["kind"] == "serial" else set()):
+        raise InputError(
+            f"{word} found has no place in a file of kind {data['kind']}",
+            where="-o",
+            expected="-o without it in --unknown",
+        )
+    tool, base = placement_of(placed, "tool"), placement_of(placed, "base")
+    turn = float(np.linalg.norm(se3.log(se3.pose(base[:3, :3]))[:3]))
+    if turn > _MAX_TURN and elastic.gravity is not None:
+        raise InputError(
+            "the base found is turned against the frame of the positions, along whose axes the "
+            "weight acts",
+            where="-o",
+            expected=f"at most {_MAX_TURN} rad, or rows with a column session instead of base",
+            got=f"{turn:.3g} rad",
+        )
+    point = np.asarray(result.measured.point) - tool[:3, 3]  # it keeps its numbers in the new M
+    tool[:3, 3] += point - tool[:3, :3] @ point
+    for word, T in (("tool", tool), ("base", base)):
+        if word in words:
+            T[:3, 3] *= lengths
+            T = pose_of(PoseModel.model_validate(data.get(keys[word], {}))) @ T
+            data[keys[word]] = {"xyz": T[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(T).tolist()}
+    for j, name in enumerate(elastic.names):
+        if f"{name}{ZERO}" in placed:
+            size = lengths if elastic.mechanism.coordinates[j].is_length else 1.0
+            zeros = data.setdefault("zeros", {})
+            zeros[name] = zeros.get(name, 0.0) + size * placed[f"{name}{ZERO}"]
 
 
 def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:

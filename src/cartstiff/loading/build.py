@@ -1297,7 +1297,8 @@ def chain_of(
         actuated, driven = (own, None) if alone else (file.actuated, file.actuated or own)
     else:
         base = pose_of(file.base)
-        tree = merged([("", tree, base)])
+        _check_joints(file.zeros, tree.names, "key zeros")
+        tree = merged([("", tree.with_zeros(file.zeros), base)])
     in_closures = {
         name: x for name, x in file.q.items() if closed and _CLOSURE_COORDINATE.fullmatch(name)
     }

@@ -592,6 +592,7 @@ class SerialFile(Joints, FileWords):
         "the robot's own base frame B (its root) in F, the room", PoseModel.model_construct()
     )
     offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
+    zeros: dict[str, Number] = keyed("true positions of joints that are commanded to 0", {})
     lines: list[LineModel] = []
 
 

@@ -402,6 +402,18 @@ class KinematicTree:
         other.frames = {**self.frames, **(frames or {})}
         return other
 
+    def with_zeros(self, zeros: Mapping[str, float]) -> KinematicTree:
+        """Return the tree whose joints stand at these positions by name where they are 0 here."""
+        if not zeros:
+            return self
+        z = np.array([zeros.get(name, 0.0) for name in self.names])
+        z = z if self.mimic is None else self.mimic @ z
+        moved = [
+            T @ se3.exp(x)
+            for T, x in zip(self.placements(), self.screws() * z[:, None], strict=True)
+        ]
+        return self.changed(dict(enumerate(moved, start=1)))
+
     def with_mass(self, at: FixedFrame, mass: float, point: Array) -> KinematicTree:
         """Return the tree with a point mass [kg] at a point (3,) of a frame."""
         model = self.model.copy()
