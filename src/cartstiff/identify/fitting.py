@@ -104,10 +104,10 @@ class Solved:
         Factors on the deviations of lengths and angles: estimated where unknown.
     degrees : float
         Degrees of freedom of the t distribution; infinite where all deviations are known.
-    whitened : ndarray (m + priors, P + S)
-        Columns over the deviations, undetermined ones left out as zeros.
-    leverage : ndarray (m,)
-        Diagonal of the hat matrix.
+    basis : ndarray (m + priors, r)
+        Orthonormal basis of the range of the columns over the deviations.
+    half : ndarray (P + S, r)
+        The solution of least norm is ``half @ basis.T @ b``, its covariance ``half @ half.T``.
     active : ndarray of bool (P,)
         Parameters at their bound.
     """
@@ -124,30 +124,23 @@ class Solved:
     deviation: Array
     scales: tuple[float, float]
     degrees: float
-    whitened: Array
-    leverage: Array
+    basis: Array
+    half: Array
     active: NDArray[np.bool_]
 
     @property
-    def _column_scale(self) -> Array:
-        """Factors (P + S,) by which the columns of `whitened` have unit length; 0 for zeros."""
-        norms = np.linalg.norm(self.whitened, axis=0)
-        return np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
+    def leverage(self) -> Array:
+        """Diagonal (m,) of the hat matrix."""
+        return np.asarray((self.basis[: len(self.residual)] ** 2).sum(axis=1))
 
     def moved_by(self, errors: Array) -> Array:
         """Changes (P + S, k) of parameters and nuisances by errors (m, k) of the numbers."""
-        scale, pushed = self._column_scale, np.zeros((len(self.whitened), errors.shape[1]))
-        pushed[: len(errors)] = errors / self.deviation[:, None]
-        moved = np.linalg.lstsq(self.whitened * scale, pushed, rcond=None)[0]
-        return np.asarray(scale[:, None] * moved)
+        pushed = self.basis[: len(errors)].T @ (errors / self.deviation[:, None])
+        return np.asarray(self.half @ pushed)
 
     def variances_of_predictions(self, columns: Array) -> Array:
         """``a^T (A^T A)^-1 a`` (m,) for the rows a of columns (m, P + S) over the deviations."""
-        scale = self._column_scale
-        _, values, Vt = np.linalg.svd(self.whitened * scale, full_matrices=False)
-        good = values > numerics.RANK * values.max(initial=0.0)
-        half = (columns / self.deviation[:, None] * scale) @ (Vt[good].T / values[good])
-        return np.asarray((half**2).sum(axis=1))
+        return np.asarray(((columns / self.deviation[:, None] @ self.half) ** 2).sum(axis=1))
 
     @property
     def freedom(self) -> float:
@@ -208,9 +201,9 @@ def solved(
         divided = np.vstack([full * (root / deviation)[:, None], extra])
         right = np.append(target * root / deviation, extra_target)
         basis = _Basis(divided, P, sizes)
-        x = basis.solution(right)
+        x = basis.half @ (basis.U.T @ right)
         r = target - full @ x
-        h = basis.leverage[:m]
+        h = (basis.U[:m] ** 2).sum(axis=1)
         before = scales.copy()
         for g in np.flatnonzero(~known):
             mine = (noise.group == g) & (root > 0)
@@ -231,7 +224,8 @@ def solved(
     theta, active = x, np.zeros(P, bool)
     if np.any(x[:P][bounded & basis.is_determined[:P]] < 0.0):
         theta, active = basis.bounded(right, bounded)
-    covariance = basis.covariance()
+    covariance = basis.half @ basis.half.T
+    covariance[~basis.is_determined], covariance[:, ~basis.is_determined] = np.nan, np.nan
     return Solved(
         theta[:P],
         x[:P],
@@ -245,8 +239,8 @@ def solved(
         noise.deviation * scales[noise.group],
         (float(scales[0]), float(scales[1])),
         _degrees(noise, h, root),
-        basis.kept,
-        h,
+        basis.U,
+        basis.half,
         active,
     )
 
@@ -273,31 +267,13 @@ class _Basis:
         others = norms[parameters:]
         is_seen[parameters:] = others > numerics.RANK * others.max(initial=0.0)
         self.scale = np.where(is_seen, natural / np.where(is_seen, norms, 1.0), 0.0)
-        self.kept = np.where(is_seen, divided, 0.0)
-        self._U, self.values, Vt = np.linalg.svd(divided * self.scale, full_matrices=False)
-        self.directions = Vt.T
-        self.rank = numerics.rank(self.values)
-        lost = Vt[self.rank :].T
-        self.is_determined = is_seen & (np.linalg.norm(lost, axis=1) <= _UNOBSERVABLE)
-        if lost.shape[1] + self.rank < len(
-            is_seen
-        ):  # fewer rows than columns: further directions are unobservable
-            inside = np.linalg.norm(Vt[: self.rank], axis=0)
-            self.is_determined = is_seen & (np.abs(1.0 - inside) <= _UNOBSERVABLE)
-        self.leverage = np.einsum("ij,ij->i", self._U[:, : self.rank], self._U[:, : self.rank])
-
-    def solution(self, right: Array) -> Array:
-        """Least squares, of least norm where not determined."""
-        inner = (self._U.T @ right)[: self.rank] / self.values[: self.rank]
-        return np.asarray(self.scale * (self.directions[:, : self.rank] @ inner))
-
-    def covariance(self) -> Array:
-        """Covariance of all columns; NaN where not determined."""
-        half = self.scale[:, None] * (self.directions[:, : self.rank] / self.values[: self.rank])
-        C = half @ half.T
-        lost = ~self.is_determined
-        C[lost], C[:, lost] = np.nan, np.nan
-        return C
+        self._divided = divided
+        U, self.values, Vt = np.linalg.svd(divided * self.scale, full_matrices=False)
+        self.directions, rank = Vt.T, numerics.rank(self.values)
+        inside = (Vt[:rank] ** 2).sum(axis=0)
+        self.is_determined = is_seen & (1.0 - inside <= _UNOBSERVABLE**2)
+        self.U = U[:, :rank]
+        self.half = self.scale[:, None] * Vt[:rank].T / self.values[:rank]
 
     def bounded(self, right: Array, bounded: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
         """Least squares with lower bounds at zero, and the parameters at their bound."""
@@ -307,7 +283,7 @@ class _Basis:
         lower = np.full(len(use), -np.inf)
         lower[: self._P] = np.where(bounded, 0.0, -np.inf)
         solution = lsq_linear(
-            self.kept[:, use] * self.scale[use],
+            self._divided[:, use] * self.scale[use],
             right,
             bounds=(lower[use], np.inf),
             method="bvls",

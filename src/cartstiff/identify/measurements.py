@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
@@ -19,6 +19,7 @@ DISPLACEMENT: Final = ("dx", "dy", "dz")
 ROTATION: Final = ("drx", "dry", "drz")
 POSITION: Final = ("x", "y", "z")
 TURN: Final = ("roll", "pitch", "yaw")
+_TRIPLES: Final = (DISPLACEMENT, ROTATION, POSITION, TURN)
 #: Measurable quantities, each with its kind.
 MEASURED: Final[Mapping[str, str]] = {
     **dict.fromkeys((*DISPLACEMENT, "d", *POSITION), "length"),
@@ -224,49 +225,40 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
     """
     R, p = poses[:, :3, :3], np.asarray(measured.point)
     T_F_B = elastic.mechanism.base_pose
-    base = T_F_B[:3, :3]
     points = poses[:, :3, 3] + R @ p
-    absolute = (*POSITION, *TURN)
+    names = list(measured.values)
+    kinds = [next((g for g in _TRIPLES if name in g), None) for name in names]
     rigid = _rigid(points, R, T_F_B, measured)
-    parts = []
-    for name, values in measured.values.items():
-        rows = np.flatnonzero(~np.isnan(values))
-        if not rows.size:
-            continue
-        is_angle = name in ROTATION or name in TURN
-        if name == "d":
-            axis = measured.direction[rows] @ base.T
-        else:
-            group = next(g for g in (DISPLACEMENT, ROTATION, POSITION, TURN) if name in g)
-            axis = np.tile(base[:, group.index(name)], (len(rows), 1))
-        along = np.einsum("nji,nj->ni", R[rows], axis)
-        a = np.zeros((len(rows), 6))
-        if is_angle:
-            a[:, :3] = along
-        else:
-            a[:, :3], a[:, 3:] = np.cross(p, along), along
-        target = rigid[name][rows] if name in rigid else values[rows]
-        parts.append(
-            (
-                rows,
-                [name] * len(rows),
-                np.full(len(rows), is_angle),
-                np.full(len(rows), name in absolute),
-                a,
-                target,
-                measured.deviations[name][rows],
-                axis,
-                points[rows],
-            )
-        )
-    if not parts:
-        none, points, no = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.bool_)
-        rows = np.zeros(0, np.intp)
-        return Observations(rows, (), no, no, np.zeros((0, 6)), none, none, points, points)
-    columns = [np.concatenate([part[i] for part in parts]) for i in range(9)]
-    order = np.argsort(columns[0], kind="stable")
-    row, column, angle, whole, a, target, sd, axis, place = (c[order] for c in columns)
-    return Observations(row, tuple(column.tolist()), angle, whole, a, target, sd, axis, place)
+
+    def table(columns: Iterable[Array], *shape: int) -> Array:
+        return np.array([*columns], float).reshape(len(names), len(R), *shape).swapaxes(0, 1)
+
+    values = table(measured.values.values())
+    used = ~np.isnan(values)
+    row, place = np.nonzero(used)
+    axis = table(
+        (
+            measured.direction @ T_F_B[:3, :3].T
+            if group is None
+            else np.tile(T_F_B[:3, group.index(name)], (len(R), 1))
+            for name, group in zip(names, kinds, strict=True)
+        ),
+        3,
+    )[used]
+    along = np.einsum("nji,nj->ni", R[row], axis)
+    is_angle = np.array([group in (ROTATION, TURN) for group in kinds], bool)[place]
+    turning = np.where(is_angle[:, None], along, np.cross(p, along))
+    return Observations(
+        row,
+        tuple(names[i] for i in place),
+        is_angle,
+        np.array([group in (POSITION, TURN) for group in kinds], bool)[place],
+        np.hstack([turning, np.where(is_angle[:, None], 0.0, along)]),
+        table(rigid.get(name, x) for name, x in measured.values.items())[used],
+        table(measured.deviations[name] for name in names)[used],
+        axis,
+        points[row],
+    )
 
 
 def _rigid(points: Array, R: Array, T_F_B: Array, measured: Measurements) -> dict[str, Array]:

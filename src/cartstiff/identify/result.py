@@ -120,27 +120,21 @@ def contradictions(measured: Measurements) -> None:
     InputError
         With the numbers of both rows.
     """
-    order = np.argsort(measured.settings, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(measured.settings[order])) + 1)
-    several = [g for g in groups if len(g) > 1]
     for name, values in measured.values.items():
-        if name in (*POSITION, *TURN):
-            largest = np.inf
-        else:
-            largest = float(np.nanmax(np.abs(values), initial=0.0))
-        sd = measured.deviations[name]
-        repeats = [mine for g in several if len(mine := g[~np.isnan(values[g])]) > 1]
+        is_place = name in (*POSITION, *TURN)
+        largest = np.inf if is_place else float(np.nanmax(np.abs(values), initial=0.0))
+        sd, known = measured.deviations[name], np.flatnonzero(~np.isnan(values))
+        settings = measured.settings[known]
+        repeats = [known[settings == g] for g in np.flatnonzero(np.bincount(settings) > 1)]
         squares = np.array([np.sum((values[g] - values[g].mean()) ** 2) for g in repeats])
         freedoms = np.array([len(g) - 1 for g in repeats])
         for n, mine in enumerate(repeats):
             low, high = mine[np.argmin(values[mine])], mine[np.argmax(values[mine])]
-            difference = values[high] - values[low]
-            spread = np.hypot(sd[low], sd[high])
+            difference, spread = values[high] - values[low], np.hypot(sd[low], sd[high])
             limit = _LARGEST_SHARE * largest if np.isnan(spread) else _CONTRADICTION * spread
-            others = freedoms.sum() - freedoms[n]
-            if np.isnan(spread) and others >= _MIN_REPEATS and squares.sum() > squares[n]:
-                of_others = np.sqrt(2.0 * (squares.sum() - squares[n]) / others)
-                limit = min(limit, _CONTRADICTION * float(of_others))
+            others, rest = freedoms.sum() - freedoms[n], squares.sum() - squares[n]
+            if np.isnan(spread) and others >= _MIN_REPEATS and rest > 0.0:
+                limit = min(limit, _CONTRADICTION * float(np.sqrt(2.0 * rest / others)))
             if difference > limit > 0.0:
                 a, b = sorted((int(measured.rows[low]), int(measured.rows[high])))
                 raise InputError(
@@ -206,33 +200,18 @@ def _lack_of_fit(
     return repeats, float(fdtrc(rest, repeats, max(total - pure, 0.0) / rest / (pure / repeats)))
 
 
-def _range_of(columns: Array) -> Array:
-    """Orthonormal basis (m, r) of the range of the columns, each scaled to unit length."""
-    used = columns[:, np.abs(columns).any(axis=0)]
-    U, values, _ = np.linalg.svd(used / np.linalg.norm(used, axis=0), full_matrices=False)
-    return np.asarray(U[:, : numerics.rank(values)])
-
-
 def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Array:
     """Leave-one-posture-out residuals (m,)."""
     solution = fit.solved
-    m = len(solution.residual)
-    U = _range_of(solution.whitened)[:m]
-    r = solution.residual / solution.deviation
-    answer = np.full(m, np.nan)
-    group = postures[row]
+    r, group = solution.residual / solution.deviation, postures[row]
+    answer = np.full(len(r), np.nan)
     order = np.argsort(group, kind="stable")
-    blocks = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
-    for size in {len(b) for b in blocks}:
-        these = np.array([b for b in blocks if len(b) == size])
-        V = U[these]
-        left = np.eye(size) - V @ V.swapaxes(1, 2)
-        least = np.linalg.eigvalsh(left)[:, 0]
-        fine = least > numerics.ROUNDING**0.5
-        if fine.any():
-            solved = np.linalg.solve(left[fine], r[these[fine]][..., None])[..., 0]
-            answer[these[fine]] = solved
-    return np.asarray(answer * solution.deviation)
+    for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        U = solution.basis[mine]
+        left = np.eye(len(mine)) - U @ U.T
+        if np.linalg.eigvalsh(left)[0] > numerics.ROUNDING**0.5:
+            answer[mine] = np.linalg.solve(left, r[mine])
+    return answer * solution.deviation
 
 
 def _patterns(
@@ -243,52 +222,48 @@ def _patterns(
     kept: NDArray[np.bool_],
 ) -> tuple[Pattern, ...]:
     """Terms that explain more, by the t of an added column, the strongest first."""
+    from scipy.linalg import orth
     from scipy.special import stdtr
 
     forces, by_functional = model.forces_in(fit.theta)
-    names = unknowns.elements.names
-    candidates: list[tuple[str, str, Array]] = []
-    for e, name in enumerate(names):
+    names: list[tuple[str, str]] = []
+    columns: list[Array] = []
+    for e, name in enumerate(unknowns.elements.names):
         force, carried = forces[:, e], np.abs(forces[:, e])
         if not carried.max(initial=0.0) > numerics.RANK * np.abs(forces).max(initial=0.0):
             continue  # it carries nothing
         sign = np.where(carried > numerics.RANK * carried.max(), np.sign(force), 0.0)
-        candidates.append(("backlash", name, by_functional[:, e] * sign))
-        candidates.append(("stiffening", name, by_functional[:, e] * force * carried))
+        names += [("backlash", name), ("stiffening", name)]
+        columns += [by_functional[:, e] * sign, by_functional[:, e] * force * carried]
     time = measured.time[model.observations.row]
     if not np.isnan(time).any() and np.ptp(time) > 0.0:
-        columns = np.array(model.observations.column)
+        seen = np.array(model.observations.column)
         for name in dict.fromkeys(model.observations.column):
-            candidates.append(("drift", name, np.where(columns == name, time - time.mean(), 0.0)))
+            names.append(("drift", name))
+            columns.append(np.where(seen == name, time - time.mean(), 0.0))
     solution = fit.solved
-    m = len(solution.residual)
-    U = _range_of(solution.whitened[:m][kept])
+    U = orth(solution.basis[: len(kept)][kept], rcond=numerics.RANK)
     r = (solution.residual / solution.deviation)[kept]
     r = r - U @ (U.T @ r)
-    freedom = len(r) - U.shape[1] - 1
-    found: list[Pattern] = []
-    while freedom >= 1 and candidates:
-        tested = []
-        for kind, name, column in candidates:
-            x = (column / solution.deviation)[kept]
-            own = float(x @ x)
-            x = x - U @ (U.T @ x)
-            left = float(x @ x)
-            if not left > numerics.ROUNDING**0.5 * own:
-                continue  # a combination of fitted columns
-            size = float(x @ r) / left
-            rest = float(np.sum((r - size * x) ** 2)) / freedom
-            if not rest > 0.0 or (kind == "backlash" and size < 0.0):  # no play is negative
-                continue
-            t = abs(size) * np.sqrt(left / rest)
-            probability = min(1.0, float(2.0 * stdtr(freedom, -t)) * len(candidates))
-            tested.append((probability, Pattern(kind, name, size, probability), x))
-        if not tested or (best := min(tested, key=lambda e: e[0]))[0] >= _SIGNIFICANT:
+    freedom, found = len(r) - U.shape[1] - 1, list[Pattern]()
+    if not names:
+        return ()
+    X = (np.stack(columns, axis=1) / solution.deviation[:, None])[kept]
+    least = numerics.ROUNDING**0.25 * np.linalg.norm(X, axis=0)  # else one of the fitted columns
+    while freedom >= 1:
+        X = X - U @ (U.T @ X)
+        left = np.linalg.norm(X, axis=0)
+        size = X.T @ r / np.maximum(left, numerics.TINY) ** 2
+        rest = np.linalg.norm(r[:, None] - X * size, axis=0) / np.sqrt(freedom)
+        t = np.abs(size) * left / np.maximum(rest, numerics.TINY)
+        is_play = np.array([kind == "backlash" for kind, _ in names])
+        t[~(left > least) | ~(rest > 0.0) | (is_play & (size < 0.0))] = 0.0  # no play is negative
+        i = int(np.argmax(t))
+        probability = min(1.0, float(2.0 * stdtr(freedom, -t[i])) * (len(names) - len(found)))
+        if probability >= _SIGNIFICANT:
             break
-        _, pattern, x = best  # what it explains is no sign of the others
-        found.append(pattern)
-        candidates = [c for c in candidates if c[:2] != (pattern.kind, pattern.name)]
-        U = np.column_stack([U, x / np.linalg.norm(x)])
+        found.append(Pattern(*names[i], float(size[i]), probability))
+        U = np.column_stack([U, X[:, i] / left[i]])  # what it explains is no sign of the others
         r, freedom = r - U[:, -1] * (U[:, -1] @ r), freedom - 1
     return tuple(found)
 
