@@ -259,8 +259,7 @@ class Plan:
     within
         Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.
     candidates : N
-        Random postures that the plan chooses from; default 10000 for the widest interval of an open
-        arm, else 1000.
+        Random postures that the plan chooses from; default 4000 for an open arm, else 1000.
     have : FILE.csv
         Rows that are measured already; the plan adds to them.
     simulate : SEED
@@ -301,12 +300,11 @@ class Plan:
 
         spreads = table.deviations(elastic)
         unknowns = unknowns_of(elastic, **fit.unknowns)
-        quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         where: dict[str, Any] = {"ranges": self.ranges or {}, "within": self.within or {}}
         offered = candidates(
             elastic,
             spreads,
-            count=self.candidates or (10_000 if quick else 1000),
+            count=self.candidates or (4000 if elastic.mechanism.kind == "serial" else 1000),
             mass=self.mass or 0.0,
             force=(self.force or 0.0) / elastic.units.newtons,
             **where,

@@ -331,9 +331,8 @@ def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
 
 
 CRITERIA = ("worst", "all", "posture")
-#: Norms of the variances on the way to the largest; and the number of candidates tried for the
-#: widest interval: those that improve the best mixture of candidates most, in all and by parameter.
-_NORMS, _MAX_TRIED = (1, 2, 4, 8, 16, 32), 500
+#: Norms of the variances on the way to the largest.
+_NORMS = (2, 8, 32)
 # Rows that move by more than this share of the mechanism, and this many times the median, are near
 # a singularity, where displacements are not small.
 _LARGE_DISPLACEMENT, _TIMES_MEDIAN = 0.05, 10.0
@@ -346,8 +345,6 @@ Beside = Callable[[Measurements, float, np.random.Generator], tuple[Measurements
 # Natural size of zeros and offsets: rad, and shares of the mechanism.
 _SMALL = 1e-3
 _MAX_PASSES = 20
-# Number of random exchanges of rows, to leave a poor local optimum.
-_RANDOM_EXCHANGES = 300
 # Shares of the ranges by which rows are moved, one after the other; and the least distance of two
 # rows with one load, as a repeated row reduces the noise alone, not errors of the model.
 _SHARES = tuple(0.1 * 0.6**k for k in range(8))
@@ -563,15 +560,14 @@ def plan(
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
     cost = _cost_of(criterion, known, effects)
-    tried = np.arange(len(whole))
     ways = [cost]
     if criterion == "worst":
-        tried = _most_helpful(whole, start + faint, count, known)
         ways = [*(_cost_of(criterion, known, None, norm) for norm in _NORMS), cost]
-    order = _greedy(whole[tried], start + faint, count, cost)
-    chosen = _searched(whole[tried], start + faint, order, ways)
-    order = tried[order].tolist()
-    rows = offered.taken(tried[chosen].tolist())
+    order = _greedy(whole, start + faint, count, cost)
+    chosen = order
+    for way in ways:
+        chosen = _exchanged(whole, start + faint, chosen, way)
+    rows = offered.taken(chosen)
     if beside is not None:
         rows = _refined(rows, of_rows, beside, start + faint, ways)
     final = start + of_rows(rows).sum(axis=0)
@@ -674,24 +670,6 @@ def _exchanged(G: Array, start: Array, chosen: list[int], cost: Cost) -> list[in
     return chosen
 
 
-def _searched(G: Array, start: Array, chosen: list[int], ways: list[Cost]) -> list[int]:
-    """Exchanged by one cost after the other; again after random exchanges of a quarter."""
-
-    def through(rows: list[int], ways: list[Cost]) -> tuple[float, list[int]]:
-        for way in ways:
-            rows = _exchanged(G, start, rows, way)
-        return float(ways[-1]((start + G[rows].sum(axis=0))[None])[0]), rows
-
-    best, rng = through(chosen, ways), np.random.default_rng(0)
-    for _ in range(_RANDOM_EXCHANGES // len(chosen) if len(ways) > 1 else 0):
-        rows = np.array(best[1])
-        others = np.setdiff1d(np.arange(len(G)), rows)
-        some = rng.permutation(len(rows))[: min(-(-len(rows) // 4), len(others))]
-        rows[some] = rng.permutation(others)[: len(some)]
-        best = min(best, through(rows.tolist(), ways[-2:]))
-    return best[1]
-
-
 def _refined(
     rows: Measurements,
     information: Callable[[Measurements], Array],
@@ -756,16 +734,3 @@ def _are_different(
     crossed = np.abs(loads[mine] @ loads[others].T) < 0.5
     crossed &= loads[others].any(axis=1)
     return np.asarray((crossed | (far.max(axis=2) > _LEAST_DISTANCE)).all(axis=1))
-
-
-def _most_helpful(G: Array, start: Array, count: int, known: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """The `_MAX_TRIED` candidates that reduce the variances of all most, in sum and one by one.
-
-    The best of all alone might leave a parameter out if many candidates are alike.
-    """
-    tried = max(_MAX_TRIED, count)
-    inverse = np.linalg.inv(start + count * G.mean(axis=0))[known]
-    gains = np.einsum("pj,ijk,pk->ip", inverse, G, inverse, optimize=True)
-    places = np.argsort(-np.column_stack([gains.sum(axis=1), gains]), axis=0, kind="stable")
-    each = -(-tried // (2 * gains.shape[1]))
-    return np.unique(np.append(places[: tried // 2, 0], places[:each, 1:]))
