@@ -24,7 +24,7 @@ ALLOWED = {
     "mechanisms/contract.py": "units",
     "mechanisms/tree.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
-    "identify/table.py": "metres that no robot moves under a newton",
+    "identify/measurements.py": "metres that no robot moves under a newton",
     "identify/identification.py": "how rarely chance may speak for other axes",
     "choices.py": "the largest number that is taken",
     "report/exchange.py": "limits that stand for none",

@@ -11,8 +11,7 @@ from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_
 from cartstiff.errors import InputError
 from cartstiff.identify.fitting import Fit, Noise, robust_fit, solved
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import Observations
-from cartstiff.identify.table import read_measurements
+from cartstiff.identify.measurements import Observations, read_measurements
 from cartstiff.report.identification import describe_identification
 
 GRAVITY = "gravity: [0, 0, -9.81]\n"

@@ -16,8 +16,7 @@ from tests.identify.test_polynomials import _campaign, _five_bar, _pulled
 import cartstiff
 from cartstiff import DeadForce, analyse_posture
 from cartstiff.cli.main import main
-from cartstiff.identify.identification import identify
-from cartstiff.identify.result import with_result
+from cartstiff.identify.identification import identify, with_result
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.vibration.sensitivities import intervals
 

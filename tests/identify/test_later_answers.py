@@ -12,9 +12,8 @@ from tests.identify.neighbours import neighbours
 import cartstiff
 from cartstiff import DeadWrench, compensate, equilibrium
 from cartstiff.cli.main import main
-from cartstiff.identify.identification import identify
+from cartstiff.identify.identification import identify, with_result
 from cartstiff.identify.plan import candidates, simulated
-from cartstiff.identify.result import with_result
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.statics.held import displacement_between
 

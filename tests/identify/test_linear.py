@@ -14,7 +14,7 @@ import cartstiff
 from cartstiff import analyse_posture
 from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify
-from cartstiff.identify.table import read_measurements
+from cartstiff.identify.measurements import read_measurements
 from cartstiff.report.json_schema import json_schema
 
 jsonschema = pytest.importorskip("jsonschema")

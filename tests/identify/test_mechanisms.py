@@ -23,9 +23,8 @@ import cartstiff
 from cartstiff import DeadForce, equilibrium
 from cartstiff.geometry import se3
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import Measurements, read_measurements
 from cartstiff.identify.models import LinearModel, LoadedModel
-from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 
 

@@ -8,10 +8,10 @@ from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_
 
 import cartstiff
 from cartstiff.identify.identification import identify
+from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.plan import candidates, simulated
-from cartstiff.identify.result import mechanism_file
-from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.identify.written_file import mechanism_file
 
 LINK = """
 flexible:

@@ -14,10 +14,9 @@ import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.identify import plan as planning
 from cartstiff.identify.fitting import Noise, solved
-from cartstiff.identify.identification import identify
+from cartstiff.identify.identification import estimates, identify
 from cartstiff.identify.models import LinearModel
 from cartstiff.identify.plan import beside, candidates, information, plan, simulated
-from cartstiff.identify.result import estimates
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.report.identification import describe_plan
 

@@ -13,10 +13,9 @@ from cartstiff import DeadForce, InputError
 from cartstiff.cli.main import main
 from cartstiff.errors import ConvergenceError
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.measurements import Measurements, read_measurements
 from cartstiff.identify.models import BentModel, LoadedModel
 from cartstiff.identify.plan import candidates, plan, simulated
-from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 
 TRUE = (2.5e4, 3.0e5, 4.0e8)

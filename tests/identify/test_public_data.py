@@ -13,7 +13,7 @@ from cases.case import read_case
 
 import cartstiff
 from cartstiff.identify.identification import identify
-from cartstiff.identify.table import read_measurements
+from cartstiff.identify.measurements import read_measurements
 
 CASE = Path(__file__).parents[2] / "cases" / "fanuc-measured-compliance"
 # Two ways to the same least squares, of condition 90.

@@ -13,8 +13,8 @@ from tests.support.commands import run
 import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.identify.identification import identify
+from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.plan import candidates, plan, simulated
-from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.report.identification import describe_identification

@@ -133,7 +133,7 @@ class Table:
 
     def read(self, path: Path, elastic: Any, **settings: Any) -> Any:
         """Read the measurements, and report unused columns on standard error."""
-        from cartstiff.identify.table import read_measurements
+        from cartstiff.identify.measurements import read_measurements
 
         measured = read_measurements(path, elastic, **{**self.keywords, **settings})
         words = "" if self.axes else "; its loads, if any, are along the body's axes"
@@ -293,8 +293,8 @@ class Plan:
         """Choose and print the rows to be measured."""
         import numpy as np
 
+        from cartstiff.identify.measurements import read_measurements, table_text
         from cartstiff.identify.plan import beside, candidates, plan
-        from cartstiff.identify.table import read_measurements, table_text
         from cartstiff.identify.unknowns import unknowns_of
         from cartstiff.report.identification import describe_plan
 
@@ -345,8 +345,8 @@ class Plan:
         """Simulate and write measurements of the mechanism."""
         import numpy as np
 
+        from cartstiff.identify.measurements import table_text
         from cartstiff.identify.plan import simulated
-        from cartstiff.identify.table import table_text
 
         if out.csv is None:
             raise InputError(
@@ -456,7 +456,7 @@ def command(
     import numpy as np
 
     from cartstiff.identify.identification import identify
-    from cartstiff.identify.result import mechanism_file
+    from cartstiff.identify.written_file import mechanism_file
     from cartstiff.report.identification import describe_identification, draw_residuals
     from cartstiff.report.output import write_whole
 

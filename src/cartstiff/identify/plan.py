@@ -32,8 +32,14 @@ from cartstiff.arrays import Array, checked_seed, plain_dict
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.measurements import DISPLACEMENT, MEASURED, POSITION, TURN, Measurements
 from cartstiff.identify.models import Model, model_of
-from cartstiff.identify.offsets import OffsetEstimate, offsets_of, size_of, unit_of
-from cartstiff.identify.unknowns import Unknowns, unknowns_of
+from cartstiff.identify.unknowns import (
+    OffsetEstimate,
+    Unknowns,
+    offsets_of,
+    size_of,
+    unit_of,
+    unknowns_of,
+)
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform

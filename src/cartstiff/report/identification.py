@@ -8,13 +8,13 @@ import numpy as np
 
 from cartstiff.errors import joined, printable
 from cartstiff.figures import new_figure
-from cartstiff.identify.result import Identification
+from cartstiff.identify.identification import Identification
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import body_frame, number, table
 
 if TYPE_CHECKING:
+    from cartstiff.identify.identification import Estimate, Identification
     from cartstiff.identify.plan import Plan
-    from cartstiff.identify.result import Estimate, Identification
 
 
 def describe_identification(result: Identification) -> str:

@@ -1,0 +1,271 @@
+"""The mechanism file of an identification: springs with their covariance, zeros, tool and base."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError, one_line
+from cartstiff.geometry import se3
+from cartstiff.identify.identification import Identification, with_result
+from cartstiff.identify.unknowns import ZERO, placement_of
+from cartstiff.loading.catalogue import bundled
+from cartstiff.loading.mechanism_file import with_parameters
+from cartstiff.loading.schema import FlexibleModel, PoseModel, place_of, pose_of
+from cartstiff.loading.yaml_file import read_yaml
+from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.other_units import in_units
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
+
+# Turn [rad] of a base up to which the weight acts along the fit's axes.
+_MAX_TURN = 0.05
+_ROBOTS = (".urdf", ".xml", ".mjcf")
+
+
+def mechanism_file(
+    result: Identification, mechanism: str, frame: str | None, to: Path, source: str
+) -> bytes:
+    """Text of a mechanism file with the springs found, their covariance, source, date and count.
+
+    Parameters
+    ----------
+    result : Identification
+        The springs found.
+    mechanism : str
+        Name or path the mechanism was loaded from.
+    frame : str, optional
+        The frame of interest that was named.
+    to : Path
+        Path of the new file, to which paths in it are relative.
+    source : str
+        Origin of the numbers, for readers.
+
+    Raises
+    ------
+    InputError
+        If the mechanism does not come from a file that could be written again.
+    """
+    data = _data(result, mechanism, frame, to)
+    elastic = with_result(result, source=source)
+    length = data.get("units", {}).get("length", SI.length)
+    if elastic.units.length != length:  # --units are those of input and output
+        elastic = in_units(elastic, length)
+    _put_springs(data, elastic, to.parent)
+    _put_geometry(data, result)
+    identified = elastic.identified
+    if identified is None:
+        raise TypeError("a result without findings")
+    entries = []
+    for pattern, value in zip(identified.patterns, identified.values.tolist(), strict=True):
+        entry: dict[str, Any] = {"name": pattern.name, "value": value}
+        if pattern.law is not None:
+            entry["polynomial"] = list(pattern.law)
+        elif pattern.entries != ((pattern.name, pattern.name, 1.0),):
+            entry["elements"] = [list(e) for e in pattern.entries]
+        entries.append(entry)
+    about = {
+        "compliances": entries,
+        "covariance": identified.covariance.tolist(),
+        "degrees": identified.degrees,
+        "level": identified.level,
+        "rows": identified.rows,
+        "date": identified.date,
+        "source": identified.source,
+        "undetermined": list(identified.undetermined),
+        "at_least": dict(identified.at_least or {}),
+    }
+    data["identified"] = {k: v for k, v in about.items() if v not in (None, [], {}, "")}
+    data["identified"]["compliances"] = entries
+    data["identified"]["covariance"] = identified.covariance.tolist()
+    return _yaml(data)
+
+
+def _yaml(data: dict[str, Any]) -> bytes:
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.width = 100_000  # a text that is folded at a hyphen comes back with a blank
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    out = io.StringIO()
+    yaml.dump(data, out)
+    return out.getvalue().encode()
+
+
+def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -> dict[str, Any]:
+    """Keys of the mechanism's own file, its paths relative to the new file."""
+    path = bundled(mechanism) or Path(mechanism).expanduser()
+    elastic = result.elastic
+    if path.suffix.lower() in (".yaml", ".yml"):
+        read, lines = read_yaml(path)
+        # Numbers are written anew: none may depend on a parameter any more.
+        data, _ = with_parameters(
+            read, lambda at: place_of(path, lines, at), result.elastic.parameters
+        )
+        data.pop("identified", None)
+        if frame is not None and data["kind"] in ("serial", "closed-chain"):
+            data["frame"] = frame
+            data.pop("offset", None)
+        for holder in (data, *(data["legs"] if data["kind"] == "parallel" else ())):
+            for entry in holder.get("flexible", {}).values():
+                files = entry.get("superelement", {})
+                for key in {"K", "M"} & files.keys():
+                    files[key] = _relative(path.parent / files[key], to)
+            model = holder.get("model")
+            if isinstance(model, str) and not Path(model).expanduser().is_absolute():
+                beside = path.parent / model
+                if beside.suffix.lower() in _ROBOTS or beside.is_file():
+                    holder["model"] = _relative(beside, to)
+        if elastic.gravity is not None:
+            data["gravity"] = elastic.gravity.tolist()
+        return data
+    kind = elastic.mechanism.kind
+    if kind not in ("serial", "closed-chain"):
+        raise InputError(
+            "the mechanism does not come from a file that could be written again",
+            where=one_line(mechanism),
+            expected="a mechanism file or a robot",
+        )
+    model = _relative(path, to) if path.suffix.lower() in _ROBOTS else mechanism
+    data = {"kind": kind, "model": model, "frame": elastic.mechanism.frame}
+    if elastic.gravity is not None:
+        data["gravity"] = elastic.gravity.tolist()
+    return data
+
+
+def _relative(path: Path, to: Path) -> str:
+    """A path relative to the folder of a file; absolute on another drive."""
+    try:
+        return Path(os.path.relpath(path.resolve(), to.resolve().parent)).as_posix()
+    except ValueError:
+        return str(path.resolve())
+
+
+def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) -> None:
+    """Write a mechanism's numbers into the file's springs, legs, lines and flexible links."""
+    springs, kind = elastic.springs, data["kind"]
+    if springs is None:
+        return
+    if kind in ("stewart-gough", "springs"):
+        data["legs"]["stiffness"] = springs.stiffness.tolist()
+    elif kind == "parallel":
+        for i, leg in enumerate(data["legs"]):
+            _put_joints(leg, elastic, f"leg{i + 1}/")
+            _put_links(leg, elastic, f"leg{i + 1}/", folder)
+    else:
+        _put_joints(data, elastic, "")
+        _put_links(data, elastic, "", folder)
+    names = Elements(elastic)
+    for i, line in enumerate(data.get("lines", ())):
+        at = names.index(f"line{i + 1}")
+        line["stiffness"] = float(names.stiffness[at, at])
+
+
+def _put_geometry(data: dict[str, Any], result: Identification) -> None:
+    """Write the zeros, the tool and the base that were found.
+
+    Raises
+    ------
+    InputError
+        If the kind of file has no key for them, or the base is turned so far that the weight, which
+        the fit takes along the stated axes, would act along others.
+    """
+    placed, elastic = result.placed, result.elastic
+    lengths, _ = convert_length(elastic.units, SI)
+    keys = {"zeros": "zeros", "tool": "offset", "base": "base"}
+    words = {"zeros" if n.endswith(ZERO) else n.partition(".")[0] for n in placed}
+    for word in words - (set(keys) if data["kind"] == "serial" else set()):
+        raise InputError(
+            f"{word} found has no place in a file of kind {data['kind']}",
+            where="-o",
+            expected="-o without it in --unknown",
+        )
+    tool, base = placement_of(placed, "tool"), placement_of(placed, "base")
+    turn = float(np.linalg.norm(se3.log(se3.pose(base[:3, :3]))[:3]))
+    if turn > _MAX_TURN and elastic.gravity is not None:
+        raise InputError(
+            "the base found is turned against the frame of the positions, along whose axes the "
+            "weight acts",
+            where="-o",
+            expected=f"at most {_MAX_TURN} rad, or rows with a column session instead of base",
+            got=f"{turn:.3g} rad",
+        )
+    point = np.asarray(result.measured.point) - tool[:3, 3]  # it keeps its numbers in the new M
+    tool[:3, 3] += point - tool[:3, :3] @ point
+    for word, T in (("tool", tool), ("base", base)):
+        if word in words:
+            T[:3, 3] *= lengths
+            T = pose_of(PoseModel.model_validate(data.get(keys[word], {}))) @ T
+            data[keys[word]] = {"xyz": T[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(T).tolist()}
+    for j, name in enumerate(elastic.names):
+        if f"{name}{ZERO}" in placed:
+            size = lengths if elastic.mechanism.coordinates[j].is_length else 1.0
+            zeros = data.setdefault("zeros", {})
+            zeros[name] = zeros.get(name, 0.0) + size * placed[f"{name}{ZERO}"]
+
+
+def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
+    elements = Elements(elastic)
+    springs = holder.setdefault("springs", {})
+    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+    for j, law in laws.items():
+        entry = springs.get(elastic.names[j].removeprefix(prefix))
+        if isinstance(law, PolynomialLaw) and isinstance(entry, dict):
+            entry["polynomial"] = list(law.coefficients)
+    for j, name in enumerate(elastic.names):
+        short = name.removeprefix(prefix)
+        if (
+            not name.startswith(prefix)
+            or j in elastic.mechanism.virtual
+            or name not in elements.names
+        ):
+            continue
+        at = elements.index(name)
+        entry = springs.get(short)
+        if isinstance(entry, dict) and not {"polynomial", "table"} & set(entry):
+            entry["stiffness"] = float(elements.stiffness[at, at])
+        elif entry is None:
+            springs[short] = {"stiffness": float(elements.stiffness[at, at])}
+    if not springs:
+        del holder["springs"]
+
+
+def _put_links(
+    holder: dict[str, Any], elastic: ElasticMechanism, prefix: str, folder: Path
+) -> None:
+    for potential in elastic.potentials:
+        if not isinstance(potential, (CoupledSprings, Beam)):
+            continue
+        link = potential.link.removeprefix(prefix)
+        entry = holder.get("flexible", {}).get(link)
+        if entry is None or not potential.link.startswith(prefix):
+            continue
+        if isinstance(potential, CoupledSprings):
+            K: Array = potential.matrix[se3.SWAP][:, se3.SWAP]
+            if "superelement" in entry:
+                spring = FlexibleModel.model_validate(entry, context={"folder": folder})
+                if np.allclose(K, spring.stiffness or K, rtol=numerics.REPORTED_ERROR):
+                    continue  # the files still hold
+                if spring.mass is not None:
+                    raise InputError(
+                        "the stiffness found for a superelement with a mass matrix has no place in "
+                        "a mechanism file",
+                        where=link,
+                        expected="the link given without M",
+                    )
+                del entry["superelement"]
+                entry["offset"] = spring.offset.model_dump()
+            entry["stiffness"] = K.tolist()
+        else:
+            beam = entry["beam"]
+            factor = potential.section.torsion / (beam["G"] * beam["J"])
+            beam["E"], beam["G"] = beam["E"] * factor, beam["G"] * factor
