@@ -107,9 +107,11 @@ def test_the_residual_of_a_row_that_was_left_out_is_that_of_a_prediction():
         np.arange(m), ("d",) * m, is_angle, is_angle, np.zeros((m, 6)), y, y, nothing, nothing
     )
     noise = Noise.of(np.full(m, np.nan), is_angle)
-    unknowns = SimpleNamespace(sizes=np.ones(2), is_bounded=np.zeros(2, bool), priors=[])
-    whole = solved(A, y, noise, sizes=unknowns.sizes, bounded=unknowns.is_bounded)
-    plain = Fit(whole, whole.theta, A, y, 1)
+    unknowns = SimpleNamespace(
+        sizes=np.ones(2), is_bounded=np.zeros(2, bool), priors=(np.zeros((0, 2)), np.zeros(0))
+    )
+    whole = solved(A, y, noise, unknowns)
+    plain = Fit(whole, whole.theta, A, y)
     model = SimpleNamespace(observations=seen)
     robust = robust_fit(model, unknowns, noise, np.zeros((m, 0)), plain)
     assert robust.suspects.tolist() == [m - 1]

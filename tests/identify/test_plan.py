@@ -66,13 +66,7 @@ def test_a_plan_beats_chance_and_predicts_what_campaigns_find(offered):
     noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
     halves = []
     for _ in range(200):
-        fit = solved(
-            A,
-            y + rng.normal(size=len(y)) * 1e-5,
-            noise,
-            sizes=unknowns.sizes,
-            bounded=unknowns.is_bounded,
-        )
+        fit = solved(A, y + rng.normal(size=len(y)) * 1e-5, noise, unknowns)
         widths = [e.deviation for e in estimates(fit, unknowns, 0.95, 1.0)]
         halves.append(widths / unknowns.nominal)
     realised = np.mean(halves, axis=0)
@@ -147,13 +141,7 @@ def test_realised_intervals_are_as_wide_as_predicted(name, rows, columns, force)
     noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
     rng, widths = np.random.default_rng(1), []
     for _ in range(200):
-        fit = solved(
-            A,
-            y + rng.normal(size=len(y)) * size,
-            noise,
-            sizes=unknowns.sizes,
-            bounded=unknowns.is_bounded,
-        )
+        fit = solved(A, y + rng.normal(size=len(y)) * size, noise, unknowns)
         widths.append(np.sqrt(np.diag(fit.covariance)) / unknowns.nominal)
     seen = np.isfinite(chosen.deviations[-1])
     realised = np.mean(widths, axis=0)[seen]

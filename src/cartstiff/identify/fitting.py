@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,11 +153,9 @@ def solved(
     A: Array,
     target: Array,
     noise: Noise,
+    unknowns: Unknowns,
     *,
-    sizes: Array,
-    bounded: NDArray[np.bool_],
     nuisance: Array | None = None,
-    priors: list[tuple[int, float, float]] | None = None,
     weights: Array | None = None,
 ) -> Solved:
     """Fit parameters and nuisances to numbers.
@@ -169,23 +168,18 @@ def solved(
         Measured.
     noise : Noise
         Noise of the numbers.
-    sizes : ndarray (P,)
-        Natural sizes of the parameters.
-    bounded : ndarray of bool (P,)
-        Parameters that are not negative.
+    unknowns : Unknowns
+        Natural sizes, bounds and prior knowledge of the parameters.
     nuisance : ndarray (m, S), optional
         Columns of the nuisances.
-    priors : list of (index, value, deviation), optional
-        Parameters that are known beforehand.
     weights : ndarray (m,), optional
         Factors from 0 on the weights, as of a robust fit.
     """
     m, P = A.shape
     N = np.zeros((m, 0)) if nuisance is None else nuisance
-    extra = np.zeros((len(priors or []), P + N.shape[1]))
-    extra_target = np.zeros(len(extra))
-    for row, (p, value, spread) in enumerate(priors or []):
-        extra[row, p], extra_target[row] = 1.0 / spread, value / spread
+    extra, extra_target = unknowns.priors
+    extra = np.hstack([extra, np.zeros((len(extra), N.shape[1]))])
+    bounded = unknowns.is_bounded
     full = np.hstack([A * 1.0, N])
     root = np.ones(m) if weights is None else np.sqrt(weights)
     scales: Array = np.ones(2, float)
@@ -200,7 +194,7 @@ def solved(
         deviation = noise.deviation * scales[noise.group]
         divided = np.vstack([full * (root / deviation)[:, None], extra])
         right = np.append(target * root / deviation, extra_target)
-        basis = _Basis(divided, P, sizes)
+        basis = _Basis(divided, P, unknowns.sizes)
         x = basis.half @ (basis.U.T @ right)
         r = target - full @ x
         h = (basis.U[:m] ** 2).sum(axis=1)
@@ -320,15 +314,12 @@ class Fit:
     target : ndarray (m,)
         Right-hand side of the last linear problem: the measured numbers less the part that does not
         depend on the parameters.
-    steps : int
-        Number of steps.
     """
 
     solved: Solved
     theta: Array
     regressor: Array
     target: Array
-    steps: int
 
 
 def fitted(
@@ -367,16 +358,34 @@ def fitted(
     """
     theta = unknowns.nominal if start is None else start.copy()
     N = np.zeros((len(model.observations), 0)) if nuisance is None else nuisance
-    search = _Search(model, unknowns, noise, N, progress)
-    solution, A, target = search.linear(theta)
+    known: dict[bytes, tuple[Array, Array]] = {}
+    steps = count(1)
+
+    def evaluate(theta: Array) -> tuple[Array, Array]:
+        if (key := theta.tobytes()) not in known:
+            known.clear()
+            known[key] = model.at(theta)
+        return known[key]
+
+    def linear(theta: Array) -> tuple[Solved, Array, Array]:
+        y, A = evaluate(theta)
+        target = model.observations.target - y + A @ theta
+        return solved(A, target, noise, unknowns, nuisance=N), A, target
+
+    def report(size: float) -> None:
+        if progress is not None:
+            progress(next(steps), size)
+
+    solution, A, target = linear(theta)
     if model.is_linear or once:
-        return Fit(solution, solution.theta, A, target, 1)
+        return Fit(solution, solution.theta, A, target)
     for _ in range(_MAX_SEARCHES):
-        theta, before = search.descended(theta, solution), np.array(solution.scales)
-        solution, A, target = search.linear(theta)
+        before = np.array(solution.scales)
+        theta = _descended(evaluate, model, unknowns, N, theta, solution, report)
+        solution, A, target = linear(theta)
         if np.all(np.abs(solution.scales - before) <= _SAME_SCALES * before):
             break
-    return Fit(_without_vague(solution, theta, unknowns.sizes), theta, A, target, search.steps)
+    return Fit(_without_vague(solution, theta, unknowns.sizes), theta, A, target)
 
 
 def _without_vague(solution: Solved, theta: Array, sizes: Array) -> Solved:
@@ -391,101 +400,59 @@ def _without_vague(solution: Solved, theta: Array, sizes: Array) -> Solved:
     return replace(solution, covariance=C, is_determined=solution.is_determined & ~lost)
 
 
-class _Search:
-    """State of a nonlinear fit."""
+def _descended(
+    evaluate: Callable[[Array], tuple[Array, Array]],
+    model: Model,
+    unknowns: Unknowns,
+    nuisance: Array,
+    theta: Array,
+    solution: Solved,
+    report: Callable[[float], None],
+) -> Array:
+    """The least sum of squares with the standard deviations of a linear solution.
 
-    def __init__(
-        self,
-        model: Model,
-        unknowns: Unknowns,
-        noise: Noise,
-        nuisance: Array,
-        progress: Callable[[int, float], None] | None,
-    ) -> None:
-        self._model, self._unknowns, self._noise = model, unknowns, noise
-        self._nuisance, self._progress = nuisance, progress
-        self._priors = unknowns.priors
-        self._sizes, self._bounded = unknowns.sizes, unknowns.is_bounded
-        self._known: tuple[Array, tuple[Array, Array]] | None = None
-        self.steps = 0
+    Parameters that the rows do not determine do not move; nuisances are eliminated, which is exact
+    since they enter linearly.
+    """
+    weight, target = 1.0 / solution.deviation, model.observations.target
+    U, values, _ = np.linalg.svd(nuisance * weight[:, None], full_matrices=False)
+    Q = U[:, : numerics.rank(values)]
+    sizes, bounded, (extra, extra_target) = unknowns.sizes, unknowns.is_bounded, unknowns.priors
+    start = np.where(bounded, np.maximum(theta / sizes, numerics.TINY), theta / sizes)
+    weak = np.eye(len(start)) / _START_DEVIATION
 
-    def _at(self, theta: Array) -> tuple[Array, Array]:
-        """Predictions and derivatives, evaluated once."""
-        if self._known is None or not np.array_equal(self._known[0], theta):
-            self._known = theta.copy(), self._model.at(theta)
-        return self._known[1]
-
-    def linear(self, theta: Array) -> tuple[Solved, Array, Array]:
-        """The linear problem about a point: its solution, regressor and target."""
-        y, A = self._at(theta)
-        target = self._model.observations.target - y + A @ theta
-        solution = solved(
-            A,
-            target,
-            self._noise,
-            sizes=self._sizes,
-            bounded=self._bounded,
-            nuisance=self._nuisance,
-            priors=self._priors,
+    def residual(z: Array) -> Array:
+        try:
+            y, _ = evaluate(z * sizes)
+        except CartstiffError:  # no equilibrium, or no stiffness: a shorter step
+            return np.full(len(target) + len(extra) + len(z), np.nan)
+        r = (y - target) * weight
+        return np.concatenate(
+            [r - Q @ (Q.T @ r), extra @ (z * sizes) - extra_target, weak @ (z - start)]
         )
-        return solution, A, target
 
-    def descended(self, theta: Array, solution: Solved) -> Array:
-        """The least sum of squares with the standard deviations of a linear solution.
+    def jacobian(z: Array) -> Array:
+        report(float(np.linalg.norm(residual(z))))
+        J = evaluate(z * sizes)[1] * weight[:, None]
+        return np.vstack([np.vstack([J - Q @ (Q.T @ J), extra]) * sizes, weak])
 
-        Parameters that the rows do not determine do not move; nuisances are eliminated, which is
-        exact since they enter linearly.
-        """
-        weight = 1.0 / solution.deviation
-        U, values, _ = np.linalg.svd(self._nuisance * weight[:, None], full_matrices=False)
-        Q = U[:, : numerics.rank(values)] if values.size else U
-        sizes, seen = self._sizes, self._model.observations
-        start = np.where(self._bounded, np.maximum(theta / sizes, numerics.TINY), theta / sizes)
-        prior = np.array([s for _, _, s in self._priors])
+    from scipy.optimize import least_squares
 
-        def whole(z: Array) -> Array:
-            return z * sizes
-
-        def residual(z: Array) -> Array:
-            full = whole(z)
-            try:
-                y, _ = self._at(full)
-            except CartstiffError:  # no equilibrium, or no stiffness: a shorter step
-                return np.full(len(seen) + len(prior) + len(z), np.nan)
-            r = (y - seen.target) * weight
-            extra = [(full[p] - value) / s for p, value, s in self._priors]
-            return np.concatenate([r - Q @ (Q.T @ r), extra, (z - start) / _START_DEVIATION])
-
-        def jacobian(z: Array) -> Array:
-            _, A = self._at(whole(z))
-            self.steps += 1
-            if self._progress is not None:
-                self._progress(self.steps, float(np.linalg.norm(residual(z))))
-            J = A * weight[:, None]
-            extra = np.zeros((len(prior), len(theta)))
-            for row, (p, _, s) in enumerate(self._priors):
-                extra[row, p] = 1.0 / s
-            data = np.vstack([J - Q @ (Q.T @ J), extra]) * sizes
-            return np.vstack([data, np.eye(len(z)) / _START_DEVIATION])
-
-        from scipy.optimize import least_squares
-
-        lower = np.where(self._bounded, 0.0, -np.inf)
-        found = least_squares(
-            residual,
-            start,
-            jacobian,
-            bounds=(lower, np.inf),
-            ftol=numerics.FLAT,
-            xtol=numerics.FLAT,
-            gtol=numerics.FLAT,
-            max_nfev=_MAX_EVALUATIONS,
+    found = least_squares(
+        residual,
+        start,
+        jacobian,
+        bounds=(np.where(bounded, 0.0, -np.inf), np.inf),
+        ftol=numerics.FLAT,
+        xtol=numerics.FLAT,
+        gtol=numerics.FLAT,
+        max_nfev=_MAX_EVALUATIONS,
+    )
+    if found.status <= 0:
+        raise ConvergenceError(
+            "the fit does not settle", iterations=found.nfev, residual=2.0 * float(found.cost)
         )
-        if found.status <= 0:
-            raise ConvergenceError(
-                "the fit does not settle", iterations=found.nfev, residual=2.0 * float(found.cost)
-            )
-        return whole(found.x)
+    return np.asarray(found.x * sizes)
 
 
 #: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.
@@ -579,10 +546,8 @@ def robust_fit(
             A,
             target,
             noise,
-            sizes=unknowns.sizes,
-            bounded=unknowns.is_bounded,
+            unknowns,
             nuisance=nuisance,
-            priors=unknowns.priors,
             weights=(~new).astype(float),
         )
         # Rows that were left out have no part in the fit: their residual is wider, not narrower.
@@ -600,7 +565,7 @@ def robust_fit(
             break
     standardised = residual / scales[noise.group]
     suspects = np.unique(seen.row[bad])
-    whole_fit = Fit(fit, fit.theta, A, target, plain.steps) if bad.any() else plain
+    whole_fit = Fit(fit, fit.theta, A, target) if bad.any() else plain
     return Robust(whole_fit, standardised, limit, ~bad, suspects, seen.row, shown)
 
 

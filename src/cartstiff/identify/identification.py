@@ -1471,7 +1471,7 @@ def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Ar
 
 def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
     wanted = len(unknowns.parameters) + offsets
-    if numbers + len(unknowns.priors) < wanted:
+    if numbers + len(unknowns.priors[1]) < wanted:
         raise InputError(
             "fewer numbers than unknowns",
             got=f"{numbers} measured",

@@ -531,9 +531,9 @@ def plan(
     whole, moved = _per_row(unknowns, offered, geometry)
     most = max(_LARGE_DISPLACEMENT, _TIMES_MEDIAN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]
-    start, others = np.zeros(whole.shape[1:]), len(unknowns.priors)
-    for p, _, deviation in unknowns.priors:
-        start[p, p] += (unknowns.sizes[p] / deviation) ** 2
+    priors = unknowns.priors[0] * unknowns.sizes
+    start, others = np.zeros(whole.shape[1:]), len(priors)
+    start[:P, :P] = priors.T @ priors
     if have is not None:
         _, _, own, sessions = _regressor(unknowns, have, geometry)
         own = own - sessions @ np.linalg.lstsq(sessions, own, rcond=None)[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,10 +105,14 @@ class Unknowns:
         """Start values (P,)."""
         return np.array([u.nominal for u in self.parameters])
 
-    @property
-    def priors(self) -> list[tuple[int, float, float]]:
-        """Parameters that are known beforehand: place, value, standard deviation."""
-        return [(p, *u.prior) for p, u in enumerate(self.parameters) if u.prior is not None]
+    @cached_property
+    def priors(self) -> tuple[Array, Array]:
+        """Rows (k, P) over their deviations, and their right-hand sides (k,), of known values."""
+        known = [(p, *u.prior) for p, u in enumerate(self.parameters) if u.prior is not None]
+        rows = np.zeros((len(known), len(self.parameters)))
+        for row, (p, _, s) in zip(rows, known, strict=True):
+            row[p] = 1.0 / s
+        return rows, np.array([value / s for _, value, s in known])
 
     @property
     def is_bounded(self) -> Array:
