@@ -99,6 +99,19 @@ export function download(name, content, type = "text/plain") {
   setTimeout(() => URL.revokeObjectURL(link.href), 2000);
 }
 
+/** What arrow keys do in a group. */
+export const ARROWS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
+
+/** A list of options [value, words] of which one is chosen; `offer` gives it others. */
+export function dropdown(label, options, onchoose, more = {}) {
+  const node = el("select", { "aria-label": label, onchange: () => onchoose(node.value), ...more });
+  node.offer = (list) => node.replaceChildren(...list.map(([value, words]) => el("option", { value }, words)));
+  node.offer(options);
+  return node;
+}
+
+export const button = (words, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, words);
+
 /** A group of buttons of which one is chosen; returns [element, choose]. */
 export function choice(label, options, onchoose) {
   const buttons = new Map();
@@ -116,7 +129,7 @@ export function choice(label, options, onchoose) {
       onclick: () => onchoose(value),
     }, text);
     button.addEventListener("keydown", (event) => {
-      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+      const step = ARROWS[event.key];
       if (!step) return;
       event.preventDefault();
       const keys = options.map(([key]) => key).filter((key) => !buttons.get(key).hidden);

@@ -1,9 +1,10 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { SUPERSEDED, byId, el, engineering, short } from "./dom.js";
-import { grid, lettered, sized, through } from "./grid.js";
-import { svg } from "./plotfiles.js";
+import { ARROWS, SUPERSEDED, button, byId, dropdown, el, engineering, short } from "./dom.js";
 import { CLOSE } from "./numerics.js";
+import { showPlaying, ticking } from "./player.js";
+import { Plot } from "./plot.js";
+import { mechanicsOf } from "./store.js";
 import { MARGIN } from "./strip.js";
 
 const SHARES = [[0.02, "2 %"], [0.05, "5 %"], [0.1, "10 %"], [0.2, "20 %"]];
@@ -18,17 +19,19 @@ export function modesPanel(store) {
   let frames = null; // commands of each picture; the last brings the rest back
   let asked = 0;
   let key = null;
-  let playing = null;
+  let halt = null; // of a swing that runs; one that is to play may wait for its frames
   let phase = 0.5; // 0 and 1 are the ends of the swing
-  const shown = { picture: null, playing: false }; // for tests
+  const shown = { picture: null, playing: false };
 
   const note = el("span", { class: "dim small" });
   const rows = el("div", { class: "modes", role: "radiogroup", "aria-label": "Modes" });
   const words = el("p", { class: "dim small" });
-  const size = el("select", { "aria-label": "Size of the swing", title: "How far what moves most goes, as a share of the mechanism's size",
-    onchange: () => { share = Number(size.value); fetchSwing(); } },
-  ...SHARES.map(([value, text]) => el("option", { value, selected: value === share }, text)));
-  const play = el("button", { type: "button", class: "play", title: "Play or pause the mode (v)", "aria-label": "Play the mode", onclick: () => toggle() }, "▶");
+  const size = dropdown("Size of the swing", SHARES, (value) => {
+    share = Number(value);
+    fetchSwing();
+  }, { title: "How far what moves most goes, as a share of the mechanism's size" });
+  size.value = share;
+  const play = button("▶", () => toggle(), { class: "play", title: "Play or pause the mode (v)", "aria-label": "Play the mode" });
   const slider = el("input", { type: "range", min: 0, max: 1, step: 1 / 16, value: 0.5, "aria-label": "Phase of the swing",
     oninput: () => { stop(); show(slider.valueAsNumber); } });
   const controls = el("div", { class: "row" }, play, slider, size);
@@ -88,25 +91,21 @@ export function modesPanel(store) {
     const list = (v) => v.map((x) => short(Math.abs(x) < CLOSE ? 0 : x, 3)).join(", ");
     const axis = !direction ? "M rests" : !point ? `M moves along ${list(direction)}`
       : `M turns about ${list(direction)} through ${list(point)}, pitch ${short(pitch, 3)} ${store.unit("length")}`;
-    const node = el("button", { type: "button", role: "radio", class: "mode", "aria-checked": String(chosen),
+    return el("button", { type: "button", role: "radio", class: "mode", "aria-checked": String(chosen),
       tabindex: chosen ? 0 : -1, title: axis, onclick: () => choose(i + 1),
       onkeydown: (event) => {
-        const step = { ArrowDown: 1, ArrowRight: 1, ArrowUp: -1, ArrowLeft: -1 }[event.key];
+        const step = ARROWS[event.key];
         if (!step) return;
         event.preventDefault();
         const count = modes.frequencies.length;
         choose(((i + step + count) % count) + 1);
       } },
     el("span", { class: "dim num" }, String(i + 1)), el("span", { class: `num${f === null ? " bad" : ""}` }, hertz), el("span", { class: "small what" }, what));
-    return node;
   }
 
   // -- the swing ----------------------------------------------------------------------------
 
-  const wanted = () => {
-    const { q, mode, load, load_axes: axes, load_kind: kind, load_at: at, stiffness, point } = store.state;
-    return JSON.stringify([store.numbers?.result.q ?? q, mode, share, load, axes, kind, at, stiffness, point]);
-  };
+  const wanted = () => JSON.stringify([store.numbers?.result.q ?? store.state.q, store.state.mode, share, mechanicsOf(store.state)]);
 
   async function fetchSwing() {
     const { mode } = store.state;
@@ -122,8 +121,8 @@ export function modesPanel(store) {
       key = now;
       const turn = short((answer.turn * 180) / Math.PI, 2);
       size.title = `drawn: M goes ${short(answer.displacement, 2)} ${store.unit("length")} and turns ${turn}° to either side`;
-      if (!playing) show(phase);
-      if (playing === true) run();
+      if (!shown.playing) show(phase);
+      else if (!halt) run();
     } catch (error) {
       if (mine === asked && error.message !== SUPERSEDED) words.textContent = error.message;
     }
@@ -149,36 +148,32 @@ export function modesPanel(store) {
   }
 
   function toggle() {
-    if (playing !== null) return stop();
+    if (shown.playing) return stop();
     if (!card.open) {
       card.open = true;
       return;
     }
     if (still.matches) return show(phase === 1 ? 0 : 1); // one end, then the other: nothing runs
-    playing = true;
     shown.playing = true;
-    play.textContent = "❚❚";
-    play.setAttribute("aria-label", "Pause the mode");
+    showPlaying(play, true, " the mode");
     if (frames && key === wanted()) run();
     else fetchSwing();
   }
 
   function run() {
-    const begin = performance.now() - (Math.asin(2 * phase - 1) / (2 * Math.PI)) * 1000 * PERIOD;
-    const step = (now) => {
-      if (playing === null) return;
-      show(0.5 + 0.5 * Math.sin((2 * Math.PI * (now - begin)) / (1000 * PERIOD)));
-      playing = requestAnimationFrame(step);
-    };
-    playing = requestAnimationFrame(step);
+    const from = Math.asin(2 * phase - 1);
+    halt = ticking((now) => show(0.5 + 0.5 * Math.sin(from + (2 * Math.PI * now) / PERIOD)));
+  }
+
+  function pause() {
+    halt?.();
+    halt = null;
   }
 
   function stop() {
-    if (typeof playing === "number") cancelAnimationFrame(playing);
-    playing = null;
+    pause();
     shown.playing = false;
-    play.textContent = "▶";
-    play.setAttribute("aria-label", "Play the mode");
+    showPlaying(play, false, " the mode");
   }
 
   store.beforePicture = () => {
@@ -196,19 +191,11 @@ export function modesPanel(store) {
   store.on("numbers", () => {
     update();
     if (store.state.mode === null) return stop();
-    if (playing !== null) {
-      if (key !== wanted()) {
-        if (typeof playing === "number") cancelAnimationFrame(playing);
-        playing = true;
-        frames = null;
-        fetchSwing();
-      }
-    } else if (key !== null && key !== wanted()) {
-      frames = null;
-      key = null;
-      phase = 0.5;
-      slider.value = 0.5;
-    }
+    if (key === wanted()) return;
+    frames = null;
+    pause();
+    if (shown.playing) fetchSwing();
+    else [key, phase, slider.value] = [null, 0.5, 0.5];
   });
   store.swing = shown;
   return { toggle };
@@ -227,16 +214,14 @@ function responseStrip(store) {
       request();
     } });
   const label = el("span", { class: "num small grow peak" });
-  const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
+  const plot = new Plot(MARGIN, () => draw());
   const node = byId("response");
   node.append(el("div", { class: "row" }, el("span", { class: "dim", title: "Motion of the reference point per force at it, along the body's axes" }, "Over frequency"), label,
-    el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input, el("span", { class: "dim" }, "%"))), plot);
-  const size = sized(plot, () => draw());
+    el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input, el("span", { class: "dim" }, "%"))), plot.node);
 
   async function request() {
     if (node.hidden || !store.source.live || !store.numbers) return;
-    const { q, load, load_axes: axes, load_kind: kind, load_at: at, stiffness, point } = store.state;
-    const now = JSON.stringify([q, load, axes, kind, at, stiffness, point, ratio, store.hello.mechanism.frame]);
+    const now = JSON.stringify([store.state.q, mechanicsOf(store.state), ratio, store.hello.mechanism.frame]);
     if (key === now) return;
     key = now;
     try {
@@ -251,30 +236,29 @@ function responseStrip(store) {
   }
 
   function draw() {
-    const { width, height } = size;
-    if (!answer || width < 80 || height < 30) return;
-    plot.replaceChildren();
-    if (answer.missing) {
-      plot.append(lettered(width / 2, height / 2, answer.missing, "middle", "nothing"));
-      return;
-    }
+    if (!answer || plot.width < 80 || plot.height < 30) return;
+    if (answer.missing) return plot.say(answer.missing);
     const { frequencies: f, curves, modes, unit } = answer;
     const log = Math.log10;
-    const values = Object.values(curves).flat().filter((x) => x > 0);
-    const high = Math.max(...values);
-    const [top, bottom] = [log(high) + 0.1, Math.max(log(Math.min(...values)), log(high) - 5)];
-    const placeX = (x) => MARGIN.left + ((log(x) - log(f[0])) / (log(f.at(-1)) - log(f[0]))) * (width - MARGIN.left - MARGIN.right);
-    const placeY = (x) => MARGIN.top + ((top - Math.max(bottom, log(x))) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
-    const places = modes.map((x) => [placeX(x), engineering(x, "Hz", 3)]).filter(([x], i, all) => !i || x - all[i - 1][0] > 52);
-    grid(plot, { width, height, margin: MARGIN }, { bottom: 10 ** bottom, top: 10 ** top, isLog: true }, placeY, places, `${unit}, log: x solid, y dashed, z dotted`);
-    modes.forEach((x, i) => plot.append(svg("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: placeX(x), x2: placeX(x), y1: MARGIN.top, y2: height - MARGIN.bottom })));
-    Object.entries(curves).forEach(([name, sizes], k) => {
-      plot.append(svg("path", { d: through(sizes.map((x, i) => (x > 0 ? [placeX(f[i]), placeY(x)] : null))), class: `curve response curve-${k}`, "data-axis": name }));
+    const values = Object.values(curves).flat().filter((size) => size > 0);
+    const high = log(Math.max(...values));
+    const x = plot.across(log(f[0]), log(f.at(-1)));
+    const y = plot.upwards(Math.max(log(Math.min(...values)), high - 5), high + 0.1);
+    plot.node.replaceChildren();
+    plot.grid(y, true, `${unit}, log: x solid, y dashed, z dotted`);
+    plot.marks(modes.map((hertz) => [x.place(log(hertz)), engineering(hertz, "Hz", 3)]).filter(([at], i, all) => !i || at - all[i - 1][0] > 52));
+    modes.forEach((hertz, i) => {
+      const at = x.place(log(hertz));
+      plot.add("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: at, x2: at, y1: y.end, y2: y.start });
     });
     let peak = ["", 0, 0];
-    for (const [name, sizes] of Object.entries(curves)) sizes.forEach((x, i) => { if (x > peak[1]) peak = [name, x, f[i]]; });
+    Object.entries(curves).forEach(([name, sizes], k) => {
+      const points = sizes.map((size, i) => (size > 0 ? [x.place(log(f[i])), y.place(Math.max(y.low, log(size)))] : null));
+      plot.path(points, { class: `curve response curve-${k}`, "data-axis": name });
+      sizes.forEach((size, i) => { if (size > peak[1]) peak = [name, size, f[i]]; });
+    });
     label.textContent = label.title = `largest ${short(peak[1], 3)} ${unit} along ${peak[0]} at ${short(peak[2], 3)} Hz`;
-    plot.setAttribute("aria-label", `Receptance over frequency, ${label.textContent}`);
+    plot.node.setAttribute("aria-label", `Receptance over frequency, ${label.textContent}`);
   }
 
   store.on("numbers", () => {

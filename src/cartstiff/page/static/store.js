@@ -3,7 +3,7 @@
 // One question is in flight; while it is, only the newest state is kept.
 
 import { cross, rotation, times } from "./algebra.js";
-import { LOST, SUPERSEDED } from "./dom.js";
+import { LOST, SUPERSEDED, short } from "./dom.js";
 
 // Time (ms) after which what is shown is said to be of another posture.
 const LATE = 700;
@@ -390,6 +390,21 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
   const along = (v) => (turns ? v : times(rotation(numbers.result.pose), v));
   const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
   return { load, load_at: at, load_axes: turns ? "body" : "inertial" };
+}
+
+// What of a state decides its numbers, besides the posture; and what else decides curves.
+const MECHANICS = ["point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
+const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
+export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
+export const curvesOf = (state) => CURVED.map((key) => state[key]);
+
+/** Whether a coordinate is read in degrees. */
+export const inDegrees = ({ angle }, coordinate) => !coordinate.is_length && angle === "deg";
+
+/** A value of a coordinate in words. */
+export function inWords(store, index, x, digits = 4) {
+  const coordinate = store.hello.mechanism.coordinates[index];
+  return inDegrees(store, coordinate) ? `${short((x * 180) / Math.PI, digits)}°` : `${short(x, digits)} ${coordinate.unit}`;
 }
 
 // Powers of ten.

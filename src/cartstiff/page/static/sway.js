@@ -2,10 +2,11 @@
 
 import { el, short, toast } from "./dom.js";
 import { Drawing, growing } from "./drawing.js";
+import { ticking } from "./player.js";
 
-// How far the point goes, about, over the mechanism's size, and the time (ms) of one way there and back.
+// How far the point goes, about, over the mechanism's size, and the time (s) of one way there and back.
 const WIDEST = 0.06;
-const SWAY_TIME = 2600;
+const SWAY_TIME = 2.6;
 
 /** A button that plays it, and words that say how much is enlarged. */
 export function sway(store) {
@@ -34,19 +35,14 @@ export function sway(store) {
     button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
     button.title = "From where it rests without the load to where it is under it, and back";
     button.setAttribute("aria-pressed", "true");
-    playing = { put, from: performance.now() };
+    playing = { put };
     if (still.matches) return put(1); // no motion: where it would be without the load
-    const step = (now) => {
-      if (!playing) return;
-      put(0.5 + 0.5 * Math.cos((2 * Math.PI * (now - playing.from)) / SWAY_TIME));
-      playing.frame = requestAnimationFrame(step);
-    };
-    playing.frame = requestAnimationFrame(step);
+    playing.halt = ticking((now) => put(0.5 + 0.5 * Math.cos((2 * Math.PI * now) / SWAY_TIME)));
   }
 
   function stop() {
     if (!playing) return;
-    cancelAnimationFrame(playing.frame);
+    playing.halt?.();
     playing.put(0);
     playing = null;
     offer();

@@ -1,0 +1,142 @@
+// A plot: its drawing, axes with round values, what is seen of them.
+
+import { clamp, short } from "./dom.js";
+import { CLOSE } from "./numerics.js";
+import { svg } from "./plotfiles.js";
+
+// How many times nearer one step of the wheel goes.
+export const CLOSER = 1.25;
+
+/** Values from `low` to `high` along a drawing, between two dots. */
+function axis(low, high, start, end) {
+  const place = (x) => start + ((x - low) / (high - low || 1)) * (end - start);
+  const value = (dot) => low + ((dot - start) / (end - start)) * (high - low);
+  return { low, high, start, end, place, value };
+}
+
+/** What is seen of [first, last] so many times nearer, about a value that stays where it is. */
+export function nearer([low, high], [first, last], times, at, least) {
+  const size = Math.min(last - first, Math.max(least, (high - low) / times));
+  const start = clamp(at - ((at - low) * size) / (high - low), first, last - size);
+  return [start, start + size];
+}
+
+/** Whether all of [first, last] is seen. */
+export const isWhole = ([low, high], [first, last]) => high - low >= (last - first) * (1 - CLOSE);
+
+/** Round values between two ends, so many at most; of an angle in degrees parts of a turn. */
+function ticks(first, last, most, isAngle = false) {
+  const span = last - first;
+  const power = 10 ** Math.floor(Math.log10(span / most));
+  const steps = isAngle && span > 10 ? [1, 2, 5, 10, 15, 30, 45, 60, 90, 180] : [1, 2, 5, 10].map((x) => x * power);
+  const step = steps.find((x) => span / x <= most) ?? steps.at(-1);
+  const start = Math.ceil(first / step - CLOSE);
+  return Array.from({ length: Math.max(0, Math.floor(last / step + CLOSE) - start + 1) }, (_, k) => (start + k) * step);
+}
+
+/** Values at which a logarithmic axis has lines. */
+function decades(bottom, top) {
+  const [low, high] = [Math.log10(bottom), Math.log10(top)];
+  const marks = high - low > 4 ? [1] : high - low > 1.2 ? [1, 3] : [1, 1.5, 2, 3, 5, 7];
+  const step = high - low > 4 ? Math.ceil((high - low) / 5) : 1;
+  return Array.from({ length: Math.floor(high) - Math.floor(low) + 1 }, (_, k) => Math.floor(low) + k)
+    .filter((d) => d % step === 0).flatMap((d) => marks.map((m) => m * 10 ** d)).filter((x) => x >= bottom && x <= top);
+}
+
+export class Plot {
+  /** `draw` is called when the size has changed: asking for it each time lays the page out. */
+  constructor(margin, draw, { kind = "plot", label = "no curves yet" } = {}) {
+    Object.assign(this, { margin, width: 0, height: 0 });
+    this.node = svg("svg", { role: "img", class: kind, "aria-label": label });
+    new ResizeObserver(() => {
+      [this.width, this.height] = [this.node.clientWidth, this.node.clientHeight];
+      draw();
+    }).observe(this.node);
+  }
+
+  across(low, high) {
+    return axis(low, high, this.margin.left, this.width - this.margin.right);
+  }
+
+  upwards(low, high) {
+    return axis(low, high, this.height - this.margin.bottom, this.margin.top);
+  }
+
+  add(tag, attributes = {}, ...children) {
+    const node = svg(tag, attributes, ...children);
+    this.node.append(node);
+    return node;
+  }
+
+  text(x, y, words, anchor = "start", kind = "") {
+    return this.add("text", { x, y, "text-anchor": anchor, class: kind }, words);
+  }
+
+  /** Words instead of curves. */
+  say(words) {
+    this.node.replaceChildren();
+    this.text(this.width / 2, this.height / 2, words, "middle", "nothing");
+  }
+
+  /** A path through points [x, y]; null interrupts it. */
+  path(points, attributes) {
+    const steps = points.map((point, i) => (point ? `${points[i - 1] ? "L" : "M"}${point.map((x) => x.toFixed(1))}` : ""));
+    this.add("path", { d: steps.join(""), ...attributes });
+  }
+
+  /** An area of the drawing, from one value of an axis across to another. */
+  band(x, width, attributes) {
+    const { top, bottom } = this.margin;
+    this.add("rect", { x, y: top, width, height: this.height - top - bottom, ...attributes });
+  }
+
+  /** What lies outside the axes is not seen of what has `clip-path: url(#id)`. */
+  clip(id) {
+    const { left, right, top, bottom } = this.margin;
+    const [width, height] = [this.width - left - right, this.height - top - bottom];
+    this.add("clipPath", { id }, svg("rect", { x: left, y: top, width, height }));
+  }
+
+  /** Lines and values up an axis, by decades or evenly; what the values are. */
+  grid(y, isLog, words) {
+    const { margin: { left, right, top }, width, height } = this;
+    let lastY = Infinity;
+    const values = isLog ? decades(10 ** y.low, 10 ** y.high) : ticks(y.low, y.high, height / 28);
+    for (const value of values) {
+      const at = y.place(isLog ? Math.log10(value) : value);
+      if (lastY - at < 13) continue;
+      lastY = at;
+      this.add("line", { class: "grid", x1: left, x2: width - right, y1: at, y2: at });
+      this.text(left - 5, at + 3.5, short(value, 3), "end");
+    }
+    this.text(left, top - 8, words, "start", "unit");
+  }
+
+  /** Places along the axis across, each with its words. */
+  marks(places) {
+    const { margin: { bottom }, width, height } = this;
+    for (const [x, words] of places) {
+      this.add("line", { class: "grid", x1: x, x2: x, y1: height - bottom, y2: height - bottom + 4 });
+      this.text(x, height - 4, words, x > width - 26 ? "end" : "middle");
+    }
+  }
+
+  /** Round values along an axis across, `times` its own, in words. */
+  rounds(x, times, isAngle, words) {
+    const most = Math.max(2, (x.end - x.start) / 75);
+    this.marks(ticks(x.low * times, x.high * times, most, isAngle).map((value) => [x.place(value / times), words(value / times)]));
+  }
+
+  /** Where in the drawing a pointer is. */
+  dots({ clientX, clientY }) {
+    const { left, top } = this.node.getBoundingClientRect();
+    return [clientX - left, clientY - top];
+  }
+
+  /** Called with how many times nearer the wheel goes; answers whether there is something to see. */
+  onwheel(zoom) {
+    this.node.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER, event)) event.preventDefault();
+    }, { passive: false });
+  }
+}
