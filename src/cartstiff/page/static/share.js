@@ -3,32 +3,39 @@
 import { byId, copy, download, el, toast } from "./dom.js";
 import { pictureFile } from "./legend.js";
 
-// Of the state, what an address holds; the kind of each is that of the first state.
-const KEYS = ["q", "connection", "quantity", "others", "axes", "point", "stiffness", "load", "load_axes",
-  "load_kind", "load_at", "gravity", "payload", "command",
-  "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map", "mode"];
-const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "gravity", "payload", "command"]);
 // What stands for the stiffness of a rigid joint, which is null.
 const RIGID = "rigid";
-const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflection", "screws", "centres"]);
-
-const FIXED = new Set(["gravity", "payload", "command"]);
-
-const WORDS = {
-  connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], others: ["free", "held"], axes: ["body", "inertial"],
-  load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["root", "linear", "log"],
+const flag = (text) => text === "true";
+const oneOf = (...words) => (text) => (words.includes(text) ? text : undefined);
+/** Numbers of a text, if they are so many (of the first state); some may be rigid. */
+const numbers = (count, isRigid = false) => (text, first) => {
+  const found = text.split(",").map((x) => (isRigid && x === RIGID ? null : Number(x)));
+  const fits = found.length === (count?.(first) ?? found.length);
+  return fits && found.every((x) => x === null || Number.isFinite(x)) ? found : undefined;
 };
+const three = numbers(() => 3);
+// Of the state, what an address holds, and how it is read; undefined for what cannot be.
+const FORMS = {
+  q: numbers(({ q }) => q.length), connection: oneOf("load", "A", "B", "K", "F", "+"), quantity: oneOf("stiffness", "compliance"),
+  others: oneOf("free", "held"), axes: oneOf("body", "inertial"), point: three,
+  stiffness: numbers(null, true), load: numbers(() => 6),
+  load_axes: oneOf("body", "inertial"), load_kind: oneOf("dead", "follower", "conservative"), load_at: three,
+  gravity: three, payload: numbers(() => 4), command: numbers(null), scale: oneOf("root", "linear", "log"),
+  translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, screws: flag, centres: flag,
+  quantity_of_map: (text, first) => (first.quantity_of_map === null ? undefined : text),
+  mode: (text) => (/^[1-9]\d?$/.test(text) ? Number(text) : undefined),
+};
+const FIXED = new Set(["gravity", "payload", "command"]);
 // Of the plot: names in an address, and in `store.plot`.
 const PLOT = [["plot", "of"], ["along", "along"], ["and", "and"], ["values", "values"], ["seen", "seen"]];
-const COUNTS = { point: 3, load: 6, load_at: 3, gravity: 3, payload: 4 };
 
 /** What of a state differs from the first one. */
 function differing(state, first) {
   const parts = new URLSearchParams();
-  for (const key of KEYS) {
+  for (const key of Object.keys(FORMS)) {
     const value = state[key];
     if (value === null || value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
-    parts.set(key, NUMBERS.has(key) ? value.map((x) => x ?? RIGID).join(",") : String(value));
+    parts.set(key, Array.isArray(value) ? value.map((x) => x ?? RIGID).join(",") : String(value));
   }
   return parts;
 }
@@ -50,18 +57,34 @@ export function toHash(store) {
 export function fromHash(hash, first) {
   const found = {};
   for (const [key, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
-    if (!KEYS.includes(key)) continue;
-    if (key === "mode") {
-      if (/^[1-9]\d?$/.test(text)) found.mode = Number(text);
-    } else if (NUMBERS.has(key)) {
-      const numbers = text.split(",").map((x) => (key === "stiffness" && x === RIGID ? null : Number(x)));
-      const count = key in COUNTS ? COUNTS[key] : ["stiffness", "command"].includes(key) ? numbers.length : first.q.length;
-      const fits = numbers.length === count;
-      if (fits && numbers.every((x) => x === null || Number.isFinite(x))) found[key] = numbers;
-    } else if (FLAGS.has(key)) found[key] = text === "true";
-    else if (key in WORDS ? WORDS[key].includes(text) : first[key] !== null) found[key] = text;
+    const value = Object.hasOwn(FORMS, key) ? FORMS[key](text, first) : undefined;
+    if (value !== undefined) found[key] = value;
   }
   return found;
+}
+
+/** What an address asks for, in the form of a step of `store.undo`. */
+function stepTo(store, hash) {
+  const { state: first } = store.hello;
+  const asked = new URLSearchParams(hash.slice(1));
+  const { live, shows } = store.source;
+  const read = (text) => {
+    const found = fromHash(text, first);
+    // A file weighs what it weighed when it was made, and draws some parts only.
+    for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FORMS[key] === flag && !shows.includes(key))) delete found[key];
+    return { ...structuredClone(first), ...found };
+  };
+  const state = read(hash);
+  const kept = [...asked].filter(([key]) => /^kept[1-3]$/.test(key)).map(([key, text]) => ({ number: Number(key[4]), state: read(text) }));
+  // Another posture under the same load, without a state of its own.
+  const { q: ghost } = fromHash(`q=${asked.get("ghost") ?? first.ghost ?? ""}`, first);
+  if (!kept.length && ghost) kept.push({ number: 1, state: { ...structuredClone(state), q: ghost } });
+  state.ghost = kept[0]?.state.q ?? null;
+  const plot = Object.fromEntries(PLOT.filter(([key]) => asked.has(key)).map(([key, name]) => [name, asked.get(key)]));
+  const seen = (plot.seen ?? "").split(",").map(Number);
+  plot.seen = [2, 4].includes(seen.length) && seen.every(Number.isFinite) ? seen : null;
+  return { state, kept, plot, fine: asked.get("lengths"), angle: asked.get("angles") === "rad" ? "rad" : "deg",
+    frame: (live && asked.get("frame")) || store.firstFrame };
 }
 
 /** The address of what is shown: without the secret of a server, which is new for the next one; it asks for that. */
@@ -93,50 +116,19 @@ export function sharing(store) {
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
 
-  /** Units and camera as an address has them. */
-  function lookAs(asked) {
-    store.readIn(asked.get("lengths"));
-    store.tell("angles", asked.get("angles") === "rad" ? "rad" : "deg");
-    const view = (asked.get("camera") ?? "").split(",").map(Number);
+  function follow(hash) {
+    const view = (new URLSearchParams(hash.slice(1)).get("camera") ?? "").split(",").map(Number);
     if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
-    store.wishedPlot = Object.fromEntries(PLOT.filter(([key]) => asked.has(key)).map(([key, name]) => [name, asked.get(key)]));
-    const seen = (store.wishedPlot.seen ?? "").split(",").map(Number);
-    store.wishedPlot.seen = [2, 4].includes(seen.length) && seen.every(Number.isFinite) ? seen : null;
-    if (applied && store.plot) store.tell("replot");
+    store.restore(stepTo(store, hash)).catch((error) => store.tell("error", error.message));
   }
 
   let timer = null;
-  let applied = false;
+  let followed = false;
   store.on("hello", (hello) => {
-    if (applied) return;
-    applied = true;
+    if (followed) return;
+    followed = true;
     store.firstFrame = hello.mechanism.frame;
-    const hash = location.hash || `#${hello.address ?? ""}`; // a file has the address that it was made at
-    const asked = new URLSearchParams(hash.slice(1));
-    const read = (text) => {
-      const found = fromHash(text, hello.state);
-      // A file weighs what it weighed when it was made, and draws some parts only.
-      const { live, shows } = store.source;
-      for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FLAGS.has(key) && !shows.includes(key))) delete found[key];
-      return found;
-    };
-    lookAs(asked);
-    const wishes = read(hash);
-    const kept = [...asked].filter(([key]) => /^kept[1-3]$/.test(key)).map(([key, text]) => ({ number: Number(key[4]), state: { ...structuredClone(hello.state), ...read(text) } }));
-    // Another posture under the same load, without a state of its own.
-    const ghost = fromHash(`q=${asked.get("ghost") ?? hello.state.ghost ?? ""}`, hello.state).q;
-    if (!kept.length && ghost) kept.push({ number: 1, state: { ...structuredClone(hello.state), ...wishes, q: ghost } });
-    const frame = asked.get("frame");
-    if (frame && frame !== hello.mechanism.frame && store.source.live) {
-      store.ask({ do: "frame", name: frame }).then(() => {
-        store.apply(wishes);
-        store.setKept(kept, false);
-      }, (error) => store.tell("error", error.message));
-    } else {
-      store.kept = kept;
-      Object.assign(store.state, wishes, { ghost: kept[0]?.state.q ?? null });
-      store.tell("kept", kept);
-    }
+    follow(location.hash || `#${hello.address ?? ""}`); // a file has the address that it was made at
   });
   const settle = () => {
     clearTimeout(timer);
@@ -152,12 +144,8 @@ export function sharing(store) {
   store.on("numbers", settle);
   for (const event of ["units", "plot", "kept", "angles"]) store.on(event, () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
-    const asked = new URLSearchParams(location.hash.slice(1));
-    if ([...asked.keys()].some((key) => /^(frame|kept[1-3])$/.test(key))) return location.reload();
-    lookAs(asked);
-    const wishes = fromHash(location.hash, store.hello.state);
-    store.change({ ...store.hello.state, theme: store.state.theme, ...wishes });
-    store.setKept([], false);
+    store.remember("address");
+    follow(location.hash);
   });
 }
 

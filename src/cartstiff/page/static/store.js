@@ -83,16 +83,22 @@ export class Store {
     if (!from.length || !this.state) return;
     to.push(this.step());
     this.lastKind = null;
-    const { state, kept, fine, angle, plot, frame } = from.pop();
+    await this.restore(from.pop());
+  }
+
+  /** Show everything as a step, or an address, has it. */
+  async restore({ state, kept, fine, angle, plot, frame }) {
     if (frame !== this.hello.mechanism.frame) await this.ask({ do: "frame", name: frame });
     this.kept = kept;
-    this.apply({ ...state, theme: this.state.theme, moved: null });
+    const wishes = { ...state, theme: this.state.theme, moved: null };
+    if (this.sent) this.apply(wishes);
+    else Object.assign(this.state, wishes); // the first picture is asked for once all is known
     this.tell("kept", kept);
     this.readIn(fine);
+    this.travelling = true;
     this.tell("angles", angle);
     this.wishedPlot = plot;
-    this.travelling = true;
-    this.tell("replot");
+    if (this.sent) this.tell("replot");
     this.travelling = false;
   }
 
