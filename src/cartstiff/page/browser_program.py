@@ -28,6 +28,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
 from cartstiff.potentials.beams import alike
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.settled_links import LAST, ROUNDED
 
@@ -106,6 +107,8 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
         "places": {name: places for name, (_, places) in written.items()},
         "shared": {n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()},
         "words": _shared_words(),
+        # K^X - K^B of each kind of load at M's origin, (36, 6): follower is K^A, conservative K^K.
+        "changes": {kind: LoadKind(kind).change(np.eye(6)).reshape(6, 36).T for kind in LOAD_KINDS},
         "closing": closing,
         "no_load": no_load,
         "bending": bending,

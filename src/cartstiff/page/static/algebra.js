@@ -29,10 +29,14 @@ export const congruence = (A, B) => product(transposed(A), product(B, A));
 /** The matrix in four blocks of 3 x 3. */
 export const blocks = (a, b, c, d) => [0, 1, 2].map((i) => [...a[i], ...b[i]]).concat([0, 1, 2].map((i) => [...c[i], ...d[i]]));
 
+/** The matrix with its rows and columns multiplied. */
+export const scaled = (A, rows, columns = rows) => A.map((row, i) => row.map((x, j) => x * rows[i] * columns[j]));
+const inverted = (list) => list.map((x) => 1 / x);
+
 /** Inverse by elimination with pivots, rows and columns measured in sizes; null where there is none. */
 export function inverse(A, sizes = A.map(() => 1)) {
   const n = A.length;
-  const work = A.map((row, i) => [...row.map((x, j) => x * sizes[i] * sizes[j]), ...identity(n)[i]]);
+  const work = scaled(A, sizes).map((row, i) => [...row, ...identity(n)[i]]);
   for (let k = 0; k < n; k++) {
     let pivot = k;
     for (let i = k + 1; i < n; i++) if (Math.abs(work[i][k]) > Math.abs(work[pivot][k])) pivot = i;
@@ -50,27 +54,27 @@ export function inverse(A, sizes = A.map(() => 1)) {
       work[k][j] = sum / work[k][k];
     }
   }
-  return work.map((row, i) => row.slice(n).map((x, j) => x * sizes[i] * sizes[j]));
+  return scaled(work.map((row) => row.slice(n)), sizes);
 }
 
+const roots = (A) => A.map((row, i) => Math.sqrt(Math.abs(row[i])));
+
 /** The same, measured by the roots of its diagonal. */
-export const scaledInverse = (A) => inverse(A, A.map((row, i) => 1 / Math.sqrt(Math.abs(row[i]))));
+export const scaledInverse = (A) => inverse(A, inverted(roots(A)));
 
 /** To which share of its largest entry an inverse can be known: entries of the matrix, and elimination, each cost what `cartstiff.numerics.invert` expects. */
-export function sureOfInverse(C) {
-  const K = scaledInverse(C);
+export function sureOfInverse(C, K = scaledInverse(C)) {
   if (!K) return 1;
-  const sizes = K.map((row, i) => Math.sqrt(Math.abs(row[i])));
-  const norm = (M, by) => Math.sqrt(squares(M.map((row, i) => row.map((x, j) => by(x, sizes[i] * sizes[j])))));
-  return 2 * EPSILON * norm(K, (x, size) => x / size) * norm(C, (x, size) => x * size);
+  const sizes = roots(K);
+  return 2 * EPSILON * Math.sqrt(squares(scaled(K, inverted(sizes))) * squares(scaled(C, sizes)));
 }
 
 /** (C^-1 + D)^-1 from C, as the library finds it. */
 export function changed(C, D, length) {
-  const rows = [1, 1, 1, length, length, length];
-  const factor = product(D, C).map((row, i) => row.map((x, j) => (i === j ? 1 : 0) + (x * rows[i]) / rows[j]));
+  const sizes = [1, 1, 1, length, length, length];
+  const factor = plus(identity(6), scaled(product(D, C), sizes, inverted(sizes)));
   const back = inverse(factor);
-  return back && product(C, back.map((row, i) => row.map((x, j) => (x / rows[i]) * rows[j])));
+  return back && product(C, scaled(back, inverted(sizes), sizes));
 }
 
 /** Eigenvalues, smallest first, and eigenvectors as rows, of a symmetric matrix: Jacobi's rotations. */

@@ -2,8 +2,9 @@
 // pose, Jacobian, load and stiffness of a posture; what is read from them is read here. Where the
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
-import { adjoint, angles, back, block, blocks, changed, clean, congruence, cross, dot, eigen, general, identity,
-  inverse, largest, motion, moved, moving, place, plus, product, rotation, scaledInverse, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
+import { adjoint, angles, back, block, changed, clean, congruence, cross, dot, eigen, general, identity, inverse,
+  largest, motion, moved, moving, place, plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse,
+  symmetric, times, transposed } from "./algebra.js";
 import { ATTAINABLE_PRECISION, CLOSE, EPSILON, FUTILE, LIMIT_SLACK, NEAR, ROUNDING, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
@@ -25,13 +26,14 @@ export class Program {
     this.freedoms = data.closing?.freedoms ?? this.n;
   }
 
-  /** Run a program; its outputs by name, flat. */
+  /** Run a program; its outputs by name: flat, or rows of a width. */
   run(name, inputs) {
     const out = this.out[name];
     this.programs[name]({ ...this.data.shared, ...inputs }, out);
-    return (key) => {
+    return (key, width) => {
       const at = this.data.places[name][key];
-      return at && Array.from(out.subarray(...at));
+      const flat = at && Array.from(out.subarray(...at));
+      return flat && width ? rows(flat, width) : flat;
     };
   }
 
@@ -91,9 +93,9 @@ export class Program {
   place(asked) {
     const q = this.closed(asked);
     const found = this.run("free", { q });
-    const J = rows(found("jacobian") ?? [], this.n);
-    const N = this.data.closing && rows(found("motions"), this.freedoms);
-    return { q, pose: rows(found("pose"), 4), frames: frames(found("frames")), N, J: N ? product(J, N) : J };
+    const J = found("jacobian", this.n);
+    const N = this.data.closing && found("motions", this.freedoms);
+    return { q, pose: found("pose", 4), frames: frames(found("frames")), N, J: N ? product(J, N) : J };
   }
 
   /** Coordinates of a platform at a pose of M, on the turn of others. */
@@ -132,46 +134,33 @@ export class Program {
     }
     const found = this.run(name, inputs);
     if (found("verdict")[0] !== 0) throw new Error(NOT_PLAIN);
+    const { platform, are_lengths: areLengths, may_be_loaded: mayBeLoaded } = this.data;
     const m = {
-      q, asked, hessians: inputs.segment_hessians, pose: rows(found("pose"), 4), J: rows(found("jacobian") ?? [], this.n), W: found("wrench"), energy: found("energy")[0],
+      q, asked, hessians: inputs.segment_hessians, pose: found("pose", 4), J: found("jacobian", this.n), W: found("wrench"), energy: found("energy")[0],
       frames: frames(found("frames")), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
-      given: Boolean(state.load?.some((x) => x)),
-      ...(state.load || this.data.may_be_loaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
+      given: Boolean(state.load?.some((x) => x)), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
+      ...(state.load || mayBeLoaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }),
     };
-    const K = found("stiffness_B") ? rows(found("stiffness_B"), 6) : null;
-    const F = found("stiffness_F");
-    const sizes = this.data.platform ? [1, 1, 1, m.length, m.length, m.length].map((x) => 1 / x) : null;
-    if (this.data.platform) {
-      m.columns = [1, 1, 1, m.length, m.length, m.length];
-      m.lines = this.lines(m.pose);
-      m.H = K;
-    } else {
+    const K = found("stiffness_B", 6) ?? null;
+    m.sizes = platform ? [1, 1, 1, m.length, m.length, m.length] : areLengths.map((is) => (is ? m.length : 1));
+    m.columns = m.sizes;
+    if (platform) [m.lines, m.H] = [this.lines(m.pose), K];
+    else {
       m.jacobian = m.J;
-      m.sizes = this.data.are_lengths.map((is) => (is ? m.length : 1));
-      m.columns = m.sizes;
-      if (this.data.closing) this.onMotions(m, rows(found("motions"), this.freedoms));
-      m.H = rows(found("hessian"), this.freedoms);
-      m.L = rows(found("lagrangian"), this.freedoms);
+      if (this.data.closing) this.onMotions(m, found("motions", this.freedoms));
+      [m.H, m.L] = ["hessian", "lagrangian"].map((name) => found(name, this.freedoms));
     }
-    const C = this.data.platform ? inverse(K, sizes.map((x) => 1 / x)) : this.softness(m, m.L);
+    const softness = (H, M) => (platform ? inverse(M, m.sizes) : this.softness(m, H));
+    const C = softness(m.L, K);
     if (!C) throw new Error(NOT_PLAIN);
-    if (K) this.refuseLost(K, C);
-    const [m_, f] = [skew(m.W.slice(0, 3)), skew(m.W.slice(3))].map((part) => part.map((row) => row.map((x) => 0.5 * x)));
-    const none = zeros(3, 3);
-    const negative = f.map((row) => row.map((x) => -x));
-    m.changes = { A: blocks(m_, f, f, none), B: zeros(6, 6), K: blocks(none, f, negative, none) };
-    m.changes.load = m.W.some((x) => x) ? this.byLoad(m) : zeros(6, 6);
-    m.K = { F: F ? rows(F, 6) : null };
-    m.C = { F: null };
+    m.K = { B: K, F: found("stiffness_F", 6) ?? null };
+    m.C = { B: C, F: m.K.F && softness(m.H, m.K.F) };
+    m.changes = this.changes(m);
     for (const [key, D] of Object.entries(m.changes)) {
       m.K[key] = K && plus(K, D);
       m.C[key] = largest(D) ? changed(C, D, m.length) : C;
     }
-    if (F) m.C.F = this.data.platform ? inverse(m.K.F, sizes.map((x) => 1 / x)) : this.softness(m, m.H);
-    for (const [key, compliance] of Object.entries(m.C)) {
-      if (!compliance && m.K[key]) throw new Error(NOT_PLAIN);
-      if (compliance && m.K[key]) this.refuseLost(m.K[key], compliance);
-    }
+    for (const [key, M] of Object.entries(m.K)) if (M) this.refuseLost(M, m.C[key]);
     this.ratios(m);
     return m;
   }
@@ -194,9 +183,9 @@ export class Program {
     m.singular = {};
     if (data.platform) m.singular["type-2"] = singular(m.lines.map((line) => line.map((x, i) => x * m.columns[i])));
     else {
-      const scaled = m.jacobian.map((row, i) => row.map((x, j) => (x * m.sizes[j]) / (i < 3 ? 1 : m.length)));
-      const moving = m.orthonormal ? product(scaled, m.orthonormal) : scaled;
-      m.singular.serial = singular(moving[0].length < 6 ? moving : transposed(moving));
+      const J = scaled(m.jacobian, [0, 1, 2, 3, 4, 5].map((i) => (i < 3 ? 1 : 1 / m.length)), m.sizes);
+      const motions = m.orthonormal ? product(J, m.orthonormal) : J;
+      m.singular.serial = singular(motions[0].length < 6 ? motions : transposed(motions));
       if (this.least(m.singular.serial) <= CLOSE) throw new Error(NOT_PLAIN);
       if (m.orthonormal && data.actuated.length >= this.freedoms) m.singular["type-2"] = singular(data.actuated.map((j) => m.orthonormal[j].map((x) => x * m.sizes[j])));
     }
@@ -210,7 +199,10 @@ export class Program {
 
   /** The wrench of a state in the body's axes, at coordinates that are closed. */
   given(q, state) {
-    return inBody(state.load, state.load_axes === "inertial" ? rows(this.run("free", { q })("pose"), 4) : null, actsAt(state));
+    const R = state.load_axes === "inertial" ? transposed(rotation(this.run("free", { q })("pose", 4))) : identity(3);
+    const [moment, force] = [state.load.slice(0, 3), state.load.slice(3)].map((v) => times(R, v));
+    const arm = cross(actsAt(state), force);
+    return [...moment.map((x, i) => x + arm[i]), ...force];
   }
 
   /** Coordinates at which links carry the load, as `cartstiff.batch.closed_chains.settle`; derivatives of their energy become inputs. */
@@ -248,29 +240,21 @@ export class Program {
   /** J H^-1 J^T. */
   softness(m, H) {
     const found = scaledInverse(H);
-    if (!found) throw new Error(NOT_PLAIN);
     this.refuseLost(H, found);
     return congruence(transposed(m.J), found);
   }
 
   /** As `cartstiff.batch.arithmetic.noteworthy`: what would be told of lost digits is not answered. */
   refuseLost(M, other) {
-    const sizes = M.map((row, i) => Math.sqrt(Math.abs(row[i])));
-    const one = squares(M.map((row, i) => row.map((x, j) => x / sizes[i] / sizes[j])));
-    const two = squares(other.map((row, i) => row.map((x, j) => x * sizes[i] * sizes[j])));
-    if (!(one * two * ((2 * EPSILON) / REPORTED_ERROR) ** 2 < 1)) throw new Error(NOT_PLAIN);
+    if (!(other && sureOfInverse(other, M) < REPORTED_ERROR)) throw new Error(NOT_PLAIN);
   }
 
-  /** K^load - K^B: see `cartstiff.stiffness.applied_load`. */
-  byLoad({ W, kind, at, changes }) {
-    if (kind === "follower") return changes.A;
-    const force = W.slice(3);
-    const about = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
-    const share = kind === "dead" ? 1 : 0.5;
-    const none = zeros(3, 3);
-    const R = blocks(skew(about).map((row) => row.map((x) => share * x)), none, skew(force), none);
-    const Ad = adjoint(motion(identity(3), at.map((x) => -x)));
-    return plus(changes.A, congruence(Ad, R).map((row) => row.map((x) => -x)));
+  /** K^A, K^K and the tangent under the load, each less K^B: see `cartstiff.stiffness.applied_load`. */
+  changes({ W, kind, at }) {
+    const under = (name, wrench) => rows(times(this.data.changes[name], wrench), 6);
+    const [forth, reverse] = [1, -1].map((side) => adjoint(motion(identity(3), at.map((x) => side * x))));
+    return { A: under("follower", W), K: under("conservative", W),
+      load: congruence(reverse, under(kind, times(transposed(forth), W))) };
   }
 
   /** Lines of the legs along body twists, a row each. */
@@ -330,7 +314,7 @@ export class Program {
     // A positive definite K has determinants of these two blocks that differ by a length only.
     const isPositive = move[0] > 0 && turn[0] > 0;
     const [length, origin] = isPositive ? [[...move, ...turn].reduce((all, x) => all * x ** (-1 / 6), 1), "natural"] : [1, "unit"];
-    const { values } = eigen(K.map((row, i) => row.map((x, j) => x / (i < 3 ? length : 1) / (j < 3 ? length : 1))));
+    const { values } = eigen(scaled(K, [0, 1, 2, 3, 4, 5].map((i) => (i < 3 ? 1 / length : 1))));
     const condition = (list) => Math.max(...list.map(Math.abs)) / Math.min(...list.map(Math.abs));
     return {
       length, length_origin: origin, length_reason: this.data.words.lengths[origin], definiteness: definiteness(values), eigenvalues: values,
@@ -368,9 +352,9 @@ export class Program {
   /** The wrench with zeros for what is rounding of springs or of its other half. */
   shownWrench(m, W) {
     const stiffest = m.given ? 0 : Math.max(...m.H.flatMap((row, i) => row.map((x, j) => Math.abs(x) * m.columns[i] * m.columns[j])));
-    const scaled = W.map((x, i) => Math.abs(x) * (i < 3 ? 1 : m.length));
-    const noise = ROUNDING * Math.max(stiffest, ...scaled);
-    return W.map((x, i) => (scaled[i] > noise ? x : 0));
+    const sizes = W.map((x, i) => Math.abs(x) * (i < 3 ? 1 : m.length));
+    const noise = ROUNDING * Math.max(stiffest, ...sizes);
+    return W.map((x, i) => (sizes[i] > noise ? x : 0));
   }
 
   moved(m, state) {
@@ -434,7 +418,7 @@ export class Program {
       const weak = values.filter((x) => x < NEAR * values[0]).length;
       const all = m.orthonormal ? product(vectors, transposed(m.orthonormal)) : vectors;
       notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${general(this.least(held), 2)}`,
-        values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * (m.sizes ?? m.columns)[i])) } });
+        values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * m.sizes[i])) } });
     }
     notes.push(...this.beyond(m), ...this.stretched(m), ...data.last_notes);
     return notes;
@@ -532,14 +516,6 @@ const upright = (v) => (v.reduce((most, x) => (Math.abs(x) > Math.abs(most) ? x 
 
 /** The point in M at which the load acts. */
 export const actsAt = (state) => state.load_at ?? (state.load ? state.point : [0, 0, 0]);
-
-/** W about M's origin in the axes of M, from components along the room's axes if `pose` is given. */
-function inBody(load, pose, at) {
-  const R = pose ? transposed(rotation(pose)) : identity(3);
-  const force = times(R, load.slice(3));
-  const arm = cross(at, force);
-  return [...times(R, load.slice(0, 3)).map((x, i) => x + arm[i]), ...force];
-}
 
 /** Matrices and wrench in a frame N of the body; `T` is null for M itself. */
 export function inFrame(m, T) {
