@@ -24,7 +24,7 @@ RUN = """async ([wishes, presses]) => {
     const store = window.cartstiff;
     const text = (what) => document.querySelector(what).textContent;
     const found = [];
-    const listener = ({ passing }) => {
+    const listener = ({ detail: { passing } }) => {
         const { shown, numbers } = store;
         if (passing) return;
         found.push({ shown, q: numbers.result.q, pose: numbers.result.pose,
@@ -32,7 +32,7 @@ RUN = """async ([wishes, presses]) => {
             title: text("#matrix-title"), heading: text(".principal-card h2"),
             whose: text(".principal thead td"), unit: text(".block-unit"), place: text(".place") });
     };
-    store.on("numbers", listener);
+    store.addEventListener("numbers", listener);
     const isIdle = () => store.busy === null && !store.wanted;
     const rest = (done) => (isIdle() ? done() : setTimeout(rest, 3, done));
     const refused = [];
@@ -46,7 +46,7 @@ RUN = """async ([wishes, presses]) => {
         if (store.refused !== null) refused.push(text("#verdict-text"));
     }
     await new Promise(rest);
-    store.listeners.numbers.splice(store.listeners.numbers.indexOf(listener), 1);
+    store.removeEventListener("numbers", listener);
     return { found, refused, state: store.state, shown: store.shown, isRefused: store.refused };
 }"""
 SUPERSCRIPTS = {"A": "ᴬ", "B": "ᴮ", "K": "ᴷ", "F": "ꟳ", "+": "⁺", "load": " under the load"}

@@ -184,6 +184,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "takes_load": springs is not None,
         "may_be_loaded": elastic.may_be_loaded,
         "source": elastic.source,
+        "is_illustrative": elastic.is_illustrative,
         "weighed": gravity_loads(elastic).text,
         "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
         "size": float(mechanism.at(q).length),

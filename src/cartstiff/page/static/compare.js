@@ -1,9 +1,9 @@
 // Beside what is in hand: states that were kept (posture, load, springs) and other mechanisms, a row
 // each, with ratios; their pictures under the same camera, at the same scale.
 
-import { byId, el, inSize, short } from "./dom.js";
+import { button, byId, el, heading, hint, inSize, short } from "./dom.js";
 import { Pane } from "./pane.js";
-import { sup } from "./matrix.js";
+import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
 import { actsAt } from "./program.js";
 import { LOOKS, METRES, Store, givenLoad } from "./store.js";
@@ -136,11 +136,11 @@ function difference(store, row) {
 
 export function compareCard(store) {
   const table = el("table", { class: "compared" });
-  const keep = el("button", { type: "button", title: "Keep posture, load and springs as a state to compare with (a)", onclick: () => store.keep() });
+  const keep = button("", () => store.keep(), { title: "Keep posture, load and springs as a state to compare with (a)" });
   const pictures = el("input", { type: "checkbox", onchange: () => show() });
   const aside = el("label", { class: "check" }, pictures, "pictures side by side");
-  const words = el("p", { class: "dim small" });
-  byId("right").append(el("div", { class: "card compare-card" }, el("div", { class: "row head" }, el("h2", {}, "States"), el("span", { class: "grow" }), keep), table, aside, words));
+  const words = hint("×: ratio of a row to the current state. Pictures: one camera, radii as in the legend. Dash-dotted curves are rows.");
+  byId("right").append(el("div", { class: "card compare-card" }, heading("States", keep), table, aside, words));
   const beside = byId("beside");
 
   function insert(row) {
@@ -197,10 +197,8 @@ export function compareCard(store) {
 
   function update() {
     const { rows, numbers } = store;
-    const number = [1, 2, 3].find((n) => !store.kept.some((one) => one.number === n));
-    keep.disabled = !number;
-    keep.textContent = number ? `Keep as ${number}` : "Three are kept";
-    words.textContent = "×: ratio of a row to the current state. Pictures: one camera, radii as in the legend. Dash-dotted curves are rows.";
+    keep.disabled = !store.freeNumber;
+    keep.textContent = store.freeNumber ? `Keep as ${store.freeNumber}` : "Three are kept";
     table.hidden = aside.hidden = words.hidden = !rows.length;
     if (!rows.length || !numbers) return;
     const stiff = store.shown.quantity === "stiffness";
@@ -211,8 +209,7 @@ export function compareCard(store) {
       return [times / factor, unit];
     });
     const [moving, turning] = freeness(store.shown);
-    const symbol = `${stiff ? "K" : "C"}${sup(store.shown.connection)}`;
-    const heads = ["moves", `${stiff ? "softest" : "most compliant"} of ${symbol}, ${moving}`, `in rotation, ${turning}`];
+    const heads = ["moves", `${stiff ? "softest" : "most compliant"} of ${symbol(store.shown)}, ${moving}`, `in rotation, ${turning}`];
     const line = (name, title, found, note, ...buttons) => el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note), ...buttons),
       ...found);
     const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x * sizes[k][0]), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
@@ -225,9 +222,9 @@ export function compareCard(store) {
           // Until it is answered, a row keeps its numbers and the ratios that belong to them.
           if (!row.late || !row.cells) row.cells = found.map((x, k) => [x, k, x !== null && here[k] ? x / here[k] : null]);
           const note = row.error ?? (row.numbers && !row.sameUnits ? "other units" : difference(store, row));
-          const button = (text, title, onclick) => el("button", { type: "button", class: "quiet", title, "aria-label": title, onclick }, text);
-          const actions = row.own ? [button("→", `Go to state ${name}`, () => store.goToKept(row.kept.number)),
-            button("✕", `Forget state ${name}`, () => store.setKept(store.kept.filter((one) => one !== row.kept)))]
+          const act = (text, title, onclick) => button(text, onclick, { class: "quiet", title, "aria-label": title });
+          const actions = row.own ? [act("→", `Go to state ${name}`, () => store.goToKept(row.kept.number)),
+            act("✕", `Forget state ${name}`, () => store.setKept(store.kept.filter((one) => one !== row.kept)))]
             : [el("a", { class: "quiet", href: `?mechanism=${row.number}`, title: `Open ${name}` }, "→")];
           const shown = line(el("b", {}, name), null, row.cells.map((one) => cell(...one)), note, ...actions);
           shown.classList.toggle("late", row.late);

@@ -1,6 +1,6 @@
 // Setup (load, drives, springs, reference point), and what the picture shows.
 
-import { byId, choice, el, engineering, tabs, toast } from "./dom.js";
+import { button, byId, choice, dropdown, el, engineering, heading, hint, stateChoice, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { CLOSE, ZERO } from "./numerics.js";
 import { standAtExtreme } from "./pick.js";
@@ -13,10 +13,20 @@ export function controls(store) {
   const panels = ["load", "drives", "springs", "point"].map((name) => [name, name[0].toUpperCase() + name.slice(1), el("div", { class: "panel" })]);
   const [loadPanel, drives, springPanel, pointPanel] = panels.map(([, , node]) => node);
   const [tab, , offer] = tabs("Setup", panels);
-  byId("left").append(el("div", { class: "card setup-card" }, el("div", { class: "row head" }, el("h2", {}, "Setup"), el("span", { class: "grow" }), note), tab, ...panels.map(([, , node]) => node)));
+  byId("left").append(el("div", { class: "card setup-card" }, heading("Setup", note), tab, ...panels.map(([, , node]) => node)));
   const notes = { drives: drivesPanel(store, drives, offer) };
 
-  let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint, weight;
+  const axes = stateChoice(store, "axes", "Axes of the numbers", AXES);
+  const loadAxes = stateChoice(store, "load_axes", "Axes of the load", AXES);
+  const loadKind = stateChoice(store, "load_kind", "While the tool moves the load", [
+    ["dead", "fixed in the room", "dead: force and moment keep their direction in the room"],
+    ["follower", "turns with the tool", "follower: force and moment turn with the tool"],
+    ["conservative", "conservative", "the force keeps its direction in the room, the moment turns by half"]]);
+  const [loadPlace, choosePlace] = choice("The load acts at", [
+    ["point", "at the point", "The load acts at the reference point, about which its moment is"],
+    ["origin", "at M, or at:", "The load acts at the origin of M, or at the point of M that is given, about which its moment is"]],
+  (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
+  let load, springs, point, given, loadPoint, weight;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -36,23 +46,13 @@ export function controls(store) {
     // What the springs exert is about M, along its axes.
     load = fields(six, (values) => store.change({ load: values.map((x) => x ?? 0),
       ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), six.map(() => true), "0");
-    loadAxes = choice("Axes of the load", AXES, (value) => store.change({ load_axes: value }));
-    loadKind = choice("While the tool moves the load", [
-      ["dead", "fixed in the room", "dead: force and moment keep their direction in the room"],
-      ["follower", "turns with the tool", "follower: force and moment turn with the tool"],
-      ["conservative", "conservative", "the force keeps its direction in the room, the moment turns by half"]],
-    (value) => store.change({ load_kind: value }));
-    loadPlace = choice("The load acts at", [
-      ["point", "at the point", "The load acts at the reference point, about which its moment is"],
-      ["origin", "at M, or at:", "The load acts at the origin of M, or at the point of M that is given, about which its moment is"]],
-    (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadPanel.replaceChildren(
       el("label", { class: "check", title: "Unticked: what the springs of the file exert at this posture, until it is moved" }, given, "Apply this load"),
-      el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}`), load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0]);
+      hint(`Moment in ${moment}, force in ${units.force}`), load.node, loadAxes, loadPlace, loadPoint.node, loadKind);
     // A file weighs what it weighed when it was made.
-    if (store.source.live) loadPanel.append(el("p", { class: "dim small" }, "Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M"), weight.gravity.node, weight.payload.node);
+    if (store.source.live) loadPanel.append(hint("Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M"), weight.gravity.node, weight.payload.node);
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
@@ -61,39 +61,36 @@ export function controls(store) {
     springs?.node.classList.add("long");
     offer("springs", springs);
     if (springs) springPanel.replaceChildren(
-      el("p", { class: "dim small" }, `In ${[...new Set(mechanism.springs.map(({ unit }) => unit))].join(", ")}`), springs.node,
-      el("button", { type: "button", onclick: () => store.change({ stiffness: null }) }, "As in the file"));
+      hint(`In ${[...new Set(mechanism.springs.map(({ unit }) => unit))].join(", ")}`), springs.node,
+      button("As in the file", () => store.change({ stiffness: null })));
 
     // -- reference point
-    frameSelect = el("select", { "aria-label": "Frame M", onchange: () => {
+    const frameSelect = dropdown("Frame M", mechanism.frames.map((name) => [name, name]), (name) => {
       store.remember("frame");
-      store.ask({ do: "frame", name: frameSelect.value, kept: store.kept.map(({ state: each }) => each) }).then(() =>
-        toast(`The numbers are for the origin of ${frameSelect.value}; posture, load and springs are as before`)).catch((error) => {
+      store.ask({ do: "frame", name, kept: store.kept.map(({ state: each }) => each) }).then(() =>
+        toast(`The numbers are for the origin of ${name}; posture, load and springs are as before`)).catch((error) => {
         frameSelect.value = mechanism.frame;
         store.tell("error", error.message);
       });
-    } }, ...mechanism.frames.map((name) => el("option", { value: name, selected: name === mechanism.frame }, name)));
+    });
+    frameSelect.value = mechanism.frame;
     point = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ point: values }));
-    axes = choice("Axes of the numbers", AXES, (value) => store.change({ axes: value }));
     const frames = mechanism.frames.length > 1 && store.source.live ? el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect) : "";
-    pointPanel.replaceChildren(frames, el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes[0]);
+    pointPanel.replaceChildren(frames, hint(`Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes);
   }
 
   function update() {
     const { state, hello } = store;
     given.checked = state.load !== null;
     load.set(state.load ?? exerted().map((x) => Number(x.toPrecision(5))));
-    loadPlace[1](state.load_at !== null || state.load === null ? "origin" : "point");
+    choosePlace(state.load_at !== null || state.load === null ? "origin" : "point");
     loadPoint.set(state.load_at ?? state.point);
     loadPoint.disable(state.load === null || !store.source.moves);
     load.disable(!store.source.moves || !hello.mechanism.takes_load);
     weight.gravity.set(state.gravity ?? hello.mechanism.gravity ?? [0, 0, 0]);
     weight.payload.set(state.payload ?? [0, 0, 0, 0]);
-    loadKind[1](state.load_kind);
-    loadAxes[1](state.load_axes);
     springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));
     point.set(state.point);
-    axes[1](state.axes);
     notes.springs = state.stiffness ? "springs changed" : "";
     notes.point = [state.point.some((x) => x) && "point moved", state.axes === "inertial" && "room axes"].filter(Boolean).join(", ");
     note.textContent = note.title = [notes.load, notes.drives(), notes.springs, notes.point].filter(Boolean).join(", ");
@@ -137,8 +134,8 @@ function drivesPanel(store, node, offer) {
       return driven ? [sliderRow(store, { id: `drive-${i}`, name: `command of ${name}`, label: name, lower: -most, upper: most, unit: isLength ? units.length : "rad", is_length: isLength, digits: 5,
         value: () => store.state.command?.[i] ?? 0, move })] : [];
     });
-    node.replaceChildren(el("p", { class: "dim small" }, "How far each drive is commanded to move from the posture; what results under the load is shown."),
-      el("div", { class: "sliders" }, ...rows.map((row) => row.node)), el("button", { type: "button", onclick: () => store.change({ command: null }) }, "None"));
+    node.replaceChildren(hint("How far each drive is commanded to move from the posture; what results under the load is shown."),
+      el("div", { class: "sliders" }, ...rows.map((row) => row.node)), button("None", () => store.change({ command: null })));
   });
   const set = () => rows.forEach((row) => {
     row.relabel();
@@ -173,10 +170,9 @@ export function pictureControls(store) {
   }
   const every = el("input", { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
   list.append(el("label", { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every, "All principal values"));
-  const [scale, chooseScale] = choice("Scale of the ellipsoids",
+  const scale = stateChoice(store, "scale", "Scale of the ellipsoids",
     [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"], ["linear", "linear", "Radii grow with the value"],
-      ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]],
-    (value) => store.change({ scale: value }));
+      ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]]);
   list.append(el("div", { class: "line" }, el("span", {}, "radii"), scale));
   const details = byId("show");
   document.addEventListener("pointerdown", (event) => {
@@ -185,15 +181,12 @@ export function pictureControls(store) {
 
   const cameras = byId("cameras");
   for (const [preset, text] of [["iso", "3D"], ["front", "Front"], ["side", "Side"], ["top", "Top"], ["fit", "Fit"]]) {
-    cameras.append(el("button", { type: "button", title: `View: ${text.toLowerCase()}`, "data-preset": preset,
-      onclick: () => store.ask({ do: "bounds" })
-        .then(({ bounds }) => store.pane.look(preset, bounds), (error) => store.tell("error", error.message)) }, text));
+    const look = () => store.ask({ do: "bounds" })
+      .then(({ bounds }) => store.pane.look(preset, bounds), (error) => store.tell("error", error.message));
+    cameras.append(button(text, look, { title: `View: ${text.toLowerCase()}`, "data-preset": preset }));
   }
 
-  store.on("state", () => {
-    for (const [key, box] of boxes) box.checked = store.state[key];
-    chooseScale(store.state.scale);
-  });
+  store.on("state", () => { for (const [key, box] of boxes) box.checked = store.state[key]; });
   store.on("hello", (hello) => {
     // An exported page draws some parts only.
     const fixed = !store.source.live;
@@ -205,16 +198,15 @@ export function pictureControls(store) {
     const points = hello.cloud;
     document.querySelector("#map-choice")?.remove();
     if (!points) return;
-    const select = el("select", { "aria-label": "Quantity of the map", onchange: () =>
-      store.change({ quantity_of_map: select.value }) },
-    ...points.quantities.map(({ name, unit }) => el("option", { value: name }, unit ? `${name} (${unit})` : name)));
+    const select = dropdown("Quantity of the map", points.quantities.map(({ name, unit }) => [name, unit ? `${name} (${unit})` : name]),
+      (name) => store.change({ quantity_of_map: name }));
     const thinned = points.thinned > 1 ? `, one of ${points.thinned} in its file: a page shows no more` : "";
-    const extreme = (words, sign) => el("button", { type: "button", class: "quiet", disabled: !points.has_postures || !store.source.moves,
-      title: `Stand at the point of the map with its ${words} value`, onclick: () => standAtExtreme(store, sign) }, words);
+    const extreme = (words, sign) => button(words, () => standAtExtreme(store, sign),
+      { class: "quiet", disabled: !points.has_postures || !store.source.moves, title: `Stand at the point of the map with its ${words} value` });
     list.append(el("div", { id: "map-choice" },
       el("label", { class: "line" }, "map", select),
       el("div", { class: "row" }, extreme("lowest", -1), extreme("highest", 1)),
-      el("p", { class: "dim small" }, `${points.count} points${thinned}`)));
+      hint(`${points.count} points${thinned}`)));
     select.value = store.state.quantity_of_map;
     select.disabled = fixed;
   });

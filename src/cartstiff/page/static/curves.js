@@ -38,7 +38,7 @@ export const CURVES = [
 const fine = (store) => ({ m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] })[store.unit("length")] ?? [1, store.unit("length")];
 
 /** One posture of a sweep or a trajectory, as the server answers it. */
-export const rowOf = (numbers, q) => ({ q, position: numbers.position, margins: [], unstable: numbers.moved?.resisted === false,
+export const rowOf = (numbers, q) => ({ q, position: numbers.position, unstable: numbers.moved?.resisted === false,
   ...Object.fromEntries(CURVES.map(({ key, of }) => [key, of(numbers)])) });
 
 /** What the plot of a state shows: values of a row, in the unit that is shown; words. */

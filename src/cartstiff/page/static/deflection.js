@@ -1,6 +1,6 @@
 // The first question: how far does the load move the point, and what gives way.
 
-import { byId, el, engineering, inSize, short, typeset } from "./dom.js";
+import { button, byId, el, engineering, heading, inSize, short, tuple, typeset } from "./dom.js";
 import { sup } from "./matrix.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
 import { sway } from "./sway.js";
@@ -24,7 +24,7 @@ function assumptions(store, moved) {
 function together(values, unit) {
   const most = Math.max(...values.map(Math.abs));
   const [factor, name] = inSize(most, unit);
-  return `(${values.map((x) => short(Math.abs(x) > CLOSE * most ? x / factor : 0)).join(", ")}) ${name}`;
+  return `${tuple(values.map((x) => (Math.abs(x) > CLOSE * most ? x / factor : 0)), 4)} ${name}`;
 }
 
 /** Go to the posture that differs in one coordinate and at which the load moves the point least; says how much less. */
@@ -48,20 +48,20 @@ export function deflectionPanel(store) {
   const detail = el("div", { class: "moved-detail" });
   const line = el("p", { class: "moved-line dim small" });
   const bars = el("div", { class: "moved-bars", tabindex: 0, role: "group", "aria-label": "Shares of the joints or legs" });
-  const examples = EXAMPLES.map(([words, way]) => el("button", { type: "button", title: `A force of ${EXAMPLE} ${words} in the room; then drag the arrow, or type numbers on the left`,
-    onclick: () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "inertial" }) }, words));
+  const examples = EXAMPLES.map(([words, way]) => button(words, () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "inertial" }),
+    { title: `A force of ${EXAMPLE} ${words} in the room; then drag the arrow, or type numbers on the left` }));
   store.on("hello", () => { examples[0].textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
   const [softest, stable, apart, doubt, found] = ["softest", "stable", "apart", "doubt", "found"].map((name) => el("p", { class: `fact ${name}` }));
   apart.title = "Largest difference of two entries, over the square root of the product of the two diagonal entries beside it";
-  const search = el("button", { type: "button", class: "quiet", title: "The best posture that differs from this one in one coordinate", onclick: async () => {
+  const search = button("Better posture", async () => {
     store.searching = search.disabled = true;
     const words = await better(store).catch(({ message }) => message);
     store.searching = search.disabled = false;
     found.textContent = words;
     store.tell("rows", store.rows);
-  } }, "Better posture");
+  }, { class: "quiet", title: "The best posture that differs from this one in one coordinate" });
   store.on("state", () => { found.textContent = ""; });
-  byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), search, sway(store)),
+  byId("right").append(el("div", { class: "card moved-card" }, heading("Under this load", search, sway(store)),
     head, found, bars, softest, stable, apart, doubt, detail, line));
 
   /** What is true with a load or without: the softest direction, stability, whether A or K matters, how sure the springs are. */
@@ -70,16 +70,16 @@ export function deflectionPanel(store) {
     softest.hidden = stable.hidden = !soft;
     if (soft) {
       softest.replaceChildren("Softest ", el("span", { class: "dim" }, "(free to turn)"), ": ", el("b", {}, engineering(soft.stiffness, `${store.unit("force")}/${store.unit("length")}`)),
-        soft.direction ? ` along (${soft.direction.map((x) => short(Number(x.toFixed(2)), 2)).join(", ")}) of the room` : " along more than one direction alike");
+        soft.direction ? ` along ${tuple(soft.direction.map((x) => Number(x.toFixed(2))), 2)} of the room` : " along more than one direction alike");
       stable.textContent = moved?.resisted === false ? "" : "Stable: every small push is resisted";
     }
     const [A, K] = ["A", "K"].map((name) => store.matrix(name, store.numbers, "stiffness"));
     const most = A && K && Math.max(...A.flatMap((row, i) => row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])))));
     apart.hidden = !Number.isFinite(most) || !soft;
     apart.textContent = most < CLOSE ? `K${sup("A")} and K${sup("K")} are the same here` : `K${sup("A")} and K${sup("K")} differ by up to ${short(100 * most, 2)} %`;
-    const { source } = store.hello.mechanism;
+    const { source, is_illustrative: isIllustrative } = store.hello.mechanism;
     const assumed = result.notes.find(({ code }) => code === "stiffness-assumed");
-    doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !/illustrative/i.test(source));
+    doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !isIllustrative);
     doubt.textContent = assumed ? `Springs assumed: ${assumed.message}` : "Springs illustrative, not measured";
     doubt.title = assumed ? "" : source;
   }

@@ -68,6 +68,9 @@ export function engineering(value, unit = "", digits = 4) {
 /** A number for reading, in few characters. */
 export const short = (x, digits = 4) => engineering(x, "", digits);
 
+/** Components for reading: "(1, 0, 0)". */
+export const tuple = (list, digits = 3) => `(${list.map((x) => short(x, digits)).join(", ")})`;
+
 /** A number with every digit that it has. */
 const full = (x) => (x === null || x === undefined ? "–" : String(x).replace("-", MINUS));
 
@@ -110,6 +113,11 @@ export function dropdown(label, options, onchoose, more = {}) {
   return node;
 }
 
+/** The head of a card: its title, and what is at its end. */
+export const heading = (title, ...end) => el("div", { class: "row head" }, el("h2", {}, title), el("span", { class: "grow" }), ...end);
+
+export const hint = (...words) => el("p", { class: "dim small" }, ...words);
+
 export const button = (words, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, words);
 
 /** A group of buttons of which one is chosen; returns [element, choose]. */
@@ -117,18 +125,14 @@ export function choice(label, options, onchoose) {
   const buttons = new Map();
   const group = el("div", { class: "choice", role: "radiogroup", "aria-label": label });
   const choose = (value) => {
-    for (const [key, button] of buttons) {
-      const chosen = key === value;
-      button.setAttribute("aria-checked", String(chosen));
-      button.tabIndex = chosen ? 0 : -1;
+    for (const [key, node] of buttons) {
+      node.ariaChecked = String(key === value);
+      node.tabIndex = key === value ? 0 : -1;
     }
   };
   for (const [value, text, title] of options) {
-    const button = el("button", {
-      type: "button", role: "radio", title, "data-value": value, "aria-checked": "false",
-      onclick: () => onchoose(value),
-    }, text);
-    button.addEventListener("keydown", (event) => {
+    const node = button(text, () => onchoose(value), { role: "radio", title, "data-value": value, "aria-checked": "false" });
+    node.addEventListener("keydown", (event) => {
       const step = ARROWS[event.key];
       if (!step) return;
       event.preventDefault();
@@ -137,10 +141,17 @@ export function choice(label, options, onchoose) {
       buttons.get(next).focus();
       onchoose(next);
     });
-    buttons.set(value, button);
-    group.append(button);
+    buttons.set(value, node);
+    group.append(node);
   }
   return [group, choose];
+}
+
+/** The same for a value of the state. */
+export function stateChoice(store, key, label, options) {
+  const [group, choose] = choice(label, options, (value) => store.change({ [key]: value }));
+  store.on("state", () => choose(store.state[key]));
+  return group;
 }
 
 /** Panels [name, words, node] of which one is seen, by tabs; returns [element, show, offer]. */
@@ -170,11 +181,19 @@ export function reveal(node) {
   node.scrollIntoView({ block: "nearest" });
 }
 
-/** Put a box of words beside a pointer, within another box. */
-export function placeBeside(tip, { clientX, clientY }, { left, top, width, height }, [right, down]) {
-  tip.hidden = false;
-  tip.style.left = `${clamp(clientX - left + right, 4, width - tip.offsetWidth - 6)}px`;
-  tip.style.top = `${clamp(clientY - top + down, 4, height - tip.offsetHeight - 6)}px`;
+/** Words within a box, so many dots beside a pointer; `say` shows them, or none. */
+export function tipIn(box, kind, [right, down]) {
+  const node = el("div", { class: `tip ${kind}`, role: "status", hidden: true });
+  box.append(node);
+  const say = (words, event) => {
+    node.hidden = !words;
+    if (!words) return;
+    node.textContent = words;
+    const { left, top, width, height } = box.getBoundingClientRect();
+    node.style.left = `${clamp(event.clientX - left + right, 4, width - node.offsetWidth - 6)}px`;
+    node.style.top = `${clamp(event.clientY - top + down, 4, height - node.offsetHeight - 6)}px`;
+  };
+  return { node, say };
 }
 
 /** A short message that goes away. */

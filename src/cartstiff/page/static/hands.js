@@ -1,7 +1,8 @@
 // Hands in the picture: handles at the tool and at the load's arrows.
 
 /* global MeshCat */
-import { placeBeside, byId, chop, el, engineering, hues, short } from "./dom.js";
+import { motion, moving, place, product, rotation, times, transposed } from "./algebra.js";
+import { byId, chop, engineering, hues, short, tipIn, tuple } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 import { limitRings } from "./rings.js";
 
@@ -34,8 +35,7 @@ export function hands(store) {
   const arms = new THREE.Group();
   tool.add(arms);
   world.add(tool);
-  const tip = el("div", { class: "tip overlay", role: "status", hidden: true });
-  byId("stage").append(tip);
+  const tip = tipIn(byId("stage"), "overlay", [18, 18]);
   let near = false;
   let pinned = false;
   let hold = null;
@@ -97,7 +97,7 @@ export function hands(store) {
     group.scale.setScalar(Math.max(CLOSE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.size[1])));
   }
 
-  function place() {
+  function update() {
     const live = store.source.moves && store.numbers !== null && !store.swing?.playing;
     tool.visible = live;
     if (live) {
@@ -129,7 +129,7 @@ export function hands(store) {
       size(pulls[i]);
     });
   }
-  pane.before.push(place);
+  pane.before.push(update);
 
   /** The frame of the shown wrench, in the world. */
   function reference() {
@@ -249,17 +249,15 @@ export function hands(store) {
 
   function shift(way) {
     const d = toRoom(way, hold.toF).toArray();
-    store.reach({ pose: hold.pose.map((row, i) => (i < 3 ? [row[0], row[1], row[2], row[3] + d[i]] : row)), turning: false });
+    store.reach({ pose: motion(rotation(hold.pose), place(hold.pose).map((x, i) => x + d[i])), turning: false });
   }
 
   function turn(angle, event) {
     const steps = event.shiftKey ? Math.PI / 36 : 0; // five degrees
     const by = steps ? Math.round(angle / steps) * steps : angle;
     const axis = toRoom(hold.along.clone(), hold.toF).normalize();
-    const R = new THREE.Matrix4().makeRotationAxis(axis, by).elements;
-    const pose = hold.pose.map((row, i) => (i === 3 ? row : [0, 1, 2].map((j) =>
-      [0, 1, 2].reduce((sum, k) => sum + R[4 * k + i] * hold.pose[k][j], 0)).concat(row[3])));
-    store.reach({ pose, turning: true });
+    const R = rotation(moving([...axis.multiplyScalar(by).toArray(), 0, 0, 0]));
+    store.reach({ pose: motion(product(R, rotation(hold.pose)), place(hold.pose)), turning: true });
   }
 
   /** Force or moment by its arrow's head: direction and size, along its line or an axis where the hand passes one. */
@@ -272,9 +270,9 @@ export function hands(store) {
   /** The load with another force or moment, given along the room's axes. */
   function load(room, event) {
     const { state } = hold;
-    const R = hold.pose.slice(0, 3).map((row) => row.slice(0, 3));
-    const toBody = (v) => [0, 1, 2].map((j) => R[0][j] * v[0] + R[1][j] * v[1] + R[2][j] * v[2]);
-    const toF = (v) => R.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
+    const R = rotation(hold.pose);
+    const toBody = (v) => times(transposed(R), v);
+    const toF = (v) => times(R, v);
     const own = state.load_axes === "body";
     let found = own ? toBody(room) : room;
     if (!event.altKey) found = rounded(found);
@@ -285,7 +283,7 @@ export function hands(store) {
     const first = hold.kind === "force" ? 3 : 0;
     const part = kind === "force" ? found : chop(found.map((x, i) => wanted[i] + x - before[i]), Math.max(...before.map(Math.abs)));
     wanted.splice(first, 3, ...part.map((x) => Number(x.toPrecision(12))));
-    hold.words = `${engineering(Math.hypot(...found), store.unit(kind))} (${found.map((x) => short(x, 3)).join(", ")}) ${own ? "tool" : "room"} axes`;
+    hold.words = `${engineering(Math.hypot(...found), store.unit(kind))} ${tuple(found)} ${own ? "tool" : "room"} axes`;
     store.change({ load: wanted });
   }
 
@@ -314,7 +312,7 @@ export function hands(store) {
   function end() {
     pane.holding = false;
     viewer.controls.enabled = true;
-    tip.hidden = true;
+    tip.say(null);
     if (hold.kind === "ball" && !hold.moved) pin(!pinned);
     hold = null;
     feel(null);
@@ -358,10 +356,10 @@ export function hands(store) {
     const length = store.unit("length");
     const p = store.numbers.position.map((x) => short(x, 4)).join(", ");
     const said = { ball: p, arm: `${AXIS_NAMES[hold.axis]}: ${p}`, ring: `about ${AXIS_NAMES[hold.axis]}` }[hold.kind];
-    tip.textContent = hold.kind === "ring" ? said : hold.words ?? (LOAD.includes(hold.kind) ? `${hold.kind === "twirl" ? "turn: moment" : `pull: ${hold.kind}`}` : `${said} ${length}`);
-    if (hold.stopped) tip.textContent += ` · ${hold.stopped}`;
-    tip.classList.toggle("stopped", Boolean(hold.stopped));
-    placeBeside(tip, hold.last, byId("stage").getBoundingClientRect(), [18, 18]);
+    const words = hold.kind === "ring" ? said : hold.words
+      ?? (LOAD.includes(hold.kind) ? (hold.kind === "twirl" ? "turn: moment" : `pull: ${hold.kind}`) : `${said} ${length}`);
+    tip.node.classList.toggle("stopped", Boolean(hold.stopped));
+    tip.say(hold.stopped ? `${words} · ${hold.stopped}` : words, hold.last);
   }
 
   /** Limits that stop the hand: named beside it, their rows coloured, the ball red. */

@@ -32,7 +32,7 @@ let stops = null;
 const step = (list) => (list.at(-1) - list[0]) / (list.length - 1);
 const whole = (list) => [list[0] - step(list) / 2, list.at(-1) + step(list) / 2];
 
-/** `what` says what is drawn: {shown, along, busy}, with callbacks {showPlot, toggle, read, computed}. */
+/** `what` says what is drawn: {shown, along, busy}, with callbacks {showPlot, toggle, say, computed}. */
 export function heat(store, what) {
   const select = dropdown("And along what", [], (and) => what.showPlot({ and, seen: null }), { title: "A second coordinate: the values become colours" });
   const plot = new Plot({ left: 62, right: 76, top: 8, bottom: 18 }, () => draw(), { kind: "plot heat", label: "no values yet" });
@@ -77,9 +77,8 @@ export function heat(store, what) {
     const found = { key, state: from, first: i, second: j, ys, xs, rows: ys.map(() => null) };
     for (const k of ORDER) {
       const state = { ...from, q: from.q.with(j, ys[k]), moved: j };
-      const own = store.source.local ?? (store.source.rows ? store.source : null);
       // By the page's own arithmetic; what that does not cover the server answers, if there is one.
-      let line = own?.rows ? own.rows(i, found.xs, state) : null;
+      let line = store.local?.rows(i, found.xs, state);
       if (line) await new Promise((done) => setTimeout(done));
       if (!line || store.source.live && line.some((row) => row.reason)) line = await swept(i, state, key) ?? line ?? found.xs.map(() => NOTHING);
       found.rows[k] = line;
@@ -184,9 +183,10 @@ export function heat(store, what) {
   plot.node.addEventListener("pointermove", (event) => {
     const found = under(event);
     const value = found && valueOf(found.row);
-    what.read(event, found && `${inWords(store, map.first, found.x, 3)}, ${inWords(store, map.second, found.y, 3)}: ${value === null ? why(found.row) : `${short(value, 5)} ${what.shown(map.state).unit}`}`);
+    const words = value === null ? why : () => `${short(value, 5)} ${what.shown(map.state).unit}`;
+    what.say(found && `${inWords(store, map.first, found.x, 3)}, ${inWords(store, map.second, found.y, 3)}: ${words(found.row)}`, event);
   });
-  plot.node.addEventListener("pointerleave", () => what.read(null, null));
+  plot.node.addEventListener("pointerleave", () => what.say(null));
   plot.node.addEventListener("click", (event) => {
     const found = under(event);
     if (found) store.change({ q: store.state.q.with(map.first, found.x).with(map.second, found.y), moved: null });

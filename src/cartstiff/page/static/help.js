@@ -1,13 +1,12 @@
 // Light and dark, keyboard shortcuts, and their list.
 
-import { byId, el } from "./dom.js";
+import { button, byId, el, heading, hint } from "./dom.js";
 import { showReport } from "./numbers.js";
 import { toHome, toRandom, toZero } from "./pose.js";
 
 export function shortcuts(store, parts) {
-  const theme = el("button", { type: "button", title: "Light or dark (t)", "aria-label": "Light or dark", onclick: () => flip() }, "◐");
-  const question = el("button", { type: "button", title: "Keyboard shortcuts (?)", "aria-label": "Keyboard shortcuts", onclick: () => showHelp() }, "?");
-  byId("actions").append(theme, question);
+  byId("actions").append(button("◐", () => flip(), { title: "Light or dark (t)", "aria-label": "Light or dark" }),
+    button("?", () => showHelp(), { title: "Keyboard shortcuts (?)", "aria-label": "Keyboard shortcuts" }));
 
   function flip() {
     const theme = store.state.theme === "dark" ? "light" : "dark";
@@ -40,13 +39,12 @@ export function shortcuts(store, parts) {
     const dialog = byId("help");
     if (dialog.open) return dialog.close();
     dialog.replaceChildren(
-      el("div", { class: "row" }, el("h2", {}, "Keyboard"), el("span", { class: "grow" }),
-        el("button", { type: "button", onclick: () => dialog.close() }, "Close")),
+      heading("Keyboard", button("Close", () => dialog.close())),
       el("dl", { class: "keys" }, ...keys.flatMap(([key, words]) => [el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)]),
         el("dt", {}, el("kbd", {}, "← →")), el("dd", {}, "on a slider: a degree or half a per cent; Shift a tenth, PageUp ten"),
         el("dt", {}, el("kbd", {}, "Tab")), el("dd", {}, "next control; arrows within a group or the matrix")),
-      el("p", { class: "dim small" }, "Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on their slider."),
-      el("p", { class: "dim small" }, `cartstiff ${store.hello.version}`));
+      hint("Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on their slider."),
+      hint(`cartstiff ${store.hello.version}`));
     dialog.showModal();
   }
 

@@ -1,7 +1,7 @@
 // What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
 // file that carries all of it.
 
-import { byId, el, short, typeset } from "./dom.js";
+import { byId, dropdown, el, short, typeset } from "./dom.js";
 import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
@@ -42,12 +42,10 @@ export function legendBox(store) {
 
 /** A choice of sizes that saves the picture, with its legend, scale, name, load and version below. */
 export function pictureFile(store, name) {
-  const select = el("select", { "aria-label": "Save the picture", class: "save", title: "The picture as a file, with its legend, scale, load and version",
-    onchange: () => {
-      const kind = select.value;
-      select.value = "";
-      saveDrawing(kind, name(), picture(store, Number(kind.slice(3))));
-    } }, el("option", { value: "" }, "PNG"), ...SIZES.map((times) => el("option", { value: `png${times}` }, `PNG × ${times}`)));
+  const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`])], (kind) => {
+    select.value = "";
+    saveDrawing(kind, name(), picture(store, Number(kind.slice(3))));
+  }, { class: "save", title: "The picture as a file, with its legend, scale, load and version" });
   return select;
 }
 

@@ -1,7 +1,7 @@
 // The page: from a server, or from the data that an exported file holds.
 
 import { controls, pictureControls } from "./controls.js";
-import { byId, el, loaded } from "./dom.js";
+import { button, byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
@@ -80,7 +80,7 @@ function banners(store, source) {
     banner.hidden = !text;
     banner.dataset.level = level;
     banner.replaceChildren(text ?? "");
-    if (text && level === "bad") banner.append(" ", el("button", { type: "button", class: "quiet", onclick: () => show(null) }, "Dismiss"));
+    if (text && level === "bad") banner.append(" ", button("Dismiss", () => show(null), { class: "quiet" }));
   };
   source.onstatus = (status) => {
     if (status === "lost" && !lost) show(source.alone ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"

@@ -1,6 +1,6 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
-import { byId, choice, copy, el, inSize, sure, short } from "./dom.js";
+import { button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { sureOfInverse } from "./algebra.js";
 import { ROUNDING, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
@@ -16,7 +16,12 @@ const VIEWS = [
   ["difference", "− …", "Difference from another connection, or from a state that was kept"],
 ];
 
+const NAMES = ["load", "A", "B", "K", "F", "+"];
+
 export const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
+
+/** What a matrix of a state is called: that of its connection, or of another. */
+export const symbol = ({ quantity, connection }, name = connection) => `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`;
 
 const six = (make) => Array.from({ length: 6 }, (_, i) => make(i));
 
@@ -31,10 +36,10 @@ export function matrixPanel(store) {
     view = value;
     update();
   });
-  const select = el("select", { "aria-label": "Compared with", hidden: true, onchange: () => {
-    other = select.value;
+  const select = dropdown("Compared with", [], (name) => {
+    other = name;
     update();
-  } });
+  }, { hidden: true });
   const [columnHeads, rowHeads] = ["col", "row"].map((scope) => six(() => el("th", { scope })));
   const cells = six((i) => six((j) => el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j })));
   const units = [0, 1].map(() => [0, 1].map(() => el("td", { colspan: 3, class: "block-unit" })));
@@ -43,24 +48,25 @@ export function matrixPanel(store) {
   const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" }, el("thead", {}, row(el("td"), ...halves(columnHeads))),
     el("tbody", {}, ...cells.flatMap((line, i) => [...(i % 3 ? [] : [row(el("td"), ...units[i / 3].map((unit) => [unit]))]), row(rowHeads[i], ...halves(line))])));
   const readout = el("div", { class: "readout", role: "status" });
-  const lengths = el("select", { "aria-label": "Unit of translations", class: "units", title: "Unit in which translations are read",
-    onchange: () => { store.remember("units"); store.readIn(lengths.value); } });
+  const lengths = dropdown("Unit of translations", [], (unit) => {
+    store.remember("units");
+    store.readIn(unit);
+  }, { class: "units", title: "Unit in which translations are read" });
   const absent = el("p", { class: "absent-words", hidden: true });
   const differs = el("p", { class: "differs small", role: "status" });
   const parts = el("div", { class: "row parts" }, views, select);
   const [meaning, badge] = [el("p", { class: "meaning" }), el("span", { class: "badge" })];
-  const [connections, chooseConnection] = choice("Connection", ["load", "A", "B", "K", "F", "+"].map((name) => [name, name]), (value) => store.change({ connection: value }));
+  const connections = stateChoice(store, "connection", "Connection", NAMES.map((name) => [name, name]));
   connections.classList.add("connections");
-  const [quantities, chooseQuantity] = choice("Quantity",
-    [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]],
-    (value) => store.change({ quantity: value }));
+  const quantities = stateChoice(store, "quantity", "Quantity",
+    [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]]);
   const choices = el("div", { class: "row choices" }, connections, el("span", { class: "grow" }), quantities);
   parts.prepend(connections.lastChild);
   const fold = el("details", { class: "parts-fold" }, el("summary", {}, "Parts and transpose"), parts);
   byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices, table, absent,
     el("div", { class: "row" }, readout, lengths,
-      el("button", { type: "button", class: "quiet", title: "Copy as NumPy array (c)", onclick: () => copyNumpy() }, "NumPy"),
-      el("button", { type: "button", class: "quiet", title: "Copy as CSV", onclick: () => copyCsv() }, "CSV")),
+      button("NumPy", () => copyNumpy(), { class: "quiet", title: "Copy as NumPy array (c)" }),
+      button("CSV", () => copyCsv(), { class: "quiet", title: "Copy as CSV" })),
     differs, meaning, fold));
   chooseView(view);
 
@@ -126,17 +132,17 @@ export function matrixPanel(store) {
   function update() {
     if (!store.numbers) return;
     const { connection, quantity, point, axes } = store.shown;
-    const symbol = `${quantity === "stiffness" ? "K" : "C"}${sup(connection)}`;
+    const own = symbol(store.shown);
     chooseView(view);
     if (view !== "whole" || connection === "+") fold.open = true;
     views.firstChild.textContent = quantity === "stiffness" ? "K" : "C";
     select.hidden = view !== "difference";
-    const options = [...["load", "A", "B", "K", "F", "+"].filter((name) => name !== connection), ...store.kept.map(({ number }) => String(number))];
+    const options = [...NAMES.filter((name) => name !== connection), ...store.kept.map(({ number }) => String(number))];
     if (!options.includes(other)) other = options[0];
-    const called = (name) => (/\d/.test(name) ? `state ${name}` : `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`);
-    select.replaceChildren(...options.map((name) => el("option", { value: name, selected: name === other }, called(name))));
-    const minus = called(other);
-    title.textContent = { whole: symbol, symmetric: `sym ${symbol}`, antisymmetric: `anti ${symbol}`, difference: `${symbol} − ${minus}` }[view];
+    const called = (name) => (/\d/.test(name) ? `state ${name}` : symbol(store.shown, name));
+    select.offer(options.map((name) => [name, called(name)]));
+    select.value = other;
+    title.textContent = { whole: own, symmetric: `sym ${own}`, antisymmetric: `anti ${own}`, difference: `${own} − ${called(other)}` }[view];
     const frame = store.hello.mechanism.frame;
     const moved = point.some((x) => x !== 0);
     place.textContent = `in ${frame}${moved ? " + offset" : ""}${axes === "inertial" ? ", room axes" : ""}`;
@@ -153,7 +159,7 @@ export function matrixPanel(store) {
     absent.hidden = shown !== null;
     table.classList.toggle("empty", shown === null);
     const { verdict, has_compliance: hasCompliance, result } = store.numbers;
-    absent.textContent = `${symbol} does not exist here${stiff ? `: ${verdict.title}` : ""}.${stiff && hasCompliance && !result.stiffness.B ? " The compliance does." : ""}`;
+    absent.textContent = `${own} does not exist here${stiff ? `: ${verdict.title}` : ""}.${stiff && hasCompliance && !result.stiffness.B ? " The compliance does." : ""}`;
     const { symmetric } = store.numbers;
     const apart = symmetric[connection];
     for (const button of connections.children) button.classList.toggle("absent", symmetric[button.dataset.value] === null);
@@ -167,7 +173,7 @@ export function matrixPanel(store) {
 
   /** Mark the cells in which this connection differs from the one that was shown before it, and say so. */
   function mark(matrix) {
-    const { connection, quantity } = store.shown;
+    const { connection } = store.shown;
     if (now !== connection) [before, now] = [now, connection];
     const old = before && scaled(store.matrix(before));
     let count = 0;
@@ -176,7 +182,7 @@ export function matrixPanel(store) {
       cell.classList.toggle("differs-here", differs);
       count += differs;
     }));
-    const name = `${quantity === "stiffness" ? "K" : "C"}${sup(before ?? "")}`;
+    const name = symbol(store.shown, before ?? "");
     differs.textContent = !matrix || !old ? "" : count ? `Dotted: ${count} of 36 entries differ from ${name}, shown before`
       : `No difference from ${name}, shown before${store.numbers.result.wrench?.some((x) => x) ? "" : ": there is no load"}`;
   }
@@ -196,13 +202,11 @@ export function matrixPanel(store) {
     for (const { name, title: words, meaning: more } of mechanism.connections) {
       document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${words}: ${more}`;
     }
-    lengths.replaceChildren(...store.lengths.map((unit) => el("option", { value: unit, selected: unit === store.fine }, unit === store.unit("length") ? "by size" : unit)));
+    lengths.offer(store.lengths.map((unit) => [unit, unit === store.unit("length") ? "by size" : unit]));
+    lengths.value = store.fine ?? store.unit("length");
   });
   store.on("state", () => {
-    const { connection, quantity } = store.state;
-    chooseConnection(connection);
-    chooseQuantity(quantity);
-    const words = store.hello.mechanism.connections.find(({ name }) => name === connection);
+    const words = store.hello.mechanism.connections.find(({ name }) => name === store.state.connection);
     meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
   });
   store.on("units", () => {

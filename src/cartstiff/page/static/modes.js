@@ -1,6 +1,6 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { ARROWS, SUPERSEDED, button, byId, dropdown, el, engineering, short } from "./dom.js";
+import { ARROWS, SUPERSEDED, button, byId, dropdown, el, engineering, hint, short } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 import { showPlaying, ticking } from "./player.js";
 import { Plot } from "./plot.js";
@@ -25,7 +25,7 @@ export function modesPanel(store) {
 
   const note = el("span", { class: "dim small" });
   const rows = el("div", { class: "modes", role: "radiogroup", "aria-label": "Modes" });
-  const words = el("p", { class: "dim small" });
+  const words = hint();
   const size = dropdown("Size of the swing", SHARES, (value) => {
     share = Number(value);
     fetchSwing();

@@ -1,8 +1,9 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
 /* global MeshCat */
-import { placeBeside, byId, el, engineering, reveal, short, toast } from "./dom.js";
+import { byId, engineering, reveal, short, tipIn, toast, tuple } from "./dom.js";
 import { pathOf } from "./labels.js";
+import { inWords } from "./store.js";
 
 // A press that moved less than this (dots) is a click.
 const STILL = 4;
@@ -100,8 +101,7 @@ export function standAtExtreme(store, sign) {
 export function picking(store) {
   const { pane } = store;
   const canvas = pane.node;
-  const tip = el("div", { class: "tip overlay", role: "status", hidden: true });
-  byId("stage").append(tip);
+  const tip = tipIn(byId("stage"), "overlay", [14, 16]);
   let pressed = null;
   let waiting = null;
 
@@ -123,7 +123,7 @@ export function picking(store) {
   });
 
   function hide() {
-    tip.hidden = true;
+    tip.say(null);
     pane.light(null);
   }
 
@@ -131,18 +131,13 @@ export function picking(store) {
     if (!event || !store.numbers || pane.holding) return;
     const what = under(pane, pane.place(event), store.hello.mechanism);
     pane.light(what?.freedom ?? null);
-    tip.hidden = !what;
-    if (!what) return;
-    tip.textContent = words(store, what);
-    placeBeside(tip, event, byId("stage").getBoundingClientRect(), [14, 16]);
+    tip.say(what && words(store, what), event);
   }
 
   // A row that is pointed at has its values written in the picture.
-  for (const kind of ["translation", "rotation"]) {
-    const row = document.querySelector(`[data-row-of="${kind}"]`);
-    row.addEventListener("pointerenter", () => pane.light(kind));
-    row.addEventListener("pointerleave", () => pane.light(null));
-  }
+  const table = document.querySelector(".principal");
+  table.addEventListener("pointerover", ({ target }) => pane.light(target.closest("[data-row-of]")?.dataset.rowOf ?? null));
+  table.addEventListener("pointerleave", () => pane.light(null));
 }
 
 /** What a part of the picture says, in a line. */
@@ -158,14 +153,12 @@ export function words(store, what) {
     const i = what.freedom === "translation" ? 1 : 0;
     const unit = store.blockUnits()[i][i];
     const values = what.kind === "axis" ? [found.values[what.index]] : found.values;
-    const along = what.kind === "axis" ? ` along (${found.axes[what.index].map((c) => short(c, 3)).join(", ")})` : "";
+    const along = what.kind === "axis" ? ` along ${tuple(found.axes[what.index])}` : "";
     return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) => short(what.freedom === "translation" ? store.read(x) : x, 5)).join(", ")} ${unit}${along}`;
   }
   if (what.kind === "joint") {
-    const { name, is_length: isLength, unit } = mechanism.coordinates[what.index];
-    const x = numbers.result.q[what.index];
-    const value = isLength || store.angle === "rad" ? `${short(x, 5)} ${unit}` : `${short((180 / Math.PI) * x, 5)}°`;
-    return `${name} ${value}${share(name)}`;
+    const { name } = mechanism.coordinates[what.index];
+    return `${name} ${inWords(store, what.index, numbers.result.q[what.index], 5)}${share(name)}`;
   }
   if (what.kind === "point") {
     const { label, unit, words: kinds } = store.legend.cloud;
@@ -185,7 +178,7 @@ export function words(store, what) {
   }
   if (what.kind === "deflection") return `moved by ${engineering(Math.hypot(...(numbers.moved?.displacement ?? [0])), store.unit("length"))} under the load`;
   const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
-  return part ? `load: ${engineering(Math.hypot(...part), store.unit(what.kind === "moment" ? "moment" : "force"))} (${part.map((x) => short(x, 3)).join(", ")})` : "load";
+  return part ? `load: ${engineering(Math.hypot(...part), store.unit(what.kind === "moment" ? "moment" : "force"))} ${tuple(part)}` : "load";
 }
 
 /** Show where a part's numbers stand. */

@@ -1,6 +1,6 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
-import { byId, chop, clamp, el, short, tabs } from "./dom.js";
+import { button, byId, chop, clamp, el, hint, short, tabs } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { CLOSE } from "./numerics.js";
 
@@ -17,31 +17,22 @@ export function posePanel(store) {
   let letGo = null;
   const list = el("div", { class: "sliders" });
   const legs = el("div", { class: "legs" });
-  const meaning = el("p", { class: "dim small" });
+  const meaning = hint();
   const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint", "aria-label": "Find a joint", hidden: true,
     oninput: () => narrow() });
-  const unitButton = el("button", {
-    type: "button", title: "Degrees or radians (d)", class: "quiet",
-    onclick: () => flipAngle(),
-  });
-  const zero = button("Zero", "All coordinates zero, where the limits allow it (0)", () => toZero(store));
-  const random = button("Random", "A random posture within the limits (r)", () => toRandom(store));
+  const unitButton = button("", () => flipAngle(), { title: "Degrees or radians (d)", class: "quiet" });
+  const home = button("Home", () => toHome(store), { title: "The posture of the file (h)" });
+  const zero = button("Zero", () => toZero(store), { title: "All coordinates zero, where the limits allow it (0)" });
+  const random = button("Random", () => toRandom(store), { title: "A random posture within the limits (r)" });
   const [joints, tool, note] = [el("div"), el("div", { class: "panel" }), el("span", { class: "dim small" })];
   const [tab, , offer] = tabs("Posture by", [["joints", "Joints", joints], ["tool", "Tool", tool]]);
   const panel = el("div", { class: "card posture-card" },
     el("div", { class: "row head" }, el("h2", {}, "Posture"), tab, el("span", { class: "grow" }), unitButton),
-    el("div", { class: "row buttons" },
-      button("Home", "The posture of the file (h)", () => toHome(store)),
-      zero,
-      random),
+    el("div", { class: "row buttons" }, home, zero, random),
     note, joints, tool);
   joints.append(filter, list, legs, meaning);
   byId("left").append(panel);
   toolPanel(store, tool, note, offer);
-
-  function button(text, title, onclick) {
-    return el("button", { type: "button", title, onclick }, text);
-  }
 
   function flipAngle() {
     store.remember("angle");
@@ -70,8 +61,7 @@ export function posePanel(store) {
     filter.hidden = sliders.length < MANY;
     filter.value = "";
     const passive = coordinates.length - sliders.length;
-    if (passive) list.append(el("p", { class: "dim small" },
-      `${passive} more coordinates follow from the closures and the flexible links.`));
+    if (passive) list.append(hint(`${passive} more coordinates follow from the closures and the flexible links.`));
     setAngle(store.angle);
   }
 
@@ -167,7 +157,7 @@ export function toRandom(store) {
 
 /** The pose of M as numbers: joints follow, as they do a hand. */
 function toolPanel(store, node, note, offer) {
-  const words = el("p", { class: "dim small" });
+  const words = hint();
   let rows;
   store.on("hello", ({ mechanism }) => {
     offer("tool", !mechanism.platform && store.source.moves);

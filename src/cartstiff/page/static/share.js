@@ -1,6 +1,6 @@
 // The state in the address, and the page as files.
 
-import { byId, copy, download, el, toast } from "./dom.js";
+import { button, byId, copy, download, toast } from "./dom.js";
 import { pictureFile } from "./legend.js";
 
 // What stands for the stiffness of a rigid joint, which is null.
@@ -92,14 +92,13 @@ export const linkTo = (store) => `${store.source.live ? location.origin + "/" + 
 
 export function sharing(store) {
   const actions = byId("actions");
-  const button = (text, title, onclick) => el("button", { type: "button", title, onclick }, text);
   /** A button whose answer becomes a file; what prevents it is said. */
   const saved = (text, title, ask) => {
-    const node = button(text, title, async () => {
+    const node = button(text, async () => {
       node.disabled = true;
       await ask().then((made) => download(...made), (error) => store.tell("error", error.message));
       node.disabled = false;
-    });
+    }, { title });
     return node;
   };
   const html = saved("HTML", "This page as one file that opens without a network", async () => {
@@ -109,7 +108,8 @@ export function sharing(store) {
   });
   html.id = "export";
   actions.append(
-    button("Link", "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff has printed", () => copy(linkTo(store), "Address (without its secret)")),
+    button("Link", () => copy(linkTo(store), "Address (without its secret)"),
+      { title: "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff has printed" }),
     pictureFile(store, () => file(store)),
     saved("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () =>
       [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`, "application/json"]),

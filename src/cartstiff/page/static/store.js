@@ -11,8 +11,10 @@ const LATE = 700;
 const MOST_PAST = 200;
 const TOGETHER = 800;
 
-export class Store {
+/** Tells of: hello, state, numbers, kept, error, late, refused, units, angles, rows, local, plot, replot. */
+export class Store extends EventTarget {
   constructor(source, pane = null, quiet = false) {
+    super();
     this.source = source;
     this.pane = pane;
     this.quiet = quiet; // another store beside the page's own
@@ -26,7 +28,6 @@ export class Store {
     this.legend = null;
     this.angle = "deg";
     this.error = null;
-    this.listeners = { hello: [], state: [], numbers: [], kept: [], error: [], late: [], refused: [], pose: [], units: [], angles: [], rows: [], local: [], plot: [], replot: [] };
     this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;
@@ -41,18 +42,12 @@ export class Store {
   }
 
   on(event, listener) {
-    this.listeners[event].push(listener);
+    this.addEventListener(event, ({ detail }) => listener(detail));
   }
 
   /** A listener that fails is reported, and keeps nothing from the others. */
   tell(event, detail) {
-    for (const listener of this.listeners[event]) {
-      try {
-        listener(detail);
-      } catch (error) {
-        reportError(error);
-      }
-    }
+    this.dispatchEvent(new CustomEvent(event, { detail }));
   }
 
   /** Keep everything that a step may change, to come back to it; changes of one kind in quick succession are one step. */
@@ -118,6 +113,11 @@ export class Store {
   /** What of the state another posture needs changed: see `givenLoad`. */
   given() {
     return this.state.load === null && this.shown?.load === null ? givenLoad(this.state, this.numbers, this.hello.mechanism) : {};
+  }
+
+  /** What computes in the browser, if anything does. */
+  get local() {
+    return this.source.program ? this.source : this.source.local;
   }
 
   /** Change what is wanted, and ask for it. */
@@ -318,9 +318,13 @@ export class Store {
     this.waiting.clear();
   }
 
+  get freeNumber() {
+    return [1, 2, 3].find((n) => !this.kept.some((one) => one.number === n));
+  }
+
   /** Keep posture, load and springs under the lowest free number. */
   keep() {
-    const number = [1, 2, 3].find((n) => !this.kept.some((one) => one.number === n));
+    const number = this.freeNumber;
     if (number && this.numbers) this.setKept([...this.kept, { number, state: { ...structuredClone(this.shown), q: (this.numbers.q ?? this.numbers.result.q).slice() } }]);
   }
 

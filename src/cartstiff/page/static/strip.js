@@ -1,7 +1,7 @@
 // A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { CURVES, plotted } from "./curves.js";
-import { LOST, SUPERSEDED, button, byId, clamp, download, dropdown, el, placeBeside, short, toast } from "./dom.js";
+import { LOST, SUPERSEDED, button, byId, clamp, download, dropdown, el, short, tipIn, toast } from "./dom.js";
 import { heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
 import { player } from "./player.js";
@@ -54,7 +54,7 @@ export function strip(store) {
   const scale = dropdown("Values by", [["log", "log"], ["linear", "linear"]], (values) => showPlot({ values }), { title: "Equal steps of the values, or equal factors" });
   const plot = new Plot(MARGIN, () => draw());
   const map = heat(store, {
-    shown: now, showPlot, busy: () => asked !== null, computed: () => write(), read: tell,
+    shown: now, showPlot, busy: () => asked !== null, computed: () => write(), say: (words, event) => reading.say(words, event),
     along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
     toggle: (on) => { scale.hidden = on; plot.node.style.display = on ? "none" : ""; setSlider(); },
   });
@@ -64,11 +64,11 @@ export function strip(store) {
   const label = el("span", { class: "num small time-label" });
   const again = button("↻ compute", () => request(true), { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
   const save = dropdown("Save the plot", SAVED_AS, () => keep(), { class: "save", title: "The plot as a file, with what it shows" });
-  const reading = el("div", { class: "tip reading", role: "status", hidden: true });
+  const reading = tipIn(byId("strip"), "reading", [12, -30]);
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
     el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again, whole, label, save),
-    el("div", { class: "plots" }, plot.node, map.plot), reading,
+    el("div", { class: "plots" }, plot.node, map.plot),
     el("div", { class: "time-row" }, play, time));
 
   time.addEventListener("input", () => go(closest(time.valueAsNumber)));
@@ -89,23 +89,15 @@ export function strip(store) {
     if (plot.node.hasPointerCapture(event.pointerId)) go(closest(under(event)));
     read(event);
   });
-  plot.node.addEventListener("pointerleave", () => { reading.hidden = true; });
+  plot.node.addEventListener("pointerleave", () => reading.say(null));
 
   /** The values under a pointer, in words. */
   function read(event) {
-    if (!series) return tell(event, null);
+    if (!series) return reading.say(null);
     const k = closest(under(event));
     const { values, unit, why } = now();
     const found = values(series.rows[k]);
-    tell(event, `${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}` : why(series.rows[k])}`);
-  }
-
-  /** Words beside a pointer, or none. */
-  function tell(event, words) {
-    reading.hidden = !words;
-    if (!words) return;
-    reading.textContent = words;
-    placeBeside(reading, event, byId("strip").getBoundingClientRect(), [12, -30]);
+    reading.say(`${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}` : why(series.rows[k])}`, event);
   }
 
   /** Show something else. */

@@ -1,6 +1,6 @@
 // The mechanism sways between its rest without the load and the posture under it, enlarged by a stated factor.
 
-import { el, short, toast } from "./dom.js";
+import { button, short, toast } from "./dom.js";
 import { Drawing, growing } from "./drawing.js";
 import { ticking } from "./player.js";
 
@@ -11,14 +11,15 @@ const SWAY_TIME = 2.6;
 /** A button that plays it, and words that say how much is enlarged. */
 export function sway(store) {
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const button = el("button", { type: "button", class: "quiet", hidden: true, "aria-pressed": "false", onclick: () => (playing ? stop() : own() && !store.state.deflection ? start() : store.change({ deflection: !store.state.deflection })) });
+  const node = button("", () => {
+    if (playing) stop();
+    else if (store.local && !store.state.deflection) start();
+    else store.change({ deflection: !store.state.deflection });
+  }, { class: "quiet", hidden: true, "aria-pressed": "false" });
   let playing = null;
 
-  const own = () => store.source.local ?? (store.source.program ? store.source : null);
-
   function start() {
-    const { program, data } = own();
-    const { state } = store;
+    const { local: { program, data }, state } = store;
     let m;
     try {
       m = program.solve(state);
@@ -32,9 +33,9 @@ export function sway(store) {
     const enlarged = growing(share, WIDEST / 4, data.assets.smallest_motion) / share;
     const drawing = new Drawing(program, data.assets, data.scene);
     const put = (share) => store.pane.move(drawing.places(program.place(program.along(m, program.way(m).map((x) => -share * enlarged * x)))));
-    button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
-    button.title = "From where it rests without the load to where it is under it, and back";
-    button.setAttribute("aria-pressed", "true");
+    node.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
+    node.title = "From where it rests without the load to where it is under it, and back";
+    node.setAttribute("aria-pressed", "true");
     playing = { put };
     if (still.matches) return put(1); // no motion: where it would be without the load
     playing.halt = ticking((now) => put(0.5 + 0.5 * Math.cos((2 * Math.PI * now) / SWAY_TIME)));
@@ -50,11 +51,11 @@ export function sway(store) {
 
   function offer() {
     const { moved } = store.numbers ?? {};
-    button.hidden = (!own() && !store.source.live) || !moved?.resisted || !moved.displacement.some((x) => x);
+    node.hidden = (!store.local && !store.source.live) || !moved?.resisted || !moved.displacement.some((x) => x);
     if (playing) return;
     // What the page cannot move it draws.
-    button.textContent = store.shown?.deflection ? "◼ deflection drawn" : "▶ Show it move";
-    button.setAttribute("aria-pressed", String(Boolean(store.shown?.deflection)));
+    node.textContent = store.shown?.deflection ? "◼ deflection drawn" : "▶ Show it move";
+    node.setAttribute("aria-pressed", String(Boolean(store.shown?.deflection)));
   }
   store.on("state", stop);
   store.on("numbers", () => {
@@ -62,5 +63,5 @@ export function sway(store) {
     offer();
   });
   store.on("local", offer);
-  return button;
+  return node;
 }
