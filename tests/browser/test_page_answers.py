@@ -144,6 +144,9 @@ def test_what_is_wished_for_names_nothing_that_is_shown(opened):
     assert after["title"] == "Cᴬ"
     assert [unit.split(", ")[1] for unit in after["units"]] == ["rotation held", "translation held"]
     assert page.evaluate(read)[0].endswith("+ offset, room axes")
+    # Curves are computed anew for other freedoms alone, too.
+    page.evaluate("() => window.cartstiff.change({ others: 'free' })")
+    page.wait_for_selector("#strip svg.plot[aria-label*='rotation free']", state="attached")
 
 
 def test_a_listener_that_fails_loses_no_question(opened):

@@ -94,13 +94,14 @@ def test_keys_choose_a_mode_and_its_axis(page):
     assert "nodal axis of mode 2" in page.inner_text("#legend")
     page.wait_for_function("() => location.hash.includes('mode=2')")
     page.wait_for_selector("#response .curve-2")
+    another = "(old) => document.querySelector('#response svg').ariaLabel !== old"
     top = page.get_attribute("#response svg", "aria-label")
     page.fill("#response input", "20")
     page.locator("#response input").blur()
-    page.wait_for_function(
-        "(old) => document.querySelector('#response svg').getAttribute('aria-label') !== old",
-        arg=top,
-    )
+    page.wait_for_function(another, arg=top)
+    top = page.get_attribute("#response svg", "aria-label")
+    page.evaluate("() => window.cartstiff.change({ payload: [3, 0, 0, 0.1] })")
+    page.wait_for_function(another, arg=top)
     assert "m/N" in page.get_attribute("#response svg", "aria-label")
 
 

@@ -141,7 +141,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         energy, gradient, hessian = energy + E, gradient + g, hessian + H
     alone = not (case.derivatives or case.points_of_forces or case.has_weight)
 
-    arrays: dict[str, Array] = {"actuation": lines}
+    arrays: dict[str, Array] = {"actuation": lines, "leg_lengths": np.array(lengths)}
     decomposition, inverse_R = None, zeros(6, 6)
     squared_condition: Scalar = 0.0
     if m >= 6:

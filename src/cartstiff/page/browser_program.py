@@ -45,6 +45,8 @@ _NAMES = (
     "frames",
     "tensions",
     "motions",
+    "actuation",
+    "leg_lengths",
 )
 
 

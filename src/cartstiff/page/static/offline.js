@@ -197,10 +197,9 @@ function left(from, to) {
 export function stretched(program, q, lengths) {
   let here = program.place(q);
   for (let k = 0; k < MOST_STEPS; k++) {
-    const now = program.lengths(here.pose);
-    const error = lengths.map((length, i) => length - now[i]);
+    const error = lengths.map((length, i) => length - here.lengths[i]);
     if (Math.hypot(...error) <= ROUNDING * Math.hypot(...lengths)) return here.q;
-    const J = program.lines(here.pose);
+    const J = here.lines;
     const way = times(inverse(product(transposed(J), J)) ?? [], times(transposed(J), error));
     if (way.length < 6 || !way.every(Number.isFinite)) break;
     here = program.place(program.along(here, way));
@@ -211,14 +210,14 @@ export function stretched(program, q, lengths) {
 /** The posture that follows a hand to a pose, as near as limits let it; see `cartstiff.kinematics.following`. */
 export function follow(program, q, wanted) {
   const { data } = program;
-  const beyond = (x, pose, near) => program.limited(x, pose).flatMap((value, i) => (
+  const beyond = (place, near) => program.limited(place).flatMap((value, i) => (
     value < (data.limits.lower[i] ?? -Infinity) + near || value > (data.limits.upper[i] ?? Infinity) - near ? [data.limits.names[i]] : []));
   let found = q.slice();
   let stopped = [];
   if (data.platform) {
     const end = program.coordinates(wanted, q);
     const on = (share) => q.map((x, i) => x + share * (end[i] - x));
-    const stops = (share) => beyond(on(share), program.place(on(share)).pose, 0);
+    const stops = (share) => beyond(program.place(on(share)), 0);
     let [low, high] = [0, 1];
     stopped = stops(0).length ? [] : stops(1); // who is beyond a limit may come back
     if (!stopped.length) low = 1;
@@ -259,7 +258,7 @@ export function follow(program, q, wanted) {
       if (size(rest) < size(error)) [found, here, error, damping] = [there.q, there, rest, Math.max(ROUNDING, damping / 10)];
       else if ((damping *= 10) > 10) break;
     }
-    stopped = beyond(found, here.pose, NEAR * NEAR * NEAR);
+    stopped = beyond({ q: found }, NEAR * NEAR * NEAR);
   }
   const rest = left(program.place(found).pose, wanted);
   const [angle, distance] = [Math.hypot(...rest.slice(0, 3)), Math.hypot(...rest.slice(3))];

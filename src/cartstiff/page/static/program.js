@@ -3,7 +3,7 @@
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
 import { adjoint, angles, back, block, changed, clean, congruence, cross, dot, eigen, general, identity, inverse,
-  largest, motion, moved, moving, place, plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse,
+  largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse,
   symmetric, times, transposed } from "./algebra.js";
 import { ATTAINABLE_PRECISION, CLOSE, EPSILON, FUTILE, LIMIT_SLACK, NEAR, ROUNDING, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
 
@@ -95,7 +95,7 @@ export class Program {
     const found = this.run("free", { q });
     const J = found("jacobian", this.n);
     const N = this.data.closing && found("motions", this.freedoms);
-    return { q, pose: found("pose", 4), frames: frames(found("frames")), N, J: N ? product(J, N) : J };
+    return { q, pose: found("pose", 4), frames: frames(found("frames")), N, J: N ? product(J, N) : J, ...legsOf(found) };
   }
 
   /** Coordinates of a platform at a pose of M, on the turn of others. */
@@ -137,14 +137,14 @@ export class Program {
     const { platform, are_lengths: areLengths, may_be_loaded: mayBeLoaded } = this.data;
     const m = {
       q, asked, hessians: inputs.segment_hessians, pose: found("pose", 4), J: found("jacobian", this.n), W: found("wrench"), energy: found("energy")[0],
-      frames: frames(found("frames")), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
+      frames: frames(found("frames")), ...legsOf(found), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
       given: Boolean(state.load?.some((x) => x)), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
       ...(state.load || mayBeLoaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }),
     };
     const K = found("stiffness_B", 6) ?? null;
     m.sizes = platform ? [1, 1, 1, m.length, m.length, m.length] : areLengths.map((is) => (is ? m.length : 1));
     m.columns = m.sizes;
-    if (platform) [m.lines, m.H] = [this.lines(m.pose), K];
+    if (platform) m.H = K;
     else {
       m.jacobian = m.J;
       if (this.data.closing) this.onMotions(m, found("motions", this.freedoms));
@@ -257,15 +257,6 @@ export class Program {
       load: congruence(reverse, under(kind, times(transposed(forth), W))) };
   }
 
-  /** Lines of the legs along body twists, a row each. */
-  lines(pose) {
-    const R = transposed(rotation(pose));
-    return this.data.points.map((point, i) => {
-      const u = times(R, unit(this.data.anchors[i], moved(pose, point)));
-      return [...cross(point, u), ...u];
-    });
-  }
-
   // -- numbers --------------------------------------------------------------------------------
 
   /** As `cartstiff.page.shown.shown_numbers`. */
@@ -327,14 +318,9 @@ export class Program {
     return Object.entries(m.singular).map(([kind, { values }]) => ({ kind, ratio: values.at(-1) / values[0], smallest: values.at(-1), largest: values[0], length: m.length }));
   }
 
-  /** Lengths of a platform's legs. */
-  lengths(pose) {
-    return this.data.points.map((point, i) => distance(this.data.anchors[i], moved(pose, point)));
-  }
-
   legs(m) {
     if (!this.data.platform) return null;
-    return this.lengths(m.pose).map((length, i) => {
+    return m.lengths.map((length, i) => {
       const [lower, upper] = this.data.leg_limits?.[i] ?? [null, null];
       return { length, tension: m.tensions[i], lower, upper };
     });
@@ -428,7 +414,7 @@ export class Program {
   stretched(m) {
     const { doubted, length_unit: unit } = this.data;
     if (!doubted || !(doubted.rest_is_open || m.given)) return [];
-    const lengths = this.lengths(m.pose);
+    const { lengths } = m;
     const stretch = m.tensions.map((tension, i) => tension / m.stiffness[i]);
     const long = doubted.legs.filter((i) => Math.abs(stretch[i]) > doubted.share * lengths[i]).sort((a, b) => Math.abs(stretch[b]) - Math.abs(stretch[a]));
     if (!long.length) return [];
@@ -454,9 +440,8 @@ export class Program {
   }
 
   /** Values of what is limited: joints, or lengths of legs. */
-  limited(q, pose) {
-    const values = this.data.platform ? this.lengths(pose) : q;
-    return this.data.limits.columns.map((j) => values[j]);
+  limited({ q, lengths = q }) {
+    return this.data.limits.columns.map((j) => lengths[j]);
   }
 
   beyond(m) {
@@ -464,7 +449,7 @@ export class Program {
     const words = [];
     const values = {};
     let degrees = false;
-    this.limited(m.q, m.pose).forEach((x, i) => {
+    this.limited(m).forEach((x, i) => {
       const slack = LIMIT_SLACK * Math.max(1, Math.abs(x));
       const [low, high] = [lower[i] ?? -Infinity, upper[i] ?? Infinity];
       if (x >= low - slack && x <= high + slack) return;
@@ -495,6 +480,8 @@ export class Program {
 
 const rows = (flat, width) => Array.from({ length: flat.length / width }, (_, i) => flat.slice(i * width, (i + 1) * width));
 const frames = (flat) => (flat ? rows(flat, 12).map((one) => [...rows(one, 4), [0, 0, 0, 1]]) : []);
+/** Lengths of a platform's legs, and their lines along body twists, a row each. */
+const legsOf = (found) => ({ lengths: found("leg_lengths"), lines: found("actuation", 6) });
 /** Rows that span what some independent rows do, of length 1 and at right angles: each is taken off twice. */
 function orthonormal(vectors) {
   const found = [];
@@ -510,8 +497,6 @@ function orthonormal(vectors) {
   return found;
 }
 
-const distance = (a, b) => Math.hypot(...a.map((x, i) => b[i] - x));
-const unit = (a, b) => a.map((x, i) => (b[i] - x) / distance(a, b));
 const upright = (v) => (v.reduce((most, x) => (Math.abs(x) > Math.abs(most) ? x : most), 0) < 0 ? v.map((x) => -x) : v);
 
 /** The point in M at which the load acts. */

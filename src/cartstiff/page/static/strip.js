@@ -64,12 +64,12 @@ export function strip(store) {
   const label = el("span", { class: "num small time-label" });
   const again = button("↻ compute", () => request(true), { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
   const save = dropdown("Save the plot", SAVED_AS, () => keep(), { class: "save", title: "The plot as a file, with what it shows" });
-  const reading = tipIn(byId("strip"), "reading", [12, -30]);
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
     el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again, whole, label, save),
     el("div", { class: "plots" }, plot.node, map.plot),
     el("div", { class: "time-row" }, play, time));
+  const reading = tipIn(byId("strip"), "reading", [12, -30]);
 
   time.addEventListener("input", () => go(closest(time.valueAsNumber)));
   time.addEventListener("keydown", ({ key: pressed }) => {
