@@ -26,7 +26,7 @@ export function hands(store) {
   const { viewer } = pane;
   const { THREE } = MeshCat;
   const vector = (...xyz) => new THREE.Vector3(...xyz);
-  const node = (...names) => viewer.scene_tree.find(["meshcat", "cartstiff", ...names]).object;
+  const node = (...names) => pane.at(...names);
   // The viewer's scene is turned: here places are those of the world.
   const world = new THREE.Group();
   world.quaternion.copy(viewer.scene.quaternion).invert();

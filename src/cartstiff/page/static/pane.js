@@ -145,18 +145,24 @@ export class Pane {
 
   /** Move parts that there are. */
   move(commands) {
-    for (const command of commands) {
-      let node = this.viewer.scene_tree;
-      for (const name of command.path.split("/").filter(Boolean)) node = node?.children[name];
-      if (node) this.viewer.handle_command(command);
-    }
+    for (const command of commands) if (this.part(...namesOf(command.path))) this.viewer.handle_command(command);
     this.viewer.set_dirty();
+  }
+
+  /** What is drawn below some names, if there is such a part. */
+  part(...names) {
+    return names.reduce((node, name) => node?.children[name], this.viewer.scene_tree)?.object;
+  }
+
+  /** The same below the mechanism's place, where it may still be empty. */
+  at(...names) {
+    return this.viewer.scene_tree.find(["meshcat", "cartstiff", ...names]).object;
   }
 
   /** Put a line of text into the picture, facing the viewer. */
   write(label) {
     const { Sprite, SpriteMaterial, CanvasTexture, LinearFilter } = MeshCat.THREE;
-    const path = label.path.split("/").filter(Boolean);
+    const path = namesOf(label.path);
     let sprite = this.viewer.scene_tree.find([...path, "<object>"]).object;
     if (sprite.userData.canvas) {
       penned(sprite.userData.canvas, label);
@@ -190,7 +196,7 @@ export class Pane {
 
   /** Pale copies of what stands at some places below a path, at the same places below another. */
   copy({ from, to, parts, colour, opacity }) {
-    const at = (path) => this.viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
+    const at = (path) => this.viewer.scene_tree.find(namesOf(path)).object;
     const material = new MeshCat.THREE.MeshPhongMaterial({ color: colour, opacity, transparent: true, depthWrite: false, side: MeshCat.THREE.DoubleSide });
     for (const part of parts) {
       const target = at(`${to}/${part}`);
@@ -279,8 +285,8 @@ export class Pane {
 
   /** Dots on the screen that a unit of the viewer takes where M is. */
   get dotsPerUnit() {
-    const { camera, scene_tree: tree } = this.viewer;
-    const { object } = tree.find(["meshcat", "cartstiff", "M"]);
+    const { camera } = this.viewer;
+    const object = this.at("M");
     object.updateWorldMatrix(true, false);
     camera.updateMatrixWorld();
     const depth = -camera.position.clone().setFromMatrixPosition(object.matrixWorld).applyMatrix4(camera.matrixWorldInverse).z;
@@ -308,6 +314,8 @@ function farEnough(direction, [low, high], [across, upright], up) {
   }
   return far;
 }
+
+const namesOf = (path) => path.split("/").filter(Boolean);
 
 /** Middle and half sizes of a node over the pane, which reaches from -1 to 1. */
 function box({ offsetLeft, offsetTop, offsetWidth, offsetHeight }, width, height) {

@@ -38,10 +38,9 @@ export function under(pane, [x, y], mechanism) {
   const { Raycaster } = MeshCat.THREE;
   const ray = new Raycaster();
   ray.setFromCamera({ x, y }, viewer.camera);
-  const root = viewer.scene_tree.find(["meshcat", "cartstiff"]).object;
   const meshes = [];
   let point = null;
-  root.traverseVisible((node) => {
+  pane.at().traverseVisible((node) => {
     if (node.isPoints && pathOf(node)[0] === "map") point = pointAt(node, pane, x, y);
     else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|screws|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
   });
@@ -90,7 +89,7 @@ function standAt(store, what) {
 
 /** Stand where the map's quantity is largest (1) or smallest (-1). */
 export function standAtExtreme(store, sign) {
-  const { object } = store.pane.viewer.scene_tree.find(["meshcat", "cartstiff", "map", "<object>"]);
+  const object = store.pane.at("map", "<object>");
   const { value } = object.geometry.attributes;
   let index = -1;
   value.array.forEach((x, i) => { if (Number.isFinite(x) && !(sign * x <= sign * value.array[index])) index = i; });

@@ -11,16 +11,10 @@ const NEAR_ANGLE = Math.PI / 12;
 
 /** Returns what shows the rings of a held tool: called with whether it is held, and with the names of what stops it. */
 export function limitRings(store, world, size) {
-  const { viewer } = store.pane;
   const { THREE } = MeshCat;
   let rings = new Map(); // by joint of the tree, or by leg
 
-  /** A part of the picture, if there is one. */
-  function part(...names) {
-    let node = viewer.scene_tree;
-    for (const name of ["meshcat", "cartstiff", "mechanism", ...names]) node = node?.children[name];
-    return node?.object ?? null;
-  }
+  const part = (...names) => store.pane.part("meshcat", "cartstiff", "mechanism", ...names);
 
   function made(range) {
     const paint = (opacity) => new THREE.MeshBasicMaterial({ color: hues("negative")[0], transparent: true, opacity, depthTest: false });
