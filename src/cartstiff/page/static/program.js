@@ -330,14 +330,14 @@ export class Program {
     if (m.given || !m.W.some((x) => x)) return m.given;
     const J = this.data.platform ? identity(6) : m.J;
     const torque = times(transposed(J), m.W).map((x, j) => Math.abs(x) * m.columns[j]);
-    const stiffest = m.H.map((_, j) => Math.max(...m.H.map((row, i) => Math.abs(row[j]) * m.columns[i] * m.columns[j])));
+    const stiffest = transposed(scaled(m.H, m.columns)).map((column) => largest([column]));
     const most = Math.max(...stiffest);
     return torque.some((x, j) => x > ROUNDING * (stiffest[j] || most));
   }
 
   /** The wrench with zeros for what is rounding of springs or of its other half. */
   shownWrench(m, W) {
-    const stiffest = m.given ? 0 : Math.max(...m.H.flatMap((row, i) => row.map((x, j) => Math.abs(x) * m.columns[i] * m.columns[j])));
+    const stiffest = m.given ? 0 : largest(scaled(m.H, m.columns));
     const sizes = W.map((x, i) => Math.abs(x) * (i < 3 ? 1 : m.length));
     const noise = ROUNDING * Math.max(stiffest, ...sizes);
     return W.map((x, i) => (sizes[i] > noise ? x : 0));
@@ -346,8 +346,7 @@ export class Program {
   moved(m, state) {
     if (!this.isLoaded(m)) return null;
     const twist = times(m.C.load, m.W);
-    const arm = cross(twist.slice(0, 3), state.point);
-    const shift = twist.slice(3).map((x, i) => x + arm[i]);
+    const shift = shiftAt(state.point, twist);
     const energy = 0.5 * dot(m.W, twist);
     const size = Math.max(...twist.map((x, i) => Math.abs(x) * (i < 3 ? m.length : 1)), ...shift.map(Math.abs));
     const displacement = clean(shift, size);
@@ -380,10 +379,7 @@ export class Program {
       return [...m.stiffness.map((k, j) => 0.5 * k * all[j] ** 2), ...links].map((x) => (energy ? x / energy : null));
     }
     const size = dot(shift, shift);
-    return transposed(m.J).map((column, a) => {
-      const arm = cross(column.slice(0, 3), point);
-      return size ? dot(shift, column.slice(3).map((x, i) => (x + arm[i]) * way[a])) / size : null;
-    });
+    return transposed(m.J).map((column, a) => (size ? (dot(shift, shiftAt(point, column)) * way[a]) / size : null));
   }
 
   notes(m, state) {
@@ -480,6 +476,12 @@ export class Program {
 
 const rows = (flat, width) => Array.from({ length: flat.length / width }, (_, i) => flat.slice(i * width, (i + 1) * width));
 const frames = (flat) => (flat ? rows(flat, 12).map((one) => [...rows(one, 4), [0, 0, 0, 1]]) : []);
+/** How far a twist moves a point. */
+function shiftAt(point, twist) {
+  const arm = cross(twist.slice(0, 3), point);
+  return twist.slice(3).map((x, i) => x + arm[i]);
+}
+
 /** Lengths of a platform's legs, and their lines along body twists, a row each. */
 const legsOf = (found) => ({ lengths: found("leg_lengths"), lines: found("actuation", 6) });
 /** Rows that span what some independent rows do, of length 1 and at right angles: each is taken off twice. */
