@@ -33,12 +33,12 @@ from cartstiff.version import __version__
 Key = tuple[str, str, str]
 Command = tuple[Key, bytes]
 
-_ORDER = {"delete": 0, "set_object": 1, "set_transform": 2, "set_property": 3, "set_animation": 4}
+_ORDER = {"delete": 0, "set_object": 1, "set_transform": 2, "set_property": 3}
 
 
 def in_order(state: Mapping[Key, bytes]) -> list[Command]:
     """Commands by their keys, in an order in which a viewer can take them."""
-    return sorted(state.items(), key=lambda command: _ORDER.get(command[0][0], 9))
+    return sorted(state.items(), key=lambda command: _ORDER[command[0][0]])
 
 
 # Halvings of a mesh's size that make its grid.

@@ -173,11 +173,8 @@ class Session:
         legend = self._draw(result, state)
         data["bounds"] = self.picture.bounds(result)
         if with_numbers:
-            data["first"] = {
-                "numbers": self.numbers(result, state),
-                "legend": legend,
-                "followed": None,
-            }
+            numbers = self.numbers(result, state)
+            data["first"] = {"numbers": numbers, "legend": legend, "followed": None}
         return Answer(data, self.picture.whole())
 
     def answer(self, message: Message) -> Answer:
@@ -322,15 +319,9 @@ class Session:
                 "stopped": list(now.stopped),
             }
         result = self.result(state)
-        numbers = self.numbers(result, state)
-        data = {
-            "id": message.id,
-            "do": "draw",
-            "numbers": numbers,
-            "followed": followed,
-            "legend": self._draw(result, state),
-        }
-        return Answer(data, self.picture.changes())
+        numbers, legend = self.numbers(result, state), self._draw(result, state)
+        data = {"numbers": numbers, "followed": followed, "legend": legend}
+        return Answer({"id": message.id, "do": "draw", **data}, self.picture.changes())
 
     # -- questions --------------------------------------------------------------------------
 

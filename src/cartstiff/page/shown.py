@@ -71,19 +71,6 @@ DEFINITE: dict[str, tuple[Level, str]] = {
 }
 
 
-def asymmetries(matrices: list[Array]) -> list[float]:
-    """Largest entry of K - K^T of each, 0 where it is only rounding."""
-    if not matrices:
-        return []
-    stack = np.array(matrices)
-    differences = (stack - stack.swapaxes(1, 2)).max(axis=(1, 2)).tolist()
-    largest = np.abs(stack).max(axis=(1, 2)).tolist()
-    return [
-        difference if difference > _ROUNDING * size else 0.0
-        for difference, size in zip(differences, largest, strict=True)
-    ]
-
-
 def verdict(
     result: PostureStiffness, connection: str, matrix: Array | None, definiteness: str | None
 ) -> dict[str, Any]:
@@ -270,7 +257,6 @@ def _range(coordinate: Coordinate, x: float, size: float, is_platform: bool) -> 
     return float(lower), float(upper)
 
 
-_Matrices = Mapping[str, Array | None]
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 
 
@@ -607,12 +593,14 @@ def _margins(result: PostureStiffness) -> list[float]:
     return margins
 
 
-def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:
-    defined = {n: M for n, M in matrices.items() if n != "+" and M is not None}
-    sizes = dict.fromkeys(matrices) | dict(
-        zip(defined, asymmetries([*defined.values()]), strict=True)
-    )
-    return {**sizes, "+": sizes["A"]}  # the transpose
+def _asymmetries(matrices: Mapping[str, Array | None]) -> dict[str, float | None]:
+    """Largest entry of K - K^T of each connection, 0 where it is only round-off."""
+    sizes: dict[str, float | None] = dict.fromkeys(matrices)
+    for name, K in matrices.items():
+        if K is not None:
+            difference = float((K - K.T).max())
+            sizes[name] = difference if difference > _ROUNDING * np.abs(K).max() else 0.0
+    return sizes
 
 
 def _listed(matrix: Array | None) -> list[Any] | None:

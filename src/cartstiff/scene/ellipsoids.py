@@ -112,15 +112,23 @@ class EllipsoidPicture:
             )
             self._body.set_columns(x, y, z, centre)
         for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
-            self._axis(i, columns, radius, value < 0.0, radius >= scale.most, centre, axes)
+            shown, is_cut = axes and radius > 0.0, radius >= scale.most
+            self._axes[i].show(shown)
+            if not (shown and labels):
+                self._labels[i].hide()
+            if not shown:
+                continue
+            half, negative = max(radius, SHORTEST * self._size), value < 0.0
+            for part, is_on in zip(self._signs[i], (not negative, negative, is_cut), strict=True):
+                part.show(is_on)
+            start = _along(columns[i], -half, centre)
+            ends = _along(columns[i], 2.0 * half), columns[i - 2], columns[i - 1]
+            self._axes[i].set_columns(*ends, start)
+            if labels:
+                end = _along(columns[i], self._side * 1.08 * half, centre)
+                self._labels[i].show(number(value, unit) + CUT * is_cut, end)
         step = scale.per_decade if isinstance(scale, Logarithmic) else 0.0
         self._draw_rings(columns, centre, step, max(radii) if solid else 0.0)
-        for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
-            if labels and axes and radius > 0.0:
-                end = _along(columns[i], self._side * 1.08 * self._half(radius), centre)
-                self._labels[i].show(number(value, unit) + CUT * (radius >= scale.most), end)
-            else:
-                self._labels[i].hide()
         return {
             "shown": solid,
             "reason": None if solid and not flat else _reason(shape, unit),
@@ -133,34 +141,6 @@ class EllipsoidPicture:
             "cut": max(radii) >= scale.most,
             "asymmetry": shape.asymmetry,
         }
-
-    def _axis(
-        self,
-        i: int,
-        columns: list[list[float]],
-        length: float,
-        negative: bool,
-        is_cut: bool,
-        centre: list[float],
-        wanted: bool,
-    ) -> None:
-        node = self._axes[i]
-        shown = wanted and length > 0.0
-        node.show(shown)
-        if not shown:
-            return
-        length = self._half(length)
-        for part, is_shown in zip(self._signs[i], (not negative, negative, is_cut), strict=True):
-            part.show(is_shown)
-        node.set_columns(
-            _along(columns[i], 2.0 * length),
-            columns[i - 2],
-            columns[i - 1],
-            _along(columns[i], -length, centre),
-        )
-
-    def _half(self, length: float) -> float:
-        return max(length, SHORTEST * self._size)
 
     def make(self) -> None:
         """Send every part that any matrix needs, once."""

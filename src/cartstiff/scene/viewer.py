@@ -135,7 +135,7 @@ def scaled(T: Array, scale: Array | float) -> Array:
 
 #: Parts that the viewer makes itself: hidden or moved, but never deleted.
 _OWN_PARTS = {"Cameras", "Lights", "Background", "Grid", "Axes", "Animations"}
-_KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
+_KINDS = ("set_object", "set_transform", "set_property", "delete")
 
 
 class Command(Protocol):
@@ -171,7 +171,6 @@ class RecordingWindow:
         self._pack = _packer()
         self._nodes: dict[str, _Node] = {}
         self._pending: dict[tuple[str, str, str], dict[str, Any]] = {}
-        self._animation: dict[str, Any] | None = None
 
     def send(self, command: Command) -> None:
         """Record a command.
@@ -186,32 +185,26 @@ class RecordingWindow:
     def record(self, data: dict[str, Any]) -> None:
         """`send` of a command that is plain already."""
         kind = data["type"]
-        if kind == "set_transform":  # nearly all of them
-            path = data["path"]
+        if kind not in _KINDS:
+            raise InputError("this window records a picture", expected=", ".join(_KINDS), got=kind)
+        path = data["path"]
+        if kind == "delete":
+            self._forget(path)
+            self._pending.pop((kind, path, ""), None)  # it comes last
+        else:
             node = self._nodes.get(path)
             if node is None:
                 node = self._nodes[path] = _Node()
-            node.transform = data
-            self._pending[kind, path, ""] = data
-        elif kind == "set_property":
-            node = self._nodes.setdefault(data["path"], _Node())
-            node.properties[data["property"]] = data
-            self._pending[kind, data["path"], data["property"]] = data
-        elif kind == "set_object":
-            # The viewer replaces the object, and with it what was set on the object alone.
-            if (own := data["path"] + "/<object>") in self._nodes:
-                self._forget(own, "set_property")
-            self._nodes.setdefault(data["path"], _Node()).object = data
-            self._pending[kind, data["path"], ""] = data
-        elif kind == "delete":
-            self._forget(data["path"])
-            self._pending.pop((kind, data["path"], ""), None)
-            self._pending[kind, data["path"], ""] = data
-        elif kind == "set_animation":
-            self._animation = data
-            self._pending[kind, "", ""] = data
-        else:
-            raise InputError("this window records a picture", expected=", ".join(_KINDS), got=kind)
+            if kind == "set_transform":  # nearly all of them
+                node.transform = data
+            elif kind == "set_property":
+                node.properties[data["property"]] = data
+            else:
+                # The viewer replaces the object, and with it what was set on the object alone.
+                if (own := path + "/<object>") in self._nodes:
+                    self._forget(own, "set_property")
+                node.object = data
+        self._pending[kind, path, data.get("property", "")] = data
 
     def take(self) -> list[bytes]:
         """Commands since the last call, packed; they are then forgotten."""
@@ -239,8 +232,6 @@ class RecordingWindow:
         for node in self._nodes.values():
             commands += [d for d in (node.object, node.transform) if d is not None]
             commands += node.properties.values()
-        if self._animation is not None:
-            commands.append(self._animation)
         return [self._pack(data) for data in commands]
 
     def _forget(self, path: str, kind: str | None = None) -> None:
