@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from math import isfinite
 from numbers import Real
@@ -92,16 +92,16 @@ class Result:
 class NamedArrays(Mapping[str, Array | None]):
     """Read-only arrays by name, so that shown, saved and computed numbers agree.
 
-    Arrays in `also`, which may be functions that compute one, can be read but are not listed.
+    Arrays in `also` can be read but are not listed.
     """
 
     def __init__(
         self,
         arrays: Mapping[str, Array | None],
-        also: Mapping[str, Array | Callable[[], Array | None] | None] = MappingProxyType({}),
+        also: Mapping[str, Array | None] = MappingProxyType({}),
     ) -> None:
         self._arrays = {n: None if a is None else fixed(a) for n, a in arrays.items()}
-        self._also = dict(also)
+        self._also = {n: None if a is None else fixed(a) for n, a in also.items()}
 
     @classmethod
     def of_fixed(cls, arrays: dict[str, Array | None], also: dict[str, Any]) -> NamedArrays:
@@ -112,9 +112,7 @@ class NamedArrays(Mapping[str, Array | None]):
 
     def __getitem__(self, name: str) -> Array | None:
         if name not in self._arrays and name in self._also:
-            value = self._also[name]
-            value = value() if callable(value) else value
-            return None if value is None else fixed(value)
+            return self._also[name]
         return self._arrays[name]
 
     def __iter__(self) -> Iterator[str]:

@@ -43,7 +43,7 @@ def test_levels():
         "translation, rotation held [N/m]",
         "translation, rotation free [N/m]",
         "rotation, translation held [N m/rad]",
-        "softest: a force along",
+        "softest (free to turn): ",
         "Centres [m]",
         "condition number 4",
         "Does the choice of connection matter here?",

@@ -34,7 +34,12 @@ from cartstiff.page.source import Source
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import CoupledSprings
-from cartstiff.report.analysis import largest_share, links_of_coordinates, resisted_deflection
+from cartstiff.report.analysis import (
+    largest_share,
+    links_of_coordinates,
+    resisted_deflection,
+    softest_words,
+)
 from cartstiff.report.layout import placed
 from cartstiff.scene.scales import round_number
 from cartstiff.statics.equilibrium import equilibrium
@@ -329,11 +334,8 @@ def _softest(result: PostureStiffness) -> list[str]:
     """Direction of the least stiffness against a force; nothing where a force is not resisted."""
     if (found := softest_in_room(result.at())) is None:
         return []
-    soft = engineering(found["stiffness"], result.units.stiffness["translation"])
-    if found["direction"] is None:
-        return [f"Softest: {soft} along more than one direction alike, the body free to turn."]
-    along = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in found["direction"])
-    return [f"Softest direction: ({along}) in F, {soft} with the body free to turn."]
+    known = found["stiffness"], found["direction"]
+    return [f"Softest {softest_words(*known, 'translation', result.units, 'the room')}."]
 
 
 def _better(

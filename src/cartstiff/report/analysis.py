@@ -234,7 +234,7 @@ def summary_text(
     full = level == "full"
     lines = _heading(summary, u)
     lines += _principal(summary["ellipsoids"], u, full, summary["length"]["value"])
-    lines += _softest(summary["ellipsoids"], u)
+    lines += _softest(summary, u)
     lines += _directions(summary["directions"], u, full)
     lines += _centres(summary, u, full)
     lines += _indices(summary, u, full)
@@ -297,7 +297,7 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
         what = "This point" if any(moved["point"]) else "The body frame"
         moves = f"  {what} moves {size} under the load (linear, K^{moved['connection']})"
         lines.append("; ".join([moves, *largest_share(moved, elastic)]))
-    lines += _softest(summary["ellipsoids"], units)
+    lines += _softest(summary, units)
     return ["", "Answer", *lines] if lines else []
 
 
@@ -311,11 +311,10 @@ def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
         part = "the symmetric part of " if s["symmetrised"] else ""
         what = f"{part}K^{name}, {_DEFINITE.get(s['definiteness'], s['definiteness'])}"
     origin = [r[3] for r in s["frame"][:3]]
-    turned = any(abs(s["frame"][i][j] - (i == j)) > 0 for i in range(3) for j in range(3))
     at = "the body frame"
-    if any(origin) or turned:
+    if any(origin) or _is_turned(s):
         at = f"the point {vector(origin)} {u.length} of the body frame"
-        at += ", in other axes" if turned else ", along its axes"
+        at += ", in other axes" if _is_turned(s) else ", along its axes"
     return [
         f"analysis of {what}, at {at}",
         *_load(s, u),
@@ -373,25 +372,34 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
     return lines
 
 
-def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
+def softest_words(
+    stiffness: float, direction: Sequence[float] | None, freedom: str, units: Units, axes: str
+) -> str:
+    """Describe a least stiffness and its direction from `softest`, as the page does.
+
+    `axes` names what the direction's components belong to: "the room", "the body".
+    """
+    free, along = ("turn", "along") if freedom == "translation" else ("move", "about")
+    where = "more than one direction alike"
+    if direction is not None:
+        where = f"({', '.join(f'{round(x, 2) + 0.0:g}' for x in direction)}) of {axes}"
+    return f"(free to {free}): {engineering(stiffness, units.stiffness[freedom])} {along} {where}"
+
+
+def _softest(s: Mapping[str, Any], u: Units) -> list[str]:
     """Describe the softest directions: the largest principal compliances, other freedoms free."""
-    lines = []
-    for freedom, load, moves in (
-        ("translation", "force along", "moves this point most"),
-        ("rotation", "moment about", "turns the body most"),
-    ):
-        e = ellipsoids["compliance"][freedom]["free"]
-        if e is None or (found := softest(e["eigenvalues"], e["axes"])) is None:
-            continue
-        stiff = engineering(found[0], u.stiffness[freedom])
-        if found[1] is None:
-            least, middle = e["eigenvalues"][:2]
-            alike = "two axes" if middle - least > numerics.CLOSE * middle else "any axis"
-            lines.append(f"  softest: a {load} {alike} alike, {stiff}")
-            continue
-        axis = vector(found[1], size=COSINES)
-        lines.append(f"  softest: a {load} {axis} {moves}, {stiff}")
+    lines, compliance = [], s["ellipsoids"]["compliance"]
+    axes = "these axes" if _is_turned(s) else "the body"
+    for freedom in _FREEDOMS:
+        e = compliance[freedom]["free"]
+        if e is not None and (found := softest(e["eigenvalues"], e["axes"])) is not None:
+            lines.append(f"  softest {softest_words(*found, freedom, u, axes)}")
     return lines
+
+
+def _is_turned(s: Mapping[str, Any]) -> bool:
+    """Whether the analysis is in other axes than the body's."""
+    return any(abs(s["frame"][i][j] - (i == j)) > 0 for i in range(3) for j in range(3))
 
 
 def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str]:
