@@ -110,7 +110,10 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
         "shared": {n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()},
         "words": _shared_words(),
         # K^X - K^B of each kind of load at M's origin, (36, 6): follower is K^A, conservative K^K.
-        "changes": {kind: LoadKind(kind).change(np.eye(6)).reshape(6, 36).T for kind in LOAD_KINDS},
+        "changes": {
+            kind: LoadKind(kind).change(np.eye(6)).reshape(6, 36).T  # type: ignore[arg-type]
+            for kind in LOAD_KINDS
+        },
         "closing": closing,
         "no_load": no_load,
         "bending": bending,
