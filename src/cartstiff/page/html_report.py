@@ -518,33 +518,33 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDING)
     drawn, tip = [], posture.pose[:3, 3]
     arrows = _arrows(load, moved, size)
+    flat = [(line - low) / size * 210 for line in lines]
+    at = (tip - low) / size * 210
     for number, (title, across, up) in enumerate((("from the side", 0, 2), ("from above", 0, 1))):
         left = 20 + 320 * number
-        for line in lines:
-            flat = (line - low) / size * 210
-            pairs = " ".join(f"{left + p[across]:.1f},{235 - p[up]:.1f}" for p in flat)
+        drawn.append(f'<g transform="translate({left} 235) scale(1 -1)">')
+        for line in flat:
+            pairs = " ".join(f"{p[across]:.1f},{p[up]:.1f}" for p in line)
             drawn.append(
                 f'<polyline points="{pairs}" fill="none" stroke="#666" stroke-width="4" '
                 'stroke-linejoin="round"/>'
             )
             drawn += [
-                f'<circle cx="{left + p[across]:.1f}" cy="{235 - p[up]:.1f}" r="4" fill="#2060c0"/>'
-                for p in flat
+                f'<circle cx="{p[across]:.1f}" cy="{p[up]:.1f}" r="4" fill="#2060c0"/>'
+                for p in line
             ]
         for vector, colour, _ in arrows:
-            a, b = ((p - low) / size * 210 for p in (tip, tip + vector))
-            if np.linalg.norm((b - a)[[across, up]]) < _SHORTEST_ARROW:
+            end = at + vector / size * 210
+            if np.linalg.norm((end - at)[[across, up]]) < _SHORTEST_ARROW:
                 continue  # towards the reader
             drawn.append(
-                f'<line x1="{left + a[across]:.1f}" y1="{235 - a[up]:.1f}" '
-                f'x2="{left + b[across]:.1f}" y2="{235 - b[up]:.1f}" stroke="{colour}" '
-                'stroke-width="3" marker-end="url(#head)"/>'
+                f'<line x1="{at[across]:.1f}" y1="{at[up]:.1f}" x2="{end[across]:.1f}" '
+                f'y2="{end[up]:.1f}" stroke="{colour}" stroke-width="3" marker-end="url(#head)"/>'
             )
-        at = (tip - low) / size * 210
         drawn.append(
-            f'<circle cx="{left + at[across]:.1f}" cy="{235 - at[up]:.1f}" r="6" '
-            f'fill="#c04020"/><text x="{left}" y="255">{title}: {"xyz"[across]} to the '
-            f"right, {'xyz'[up]} up; M in red</text>"
+            f'<circle cx="{at[across]:.1f}" cy="{at[up]:.1f}" r="6" fill="#c04020"/></g>'
+            f'<text x="{left}" y="255">{title}: {"xyz"[across]} to the right, {"xyz"[up]} up; '
+            "M in red</text>"
         )
     bar = round_number(size / 3.0)
     width, words = 210 * bar / size, [f"{bar:g} {elastic.units.length}"]

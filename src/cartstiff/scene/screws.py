@@ -93,52 +93,48 @@ class AxesPicture:
             label = Label(self._node[f"label {i}"], self._theme)
             self._lines.append((self._node[f"axis {i}"], label))
             self._colours.append(None)
+        self.hide(len(lines))
         half = 0.45 * self._size
-        for i, (node, label) in enumerate(self._lines):
-            line = lines[i] if i < len(lines) else None
-            shown, reason = False, None
-            if line is not None:
-                shown, reason = self._visible(line)
-                answer.append(
-                    {
-                        "name": line.name,
-                        "value": line.value,
-                        "unit": line.unit,
-                        "pitch": line.screw.pitch if np.isfinite(line.screw.pitch) else None,
-                        "shown": shown,
-                        "reason": reason,
-                    }
-                )
-            node.show(shown)
-            if not shown or line is None:
+        for i, line in enumerate(lines):
+            (node, label), screw = self._lines[i], line.screw
+            reason = self._why_not_visible(screw)
+            answer.append(
+                {
+                    "name": line.name,
+                    "value": line.value,
+                    "unit": line.unit,
+                    "pitch": screw.pitch if np.isfinite(screw.pitch) else None,
+                    "shown": reason is None,
+                    "reason": reason,
+                }
+            )
+            node.show(reason is None)
+            if reason is not None or not labels:
                 label.hide()
+            if reason is not None:
                 continue
             if self._colours[i] != line.colour:
                 self._colours[i] = line.colour
                 node.set_object(objects.rod(0.003 * self._size, line.colour, 0.9))
-            point = T[:3, :3] @ line.screw.point + T[:3, 3]
-            along = T[:3, :3] @ line.screw.direction
+            point, along = T[:3, :3] @ screw.point + T[:3, 3], T[:3, :3] @ screw.direction
             node.set_transform(objects.segment(point - half * along, point + half * along))
             if labels:
                 # Ends of lines through one point lie apart; neighbours get opposite ends.
                 end = half * (1.04 if i % 2 else -1.04)
-                label.show(f"h = {number(line.screw.pitch, length)}", point + end * along)
-            else:
-                label.hide()
+                label.show(f"h = {number(screw.pitch, length)}", point + end * along)
         return answer
 
-    def _visible(self, line: Line) -> tuple[bool, str | None]:
-        screw = line.screw
+    def _why_not_visible(self, screw: Screw) -> str | None:
         if not np.all(np.isfinite(screw.point)):
-            return False, "its pitch is infinite: a direction without a place"
+            return "its pitch is infinite: a direction without a place"
         away = float(np.linalg.norm(screw.point))
         if away > _OUTSIDE * self._size:
-            return False, f"it passes {number(away)} away, outside of the picture"
-        return True, None
+            return f"it passes {number(away)} away, outside of the picture"
+        return None
 
-    def hide(self) -> None:
-        """Show nothing."""
-        for node, label in self._lines:
+    def hide(self, first: int = 0) -> None:
+        """Show no line from the first one on."""
+        for node, label in self._lines[first:]:
             node.show(False)
             label.hide()
 
