@@ -48,7 +48,6 @@ from cartstiff.identify.models import (
 from cartstiff.identify.unknowns import (
     ZERO,
     OffsetEstimate,
-    Offsets,
     Unknown,
     Unknowns,
     corrected,
@@ -1363,9 +1362,11 @@ def _check(
         raise UnknownNameError("kind of offset", offsets, OFFSETS, where="--offsets")
     has_positions = any(name in measured.values for name in (*POSITION, *TURN))
     if offsets in ("rigid", "translation") and not (measured.session and has_positions):
-        missing = "column session" if has_positions else "measured positions x, y, z"
         raise InputError(
-            f"there is no {missing}: nothing has an offset", where="--offsets", got=offsets
+            "nothing measured has an offset",
+            where="--offsets",
+            expected="a column session" if has_positions else "measured positions x, y, z",
+            got=offsets,
         )
     if fit not in FITS:
         raise UnknownNameError("fit", fit, FITS, where="--fit")
@@ -1406,12 +1407,20 @@ def _fits(
     """The plain and the robust fit of rows that are corrected by the offsets `found`."""
     elastic = unknowns.elements.elastic
     for _ in range(_MAX_CORRECTIONS):
-        model, plain, noise, columns = _plain_fit(unknowns, measured, offsets, loaded, progress)
+        model, start = model_of(unknowns, measured, loaded), None
+        seen = model.observations
+        noise = Noise.of(seen.deviation, seen.is_angle)
+        columns = offsets_of(unknowns, seen, measured, offsets)
+        nuisance = columns.columns
+        _check_count(len(seen), unknowns, nuisance.shape[1])
+        if isinstance(model, LoadedModel):
+            start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
+        plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
         solution = plain.solved
         last = estimated(elastic, columns, solution.offsets, solution.offset_covariance, {})
         step = corrections(elastic, last)
         if not step:
-            robust = robust_fit(model, unknowns, noise, columns.columns, plain)
+            robust = robust_fit(model, unknowns, noise, nuisance, plain)
             return model, plain, robust, measured, found
         measured, found = corrected(elastic, measured, found, step)
     raise ConvergenceError(
@@ -1419,27 +1428,6 @@ def _fits(
         iterations=_MAX_CORRECTIONS,
         residual=float(np.abs(list(step.values())).max()),
     )
-
-
-def _plain_fit(
-    unknowns: Unknowns,
-    measured: Measurements,
-    offsets: str,
-    loaded: bool,
-    progress: Callable[[int, float], None] | None,
-) -> tuple[Model, Fit, Noise, Offsets]:
-    """Least squares on all rows, with model, noise and offsets."""
-    model = model_of(unknowns, measured, loaded)
-    start = None
-    seen = model.observations
-    noise = Noise.of(seen.deviation, seen.is_angle)
-    columns = offsets_of(unknowns, seen, measured, offsets)
-    nuisance = columns.columns
-    _check_count(len(seen), unknowns, nuisance.shape[1])
-    if isinstance(model, LoadedModel):
-        start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
-    plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
-    return model, plain, noise, columns
 
 
 def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:

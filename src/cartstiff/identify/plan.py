@@ -572,7 +572,9 @@ def plan(
     order = _greedy(whole, start + faint, count, cost)
     chosen = order
     for way in ways:
-        chosen = _exchanged(whole, start + faint, chosen, way)
+        chosen, _ = _exchanged(
+            whole, start + faint, chosen, way, lambda _, others: _free(len(whole), others)
+        )
     rows = offered.taken(chosen)
     if beside is not None:
         rows = _refined(rows, of_rows, beside, start + faint, ways)
@@ -642,38 +644,42 @@ def _greedy(G: Array, start: Array, count: int, cost: Cost) -> list[int]:
     """Candidates, each the one that reduces the cost most after those before it."""
     M, chosen = start.copy(), list[int]()
     for _ in range(count):
-        best = int(np.argmin(cost(M + G) + _taken(chosen, len(G))))
-        chosen.append(best)
-        M = M + G[best]
+        free = _free(len(G), chosen)
+        chosen.append(int(free[np.argmin(cost(M + G[free]))]))
+        M = M + G[chosen[-1]]
     return chosen
 
 
-def _taken(chosen: list[int], offered: int) -> Array:
-    """Extra cost (N,): infinite for chosen candidates, as a repeated row reduces the noise alone.
-
-    Zero for all if all are chosen.
-    """
-    gains = np.zeros(offered)
-    if len(set(chosen)) < offered:
-        gains[chosen] = np.inf
-    return gains
+def _free(offered: int, chosen: list[int]) -> NDArray[np.intp]:
+    """Candidates that are not chosen, as a repeated row reduces the noise alone; else all."""
+    every = np.arange(offered)
+    free = np.setdiff1d(every, chosen)
+    return free if free.size else every
 
 
-def _exchanged(G: Array, start: Array, chosen: list[int], cost: Cost) -> list[int]:
-    """Each row exchanged for the candidate that reduces the cost most, until none does."""
+def _exchanged(
+    G: Array,
+    start: Array,
+    chosen: list[int],
+    cost: Cost,
+    allowed: Callable[[int, list[int]], NDArray[np.intp]],
+    passes: int = _MAX_PASSES,
+) -> tuple[list[int], float]:
+    """Rows, each exchanged for the one allowed beside the others that reduces the cost most."""
     chosen = list(chosen)
     M = start + G[chosen].sum(axis=0)
     now = float(cost(M[None])[0])
-    for _ in range(_MAX_PASSES):
+    for _ in range(passes):
         before = now
         for i, old in enumerate(chosen):
-            costs = cost(M - G[old] + G) + _taken([*chosen[:i], *chosen[i + 1 :]], len(G))
-            best = int(np.argmin(costs))
-            if costs[best] < now - numerics.REPORTED_ERROR * abs(now):
-                M, chosen[i], now = M - G[old] + G[best], best, float(costs[best])
+            mine = allowed(i, [*chosen[:i], *chosen[i + 1 :]])
+            costs = cost(M - G[old] + G[mine])
+            if mine.size and costs.min() < now - numerics.REPORTED_ERROR * abs(now):
+                chosen[i], now = int(mine[np.argmin(costs)]), float(costs.min())
+                M = M - G[old] + G[chosen[i]]
         if not now < before:
             break
-    return chosen
+    return chosen, now
 
 
 def _refined(
@@ -711,19 +717,15 @@ def _refined(
             G = information(near)
         except CartstiffError:  # a posture without a stiffness
             continue
-        at = np.unique(owner, return_index=True)[1]
+        at = np.unique(owner, return_index=True)[1].tolist()
+
+        def different(i: int, others: list[int], near: Any = near, owner: Any = owner) -> Any:
+            mine = np.flatnonzero(owner == i)
+            return mine[_are_different(near, mine, np.array(others, np.intp))]
+
         for way in ways[-2:]:
-            M = start + G[at].sum(axis=0)
-            now = float(way(M[None])[0])
-            for i in range(len(at)):
-                mine = np.flatnonzero(owner == i)
-                mine = mine[_are_different(near, mine, np.delete(at, i))]
-                costs = way(M - G[at[i]] + G[mine])
-                if mine.size and costs.min() < now - numerics.REPORTED_ERROR * abs(now):
-                    to = int(mine[np.argmin(costs)])
-                    M, at[i], now = M - G[at[i]] + G[to], to, float(costs.min())
-        rows = near.taken(at.tolist())
-        reached = float(ways[-1]((start + G[at].sum(axis=0))[None])[0])
+            at, reached = _exchanged(G, start, at, way, different, passes=1)
+        rows = near.taken(at)
         if reached < least:
             best, least = rows, reached
     return best
