@@ -1,14 +1,10 @@
 """Studies of designs: numbers posture by posture, optima by hand, failures, files that go on."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import jsonschema
 import numpy as np
@@ -42,17 +38,17 @@ POSES = {"grid": {"x": [-0.1, 0.1, 3], "roll": [-0.1, 0.2, 2]}, "about_home": Tr
 STIFF = {"objectives": {"stiff": {"quantity": "translation_held_min"}}}
 
 
-def study(**keys: Any) -> dict[str, Any]:
+def study(**keys):
     """A study of the bundled hexapod."""
     return {"mechanism": "inclined-hexapod", "variables": {"sz": [0.2, 0.9]}, **STIFF, **keys}
 
 
-def moved(elastic: cartstiff.ElasticMechanism, x: float, roll: float = 0.0) -> np.ndarray:
+def moved(elastic, x, roll=0.0):
     """The default pose, moved along and turned about x."""
     return elastic.q + np.array([x, 0, 0, roll, 0, 0])
 
 
-def test_numbers_are_those_of_every_posture() -> None:
+def test_numbers_are_those_of_every_posture():
     asked = study(
         variables={"sz": {"values": [0.4, 0.7]}, "a": {"values": [0.2, 0.3]}},
         poses=POSES,
@@ -141,9 +137,7 @@ payload: {mass: 3, com: [0.02, 0.01, 0.03]}
         ),
     ],
 )
-def test_poses_of_a_body_on_legs_are_those_of_at_pose(
-    text: str, variables: dict[str, Any], axes: dict[str, Any], asked: str, tmp_path: Path
-) -> None:
+def test_poses_of_a_body_on_legs_are_those_of_at_pose(text, variables, axes, asked, tmp_path):
     """Frequencies from compliances equal modes one by one; limits as `analyse` has them."""
     path = tmp_path / "machine.yaml"
     path.write_text(text, encoding="utf-8")
@@ -176,7 +170,7 @@ def test_poses_of_a_body_on_legs_are_those_of_at_pose(
     assert np.ptp([d.values["g"] for d in found.designs]) > 0.0
 
 
-def test_poses_are_drawn_and_names_of_others_refused() -> None:
+def test_poses_are_drawn_and_names_of_others_refused():
     asked = {"mechanism": "3-rps", "variables": {"k": [0, 1]}, **STIFF}
     with pytest.raises(InputError, match="unknown parameter"):
         cartstiff.design(asked)
@@ -197,14 +191,14 @@ def test_poses_are_drawn_and_names_of_others_refused() -> None:
         evaluation._sampling(machine)
 
 
-def test_any_optimiser_finds_the_isotropic_inclination() -> None:
+def test_any_optimiser_finds_the_isotropic_inclination():
     """By hand: K = k diag(3 (1 - s^2), 3 (1 - s^2), 6 s^2), whose least is largest at s^2 = 1/3.
 
     With a bound at 0.8 the least is 3 k (1 - s^2) there.
     """
     evaluate = evaluator(study(constraints={"steep": {"value": "=sz", "at_least": 0.8}}))
 
-    def cost(x: float) -> float:
+    def cost(x):
         return -evaluate({"sz": float(x)}).values["stiff"]
 
     free = minimize_scalar(cost, bounds=(0.2, 0.9), method="bounded", options={"xatol": 1e-6})
@@ -220,7 +214,7 @@ def test_any_optimiser_finds_the_isotropic_inclination() -> None:
     assert -bound.fun == pytest.approx(3e6 * (1 - 0.64), rel=5e-3)
 
 
-def test_low_discrepancy_points_fill_the_ranges() -> None:
+def test_low_discrepancy_points_fill_the_ranges():
     ranges = {"sz": {"low": 0.1, "high": 0.9}, "a": {"low": 0.01, "high": 1.0, "log": True}}
     for kind in ("sobol", "latin-hypercube"):
         found = cartstiff.design(study(variables=ranges, method={"kind": kind, "designs": 16}))
@@ -231,7 +225,7 @@ def test_low_discrepancy_points_fill_the_ranges() -> None:
             assert sorted((column * 16).astype(int).tolist()) == list(range(16))
 
 
-def test_the_grid_and_the_csv_hold_every_design() -> None:
+def test_the_grid_and_the_csv_hold_every_design():
     found = cartstiff.design(
         study(variables={"sz": {"low": 0.2, "high": 0.6, "count": 3}, "a": {"values": [0.3, 0.1]}})
     )
@@ -250,7 +244,7 @@ def test_the_grid_and_the_csv_hold_every_design() -> None:
         max_size=25,
     )
 )
-def test_the_front_is_what_nobody_betters(rows: list[tuple[int, int, str]]) -> None:
+def test_the_front_is_what_nobody_betters(rows):
     """By the definition, pair by pair; ties belong to it."""
     asked = Study.model_validate(
         study(
@@ -282,16 +276,14 @@ def test_the_front_is_what_nobody_betters(rows: list[tuple[int, int, str]]) -> N
 
 
 @pytest.fixture
-def hexagons(tmp_path: Path) -> Path:
+def hexagons(tmp_path):
     """Platforms that are singular everywhere where base and platform are regular hexagons."""
     path = tmp_path / "hexagons.yaml"
     path.write_text(HEXAGONS, encoding="utf-8")
     return path
 
 
-def test_designs_that_fail_say_why_and_cost_little(
-    hexagons: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_designs_that_fail_say_why_and_cost_little(hexagons, monkeypatch):
     """Similar regular hexagons are singular in every pose; a height of zero is refused."""
     looked = []
     true = postures.fill
@@ -313,9 +305,9 @@ def test_designs_that_fail_say_why_and_cost_little(
     assert "key layout.height: division by zero" in upright.designs[1].reason
 
 
-def test_poses_without_a_value_are_refused_or_left_out(hexagons: Path) -> None:
+def test_poses_without_a_value_are_refused_or_left_out(hexagons):
     """Legs that are too long: shares by hand from the leg lengths."""
-    asked: dict[str, Any] = {
+    asked = {
         "mechanism": str(hexagons),
         "variables": {"h": {"values": [0.5]}},
         "poses": {"grid": {"x": [0, 0.2, 9]}, "about_home": True},
@@ -340,11 +332,11 @@ def test_poses_without_a_value_are_refused_or_left_out(hexagons: Path) -> None:
     assert design.values["stiff"] == pytest.approx(min(stiff), rel=1e-10)
 
 
-def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_goes_on_where_it_was(tmp_path, monkeypatch):
     path = tmp_path / "designs.jsonl"
     asked = study(method={"kind": "sobol", "designs": 8, "seed": 5})
     whole = cartstiff.design(asked, output=path)
-    made: list[Any] = []
+    made = []
     true = StudyEvaluator.__call__
     monkeypatch.setattr(
         StudyEvaluator, "__call__", lambda self, given: made.append(given) or true(self, given)
@@ -372,7 +364,7 @@ def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Monkey
         cartstiff.design(asked, output=path)
 
 
-def test_processes_give_the_same(tmp_path: Path) -> None:
+def test_processes_give_the_same(tmp_path):
     asked = study(variables={"sz": {"values": [0.4, 0.5, 0.6]}}, poses=POSES)
     path = tmp_path / "d.jsonl"
     shared = cartstiff.design(asked, workers=2, output=path)
@@ -380,7 +372,7 @@ def test_processes_give_the_same(tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) == 4
 
 
-def test_the_command(tmp_path: Path) -> None:
+def test_the_command(tmp_path):
     (tmp_path / "study.yaml").write_text(
         "mechanism: inclined-hexapod\nvariables: {sz: [0.3, 0.8]}\n"
         "objectives: {a: {quantity: translation_held_min}, b: {quantity: rotation_held_max}}\n"
@@ -406,7 +398,7 @@ def test_the_command(tmp_path: Path) -> None:
 
 Q = {"quantity": "translation_held_min"}
 OWN = {"objectives": {"x": {"quantity": "own", "of": "max", "goal": "largest"}}}
-REFUSALS: list[tuple[dict[str, Any], str]] = [
+REFUSALS = [
     ({"mechanism": "ur5"}, "unknown parameter"),
     ({"mechanism": "arm.urdf"}, "a .yaml file"),
     ({"mechanism": "nowhere.yaml"}, "No such file"),
@@ -460,12 +452,12 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("keys", "words"), REFUSALS)
-def test_refusals(keys: dict[str, Any], words: str) -> None:
+def test_refusals(keys, words):
     with pytest.raises(InputError, match=words):
         cartstiff.design(study(**keys))
 
 
-def test_a_study_has_quantities_of_its_own() -> None:
+def test_a_study_has_quantities_of_its_own():
     """Arithmetic over quantities at each pose, and not over their worst or mean."""
     pair = ("translation_free_max", "translation_free_min")
     asked = study(
@@ -488,7 +480,7 @@ def test_a_study_has_quantities_of_its_own() -> None:
     assert set(pair) == set(found.study.of_maps(found.study.objectives["spread"]))
 
 
-def test_a_number_of_the_analysis_has_its_unit_in_a_study() -> None:
+def test_a_number_of_the_analysis_has_its_unit_in_a_study():
     """A point is a length, a stiffness per angle a moment: whatever name the number has."""
     paths = {"centres.stiffness.2": "m", "ellipsoids.stiffness.rotation.held.radii.0": "N m/rad"}
     objectives = {
@@ -499,7 +491,7 @@ def test_a_number_of_the_analysis_has_its_unit_in_a_study() -> None:
     assert units == list(paths.values())
 
 
-def test_refusals_name_the_line(tmp_path: Path) -> None:
+def test_refusals_name_the_line(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text("mechanism: cubic\nvariables:\n  r: [1, 2]\n  s: [2, 1]\nobjectives: {}\n")
     with pytest.raises(InputError, match=r"study.yaml, line 4, key variables.s: low must be below"):
@@ -508,13 +500,13 @@ def test_refusals_name_the_line(tmp_path: Path) -> None:
         cartstiff.design(study(), workers=0)
 
 
-def test_a_scheduler_is_refused() -> None:
+def test_a_scheduler_is_refused():
     answer = CliRunner().invoke(command, ["design", "study.yaml", "--scheduler", "tcp://a:1"])
     assert isinstance(answer.exception, InputError)
     assert "no scheduler any more; expected --workers" in str(answer.exception)
 
 
-def test_one_program_serves_platforms_of_every_size() -> None:
+def test_one_program_serves_platforms_of_every_size():
     """Geometry given at run time: the same numbers as where it is folded into the program."""
     rng = np.random.default_rng(1)
     for load in (None, WRENCH):
@@ -534,7 +526,7 @@ def test_one_program_serves_platforms_of_every_size() -> None:
                 assert np.abs(found.arrays[output] - array).max() < 1e-12 * scale
 
 
-def test_postures_that_nobody_looks_at_are_undecided() -> None:
+def test_postures_that_nobody_looks_at_are_undecided():
     ring = {"radius": 0.4, "half_angle": np.pi / 6}
     flat = cartstiff.hexapod(base=ring, platform=ring | {"radius": 0.3}, height=0.5, legs=1e6)
     q = flat.q + np.linspace(0, 0.01, 30)[:, None] * np.eye(6)[0]

@@ -20,7 +20,6 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 _FENCE = re.compile(r"^```(.*)$")
@@ -41,16 +40,16 @@ class Block:
     line: int
 
 
-def pages() -> list[Path]:
+def pages():
     """README, and the pages of the documentation."""
     docs = sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)
     return [ROOT / "README.md", *docs]
 
 
-def blocks_of(text: str) -> list[Block]:
+def blocks_of(text):
     """Fenced blocks of a page."""
-    found: list[Block] = []
-    inside: list[str] | None = None
+    found = []
+    inside = None
     for number, line in enumerate(text.splitlines(), start=1):
         fence = _FENCE.match(line)
         if inside is None and fence:
@@ -70,7 +69,7 @@ def blocks_of(text: str) -> list[Block]:
     return found
 
 
-def _same_line(expected: str, got: str) -> bool:
+def _same_line(expected, got):
     if "..." in expected:
         pattern = ".*".join(re.escape(part) for part in expected.split("..."))
         return re.fullmatch(pattern, got, re.DOTALL) is not None
@@ -84,7 +83,7 @@ def _same_line(expected: str, got: str) -> bool:
     )
 
 
-def agree(expected: str, got: str) -> bool:
+def agree(expected, got):
     """Whether text agrees line by line, numbers up to the last printed digit."""
     lines, rest = expected.rstrip().splitlines(), got.rstrip().splitlines()
     skipping = False
@@ -100,7 +99,7 @@ def agree(expected: str, got: str) -> bool:
     return skipping or not rest
 
 
-def _command(line: str) -> str:
+def _command(line):
     """What `cartstiff ...` prints, on standard output and then on standard error."""
     from cartstiff.cli.main import main
 
@@ -111,10 +110,10 @@ def _command(line: str) -> str:
     return out.getvalue() + err.getvalue()
 
 
-def run_page(page: Path) -> list[tuple[Block, str]]:
+def run_page(page):
     """Run a page in the current directory; each block with expected text, and what was printed."""
     results = []
-    names: dict[str, Any] = {"__name__": "__page__", "examples": str(ROOT / "examples")}
+    names = {"__name__": "__page__", "examples": str(ROOT / "examples")}
     printed = ""
     for block in blocks_of(page.read_text(encoding="utf-8")):
         if block.caption:
@@ -138,7 +137,7 @@ def run_page(page: Path) -> list[tuple[Block, str]]:
     return results
 
 
-def _write(page: Path) -> None:
+def _write(page):
     """Put what is printed into the text blocks of a page."""
     text = page.read_text(encoding="utf-8").splitlines()
     here = Path.cwd()

@@ -1,11 +1,8 @@
 """The documentation, built once."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from tests.docs.blocks import ROOT
@@ -15,7 +12,7 @@ DOCS = ROOT / "docs"
 
 
 @pytest.fixture(scope="session")
-def built(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Page]:
+def built(tmp_path_factory):
     """Every HTML page by its path; building it is a test of its own: warnings are errors.
 
     `make test` has built them a moment before and says where they are.

@@ -1,27 +1,24 @@
 """Anchors, links and resources of built pages."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
-from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 
 class Page(HTMLParser):
     """What a page offers and what it refers to."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         super().__init__()
         self.path = path
         self.text = path.read_text(encoding="utf-8")
-        self.anchors: set[str] = set()
-        self.twice: set[str] = set()
-        self.links: list[str] = []
-        self.resources: list[str] = []
+        self.anchors = set()
+        self.twice = set()
+        self.links = []
+        self.resources = []
         self.formulas = 0
         self.feed(self.text)
 
-    def has(self, fragment: str) -> bool:
+    def has(self, fragment):
         """Whether an anchor of that name exists."""
         return unquote(fragment) in self.anchors
 
@@ -41,7 +38,7 @@ class Page(HTMLParser):
             self.resources.append(values["href"])
         self.formulas += tag == "math"
 
-    def target(self, reference: str) -> Path | None:
+    def target(self, reference):
         """The local file that a link or resource names; None for another site's."""
         parts = urlsplit(reference)
         if parts.scheme or parts.netloc:
@@ -51,7 +48,7 @@ class Page(HTMLParser):
         return (self.path.parent / unquote(parts.path)).resolve()
 
 
-def broken(pages: dict[Path, Page]) -> list[str]:
+def broken(pages):
     """Links to files and anchors that do not exist, and resources that do not."""
     found = []
     for page in pages.values():

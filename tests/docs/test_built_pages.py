@@ -1,10 +1,7 @@
 """The built documentation: links lead somewhere, nothing is fetched, everything is there."""
 
-from __future__ import annotations
-
 import json
 import re
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -14,7 +11,7 @@ from tests.docs.html_pages import Page, broken
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 
 
-def _page(built: dict[Path, Page], name: str) -> Page:
+def _page(built, name):
     return next(page for path, page in built.items() if path.as_posix().endswith(f"/{name}"))
 
 

@@ -1,11 +1,8 @@
 """The documentation is true: its code runs, its links lead somewhere, its lists are complete."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import sys
-from pathlib import Path
 from unittest.mock import patch
 
 import pytest
@@ -20,7 +17,7 @@ _LARGEST_GALLERY = 1_500_000
 _ROBOTS = re.compile(r'load\("(ur5|ur10|panda|xarm7)"|examples / "(paper_tables)')
 
 
-def _module(path: Path):
+def _module(path):
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[path.stem] = module
@@ -28,7 +25,7 @@ def _module(path: Path):
     return module
 
 
-def _with_code() -> list[Path]:
+def _with_code():
     languages = {"python", "console"}
     return [p for p in pages() if languages & {b.language for b in blocks_of(p.read_text("utf-8"))}]
 

@@ -7,7 +7,6 @@ import builtins
 import doctest
 import importlib
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +48,7 @@ class Documented:
     sections: dict[str, list[str]]
 
 
-def sections_of(docstring: str) -> dict[str, list[str]]:
+def sections_of(docstring):
     """Lines of each section, by title."""
     lines = docstring.splitlines()
     underlined = [i for i, line in enumerate(lines) if re.fullmatch(r"-{3,}", line)]
@@ -58,13 +57,13 @@ def sections_of(docstring: str) -> dict[str, list[str]]:
     return {lines[a].strip(): lines[a + 2 : b] for a, b in zip(starts, ends, strict=True)}
 
 
-def entries(lines: list[str]) -> list[str]:
+def entries(lines):
     """Names that a section describes: unindented lines, up to their colon."""
     heads = [line.partition(" : ")[0] for line in lines if line.strip() and line[0] != " "]
     return [name.strip().lstrip("*") for head in heads for name in head.split(",")]
 
 
-def public(tree: ast.AST, prefix: str) -> Iterator[tuple[str, Function | ast.ClassDef]]:
+def public(tree, prefix):
     """Functions, classes and methods whose names have no underscore in front."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
@@ -76,7 +75,7 @@ def public(tree: ast.AST, prefix: str) -> Iterator[tuple[str, Function | ast.Cla
                 yield from public(node, name)
 
 
-def documented() -> list[Documented]:
+def documented():
     """Everything public in the package."""
     found = []
     for path in sorted(SOURCES.rglob("*.py")):
@@ -92,7 +91,7 @@ def documented() -> list[Documented]:
 EVERYTHING = documented()
 
 
-def parameters(node: Function) -> list[str]:
+def parameters(node):
     """Names of a function's parameters, without self and cls."""
     a = node.args
     several = [[p] if p else [] for p in (a.vararg, a.kwarg)]
@@ -100,7 +99,7 @@ def parameters(node: Function) -> list[str]:
     return [name for name in names if name not in ("self", "cls")]
 
 
-def fields(node: ast.ClassDef) -> set[str]:
+def fields(node):
     """Names of what a class or its instances hold, as far as its own body shows it."""
     names = {
         t.target.id
@@ -121,7 +120,7 @@ def fields(node: ast.ClassDef) -> set[str]:
     return names
 
 
-def initialiser(node: ast.ClassDef) -> list[str] | None:
+def initialiser(node):
     """Parameters of a class's own __init__, or None."""
     found = [n for n in node.body if isinstance(n, ast.FunctionDef) and n.name == "__init__"]
     return parameters(found[0]) if found else None

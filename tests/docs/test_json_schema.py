@@ -1,7 +1,5 @@
 """What the commands print has the form that the JSON Schema states, and the page shows."""
 
-from __future__ import annotations
-
 import copy
 import json
 import re
@@ -24,7 +22,7 @@ jsonschema = pytest.importorskip("jsonschema")
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}
 
 
-def _valid(data: dict[str, object], command: str) -> None:
+def _valid(data, command):
     # Through text, as another program sees it.
     jsonschema.validate(json.loads(json.dumps(data)), json_schema(command))
 

@@ -1,7 +1,5 @@
 """Every example runs and returns the numbers it returned when it was written."""
 
-from __future__ import annotations
-
 import importlib.util
 import runpy
 from pathlib import Path
@@ -31,7 +29,7 @@ ROBOTS = {
     "what_the_matrix_says",
     "workspace_map",
 }
-NUMBERS: dict[str, dict[str, object]] = {
+NUMBERS = {
     "buckling": {
         "two links, P l / k": 0.3819660112501051,
         "three links, P l / k": 0.19806226419516165,

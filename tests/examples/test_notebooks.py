@@ -1,11 +1,8 @@
 """Every notebook runs in a fresh kernel, prints what is stored in it, and returns its numbers."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from tests.docs.blocks import agree
@@ -19,7 +16,7 @@ FOLDER = ROOT / "examples" / "notebooks"
 LARGEST = 30_000
 
 ROBOTS = {"which_joint"}
-NUMBERS: dict[str, dict[str, object]] = {
+NUMBERS = {
     "energy_to_matrices": {
         "first moment, N cm": 945.102,
         "last force, N": 505.963,
@@ -45,7 +42,7 @@ NUMBERS: dict[str, dict[str, object]] = {
 }
 
 
-def _module(path: Path) -> ModuleType:
+def _module(path):
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
@@ -54,7 +51,7 @@ def _module(path: Path) -> ModuleType:
     return module
 
 
-def _skip_without_robots(name: str) -> None:
+def _skip_without_robots(name):
     if name in ROBOTS and not example_robots():
         pytest.skip("example-robot-data is not installed")
 

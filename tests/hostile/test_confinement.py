@@ -1,7 +1,5 @@
 """What the process that reads a stranger's file is refused, tried by a reader that means harm."""
 
-from __future__ import annotations
-
 import shutil
 import socket
 import subprocess

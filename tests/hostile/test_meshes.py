@@ -1,12 +1,9 @@
 """Mesh files of strangers: read by a process of its own, a bad one is a note and a placeholder."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zipfile
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,10 +36,10 @@ COLLADA = """<?xml version="1.0" encoding="utf-8"?>
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
 
-def picture(path: Path, side: int = 12000) -> None:
+def picture(path, side=12000):
     """A PNG of one colour: a few hundred kilobytes that become half a gigabyte."""
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
+    def chunk(kind, data):
         check = struct.pack(">I", zlib.crc32(kind + data))
         return struct.pack(">I", len(data)) + kind + data + check
 
@@ -58,7 +55,7 @@ def picture(path: Path, side: int = 12000) -> None:
 def bad(tmp_path_factory):
     """Files that are no meshes, by what is said of them."""
     folder = tmp_path_factory.mktemp("bad")
-    files: dict[str, tuple[bytes, str]] = {
+    files = {
         "nan.obj": (TRIANGLE.replace("1 0 0", "nan 0 0").encode(), "coordinates"),
         "inf.obj": (TRIANGLE.replace("1 0 0", "inf 0 0").encode(), "coordinates"),
         "far.obj": (TRIANGLE.replace("1 0 0", "1e300 0 0").encode(), "coordinates"),
@@ -132,7 +129,7 @@ def test_a_mesh_that_was_changed_is_read_again(tmp_path):
     assert read_mesh(file).positions.max() == 7
 
 
-def robot(folder: Path, meshes: list[str], more: str = "") -> Path:
+def robot(folder, meshes, more=""):
     file = folder / "arm.urdf"
     shapes = "".join(
         f"<{kind}><geometry>{mesh}</geometry></{kind}>"
@@ -154,12 +151,12 @@ class Drawn:
 
     path = "x"
 
-    def __getitem__(self, name: str) -> Drawn:
+    def __getitem__(self, name):
         return self
 
-    def set_object(self, drawn: object) -> None: ...
+    def set_object(self, drawn): ...
 
-    def set_transform(self, T: object) -> None: ...
+    def set_transform(self, T): ...
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Names of strangers in tables: a spreadsheet runs none of them, and the table is read back."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -38,7 +36,7 @@ FORMULAS = [
 ]
 
 
-def cells(text: str) -> list[str]:
+def cells(text):
     """Every cell that a spreadsheet may see: by commas, semicolons or tabs, quoted or not."""
     found = []
     for separator in ",;\t":
@@ -49,7 +47,7 @@ def cells(text: str) -> list[str]:
     return found
 
 
-def runs(cell: str) -> bool:
+def runs(cell):
     """Whether a spreadsheet would take a cell for a formula."""
     if not cell.strip(" ").startswith(("=", "+", "-", "@", "\t", "\r")):
         return False

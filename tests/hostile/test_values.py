@@ -1,7 +1,5 @@
 """Values that would end the process: each is refused in one line."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

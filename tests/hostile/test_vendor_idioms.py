@@ -1,7 +1,5 @@
 """What makers of robots write in xacro files is still read, with the values that xacro gives."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -4,8 +4,6 @@ Each file may try to leave a marker, or to bring a secret of the environment or 
 its folder into a name. Both are looked for from outside.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -45,18 +43,18 @@ def place(tmp_path, monkeypatch):
     return folder
 
 
-def names_of(file: Path, ros: Ros | None = None) -> list[str]:
+def names_of(file, ros=None):
     """Names in the robot that a file describes."""
     return [frame.name for frame in read_robot_description(file, ros=ros).model.frames]
 
 
-def written(folder: Path, body: str, name: str = "x", ending: str = "xacro") -> Path:
+def written(folder, body, name="x", ending="xacro"):
     file = folder / f"evil.{ending}"
     file.write_text(HEAD + body + ARM.format(name, name), encoding="utf-8")
     return file
 
 
-def refused(file: Path, ros: Ros | None = None) -> str:
+def refused(file, ros=None):
     """The line that refuses a file."""
     marker = file.parent.parent / "marker"
     with pytest.raises(InputError) as caught:

@@ -1,12 +1,7 @@
 """The command line in this process: what it refuses in one line, and what it accepts."""
 
-from __future__ import annotations
-
 import json
 import tempfile
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from tests.support.commands import words as split
@@ -38,7 +33,7 @@ KEYS = {
 
 
 @pytest.fixture(autouse=True)
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def workplace(tmp_path, monkeypatch):
     """An empty working folder, and another for temporary files that must be empty again after."""
     scratch, place = tmp_path / "scratch", tmp_path / "place"
     scratch.mkdir()
@@ -51,10 +46,10 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]
 
 
 @pytest.fixture
-def refused(capfd: pytest.CaptureFixture[str], workplace: Path) -> Callable[..., str]:
+def refused(capfd, workplace):
     """Run the command line, check that it refuses as promised; returns the line."""
 
-    def check(*arguments: object, words: tuple[str, ...] = ()) -> str:
+    def check(*arguments, words=()):
         before = sorted(workplace.rglob("*"))
         capfd.readouterr()
         with pytest.raises(SystemExit) as exit_:
@@ -77,10 +72,10 @@ def refused(capfd: pytest.CaptureFixture[str], workplace: Path) -> Callable[...,
 
 
 @pytest.fixture
-def accepted(capfd: pytest.CaptureFixture[str]) -> Callable[..., dict[str, Any]]:
+def accepted(capfd):
     """Run `analyse --json`, check the object's keys; returns it."""
 
-    def check(*arguments: str) -> dict[str, Any]:
+    def check(*arguments):
         capfd.readouterr()
         with pytest.raises(SystemExit) as exit_:
             main(["analyse", *(str(a) for a in arguments), "--json"])
@@ -94,5 +89,5 @@ def accepted(capfd: pytest.CaptureFixture[str]) -> Callable[..., dict[str, Any]]
     return check
 
 
-def _no_constant(name: str) -> None:
+def _no_constant(name):
     raise AssertionError(f"{name} in JSON")

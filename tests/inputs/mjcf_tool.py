@@ -1,7 +1,5 @@
 """The comparison of tools/mjcf_against_mujoco.py, for tests."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,32 +1,26 @@
 """What is refused, and with which words: the tables of `refusals.yaml`."""
 
-from __future__ import annotations
-
 import shlex
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 
 @cache
-def _tables() -> dict[str, Any]:
+def _tables():
     text = Path(__file__).with_name("refusals.yaml").read_text(encoding="utf-8")
-    tables: dict[str, Any] = yaml.safe_load(text)
+    tables = yaml.safe_load(text)
     return tables
 
 
-def commands(section: str) -> dict[str, tuple[list[str], tuple[str, ...]]]:
+def commands(section):
     """By name: the words of a command, and the words of its answer."""
     table = _tables()[section]
     return {n: (shlex.split(case["run"]), tuple(case["says"])) for n, case in table.items()}
 
 
-def texts(
-    section: str, changed: Callable[..., str]
-) -> dict[str, tuple[str | bytes, tuple[str, ...]]]:
+def texts(section, changed):
     """By name: a whole text, or one by a change of a good one; and the words of the answer."""
     return {
         name: (
@@ -37,6 +31,6 @@ def texts(
     }
 
 
-def rows(section: str) -> list[tuple[list[str], Any]]:
+def rows(section):
     """The words of each command, and what its answer says."""
     return [(shlex.split(run), says) for run, says in _tables()[section]]

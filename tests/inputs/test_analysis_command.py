@@ -1,9 +1,6 @@
 """``cartstiff analyse`` with the options of the analysis."""
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +20,7 @@ LOAD = "10,-20,5,30,-40,50"
 
 @pytest.fixture
 def analysis():
-    def check(*arguments: str) -> dict[str, Any]:
+    def check(*arguments):
         return answer("analyse", *arguments)["analysis"]
 
     return check
@@ -144,7 +141,7 @@ def test_tolerances(analysis):
     assert "Uncertainty from stiffness 5 % (6 samples; standard deviations)" in text
 
 
-def wanted(**keys: Any) -> str:
+def wanted(**keys):
     """A target for the cubic platform, as JSON."""
     return json.dumps({"matrix": np.diag([1e5, 1e5, 2e5, 1e6, 2e6, 1e6]).tolist()} | keys)
 
@@ -297,7 +294,7 @@ def test_world_means_every_wrench_and_direction(analysis):
     assert moved == pytest.approx((after - before) / 2e-3, rel=1e-5, abs=1e-9)
 
 
-def _listed(numbers: list[float]) -> str:
+def _listed(numbers):
     return ",".join(f"{x:g}" for x in numbers)
 
 

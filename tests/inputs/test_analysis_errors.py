@@ -1,7 +1,5 @@
 """Every refusal of the analysis: what it says, and the numbers it carries."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -107,7 +105,7 @@ Call = Callable[[], object]
         (lambda: posture.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
     ],
 )
-def test_input_errors(call: Call, message: str) -> None:
+def test_input_errors(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
@@ -127,7 +125,7 @@ def test_input_errors(call: Call, message: str) -> None:
         (lambda: posture.summarise({"B": K}, np.zeros(6), connection="Z"), "unknown connection"),
     ],
 )
-def test_unknown_names(call: Call, message: str) -> None:
+def test_unknown_names(call, message):
     with pytest.raises(UnknownNameError, match=message):
         call()
 
@@ -136,7 +134,7 @@ LOADED_WHERE_SOFT = np.diag([1.0, 2.0, 3.0, 0.0, 20.0, 30.0])
 LOADED_WHERE_SOFT[0, 3] = LOADED_WHERE_SOFT[3, 0] = 1.0
 
 
-def always_fails(p: dict[str, float]) -> dict[str, float]:
+def always_fails(p):
     raise UndefinedError("never", code="never")
 
 
@@ -199,13 +197,13 @@ def always_fails(p: dict[str, float]) -> dict[str, float]:
         ),
     ],
 )
-def test_states_in_which_nothing_exists(call: Call, code: str, message: str) -> None:
+def test_states_in_which_nothing_exists(call, code, message):
     with pytest.raises(UndefinedError, match=message) as caught:
         call()
     assert caught.value.code == code
 
 
-def test_undefined_errors_carry_their_numbers() -> None:
+def test_undefined_errors_carry_their_numbers():
     with pytest.raises(UndefinedError, match="singular") as caught:
         matrices.invert(LINE)
     shown = caught.value.values["singular_values"]
@@ -217,7 +215,7 @@ def test_undefined_errors_carry_their_numbers() -> None:
     assert caught.value.values["free_rotational"] is None
 
 
-def test_results_cannot_be_changed() -> None:
+def test_results_cannot_be_changed():
     found = ellipsoids.stiffness_ellipsoid(K, "translation", "held")
     with pytest.raises(ValueError, match="read-only"):
         found.axes[0, 0] = 2.0

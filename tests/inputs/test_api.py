@@ -1,9 +1,6 @@
 """The same refusals in Python: one family of errors, with the numbers that are wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +11,7 @@ from cartstiff.loading.yaml_file import read_yaml
 
 GOOD = [0.1, -1.0, 1.2, 0.3, 0.9, 0.2]
 
-SOURCES: dict[str, tuple[Any, str]] = {
+SOURCES = {
     "empty": ("", "no name"),
     "blank": ("  ", "no name"),
     "zero byte": ("a\0b", "no name"),
@@ -27,14 +24,14 @@ SOURCES: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("case", SOURCES)
-def test_load_refuses(case: str) -> None:
+def test_load_refuses(case):
     Path("file.txt").write_text("x", encoding="utf-8")
     source, message = SOURCES[case]
     with pytest.raises(InputError, match=message):
         cartstiff.load(source)
 
 
-def test_load_refuses_a_frame() -> None:
+def test_load_refuses_a_frame():
     with pytest.raises(UnknownNameError, match="unknown frame") as error:
         cartstiff.load("ur5", frame="tool")
     assert error.value.name == "tool"
@@ -61,7 +58,7 @@ def test_load_refuses_a_frame() -> None:
         ({"elbow_joint": "up"}, "not numeric"),
     ],
 )
-def test_analyse_refuses_coordinates(q: Any, message: str) -> None:
+def test_analyse_refuses_coordinates(q, message):
     with pytest.raises(InputError, match=message):
         cartstiff.analyse(cartstiff.load("ur5"), q)
 
@@ -76,7 +73,7 @@ def test_analyse_refuses_coordinates(q: Any, message: str) -> None:
         ({"fz": 1}, "not numeric"),
     ],
 )
-def test_analyse_refuses_a_wrench(wrench: Any, message: str) -> None:
+def test_analyse_refuses_a_wrench(wrench, message):
     with pytest.raises(InputError, match=message):
         cartstiff.analyse(cartstiff.load("ur5"), wrench=wrench)
 
@@ -95,25 +92,25 @@ def test_analyse_refuses_a_wrench(wrench: Any, message: str) -> None:
         (None, np.inf, "finite"),
     ],
 )
-def test_springs_refuse(stiffness: Any, rest: Any, message: str) -> None:
+def test_springs_refuse(stiffness, rest, message):
     with pytest.raises(InputError, match=message):
         cartstiff.load("ur5").with_springs(stiffness, rest)
 
 
-def test_integers_are_numbers() -> None:
+def test_integers_are_numbers():
     ur5 = cartstiff.load("ur5").with_springs(1000)
     got = cartstiff.analyse(ur5, [0, -1, 1, 0, 1, 0], wrench=[0, 0, 0, 0, 0, 1])
     expected = cartstiff.analyse(ur5, [0.0, -1.0, 1.0, 0.0, 1.0, 0.0], wrench=np.eye(6)[5])
     assert got.as_dict() == expected.as_dict()
 
 
-def test_every_refusal_is_of_one_family() -> None:
+def test_every_refusal_is_of_one_family():
     assert issubclass(InputError, CartstiffError)
     assert issubclass(InputError, ValueError)
     assert issubclass(UnknownNameError, InputError)
 
 
-def test_lines_of_a_file() -> None:
+def test_lines_of_a_file():
     text = "# c\nkind: stewart-gough\nbase:\n  - [0, 0, 0]\n  -\n    - 1\n    - 2\n"
     text += "legs: {stiffness: 1}\n"
     Path("f.yaml").write_text(text, encoding="utf-8")
@@ -161,7 +158,7 @@ def test_lines_of_a_file() -> None:
         ("a: b", {"a": "b"}),
     ],
 )
-def test_plain_values_of_yaml(text: str, value: Any) -> None:
+def test_plain_values_of_yaml(text, value):
     Path("f.yaml").write_text(
         f"key: {text}\n" if ": " not in text else f"key: {{{text}}}\n", encoding="utf-8"
     )
@@ -170,7 +167,7 @@ def test_plain_values_of_yaml(text: str, value: Any) -> None:
     assert isinstance(got, bool) == isinstance(value, bool)
 
 
-def test_error_carries_its_parts() -> None:
+def test_error_carries_its_parts():
     Path("f.yaml").write_text("kind: serial\nmodel: ur5\nq: {elbow_joint: up}\n", encoding="utf-8")
     with pytest.raises(InputError) as error:
         cartstiff.load("f.yaml")
@@ -204,12 +201,12 @@ UNLOADED = {
     ("key", "value"),
     [("load_kind", "follower"), ("load_at", [0.0, 0.0, 0.1]), ("load_axes", "world")],
 )
-def test_words_about_a_load_need_one(name: str, key: str, value: Any) -> None:
+def test_words_about_a_load_need_one(name, key, value):
     with pytest.raises(InputError, match=f"{key}.*none is given"):
         UNLOADED[name](cartstiff.load("ur5"), **{key: value})
 
 
-def test_a_load_that_springs_exert_acts_somewhere_too() -> None:
+def test_a_load_that_springs_exert_acts_somewhere_too():
     """Rest positions that are given leave a load to be held: its kind changes the tangent."""
     arm = cartstiff.load("ur5", rest=GOOD)
     q = np.array(GOOD) + 0.01
@@ -221,7 +218,7 @@ def test_a_load_that_springs_exert_acts_somewhere_too() -> None:
         cartstiff.analyse(arm, q, load_axes="world")
 
 
-def test_the_tangent_is_found_by_its_name() -> None:
+def test_the_tangent_is_found_by_its_name():
     found = cartstiff.analyse(cartstiff.load("ur5"), wrench=[0.0, 1.0, 0.0, 0.0, 0.0, -50.0])
     K, C = found.matrices["load"], found.compliances["load"]
     assert np.array_equal(K, found.at().matrices["load"])

@@ -1,7 +1,5 @@
 """What is no real number is refused wherever it is given, by one function."""
 
-from __future__ import annotations
-
 from decimal import Decimal
 from fractions import Fraction
 

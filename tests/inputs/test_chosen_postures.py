@@ -1,7 +1,5 @@
 """The note on a posture that was chosen says what was not given, and nothing else."""
 
-from __future__ import annotations
-
 import cartstiff
 
 # Six joints, singular at zero.
@@ -9,7 +7,7 @@ AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")
 PLACES = ("0 0 .16", "0 .14 0", "0 -.13 .42", "0 0 .39", "0 .13 0", "0 0 .1")
 
 
-def arm() -> cartstiff.ElasticMechanism:
+def arm():
     links = "".join(f'<link name="l{i}"/>' for i in range(7))
     joints = "".join(
         f'<joint name="j{i}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/>'
@@ -19,11 +17,11 @@ def arm() -> cartstiff.ElasticMechanism:
     return cartstiff.load(f'<robot name="r">{links}{joints}</robot>')
 
 
-def notes(elastic: cartstiff.ElasticMechanism, q: object) -> list[cartstiff.Note]:
+def notes(elastic, q):
     return [n for n in cartstiff.analyse(elastic, q).notes if n.code == "default-posture"]
 
 
-def test_who_gives_all_joints_reads_no_such_note() -> None:
+def test_who_gives_all_joints_reads_no_such_note():
     elastic = arm()
     (note,) = notes(elastic, None)
     assert "no posture was given" in note.message
@@ -31,7 +29,7 @@ def test_who_gives_all_joints_reads_no_such_note() -> None:
     assert notes(elastic, {f"j{i}": 0.1 * i for i in range(6)}) == []
 
 
-def test_who_names_some_joints_reads_where_the_others_are() -> None:
+def test_who_names_some_joints_reads_where_the_others_are():
     elastic = arm()
     (note,) = notes(elastic, {"j2": 1.2})
     result = cartstiff.analyse(elastic, {"j2": 1.2})

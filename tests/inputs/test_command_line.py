@@ -1,7 +1,5 @@
 """Options: what is refused, and that the real process keeps its promises."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -34,7 +32,7 @@ BAD = commands("analyse: options") | {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_options_are_refused(case: str, refused: Refused) -> None:
+def test_bad_options_are_refused(case, refused):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     Path("folder.json").mkdir()
     arguments, words = BAD[case]
@@ -53,11 +51,11 @@ def test_bad_options_are_refused(case: str, refused: Refused) -> None:
         (["--versions"], "--versions"),
     ],
 )
-def test_bad_commands_are_refused(arguments: list[str], word: str, refused: Refused) -> None:
+def test_bad_commands_are_refused(arguments, word, refused):
     refused(arguments, words=(word,))
 
 
-def test_output_is_not_touched_by_a_refusal(refused: Refused) -> None:
+def test_output_is_not_touched_by_a_refusal(refused):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     Path("result.json").write_text("old", encoding="utf-8")
     refused("analyse", "arm.urdf", "--q", "1", "-o", "result.json")
@@ -70,24 +68,24 @@ def test_output_is_not_touched_by_a_refusal(refused: Refused) -> None:
 @pytest.mark.parametrize(
     "text", ["0.5,-1", " 0.5 , -1.0 ", "5e-1,-1", "j1=0.5,j2=-1", "j2=-1, j1=+.5"]
 )
-def test_ways_to_write_q(text: str, accepted: Accepted) -> None:
+def test_ways_to_write_q(text, accepted):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     assert accepted("arm.urdf", "--q", text)["q"] == [0.5, -1.0]
 
 
-def test_values_that_begin_with_a_minus(accepted: Accepted) -> None:
+def test_values_that_begin_with_a_minus(accepted):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     data = accepted("arm.urdf", "--q", "-1,-2", "--load=-1,0,0,0,0,-2")
     assert data["q"] == [-1.0, -2.0]
 
 
-def test_some_joints_by_name_leave_the_others(accepted: Accepted) -> None:
+def test_some_joints_by_name_leave_the_others(accepted):
     expected = accepted("ur5")["q"]
     expected[2] = 0.25
     assert accepted("ur5", "--q", "elbow_joint=0.25")["q"] == expected
 
 
-def test_one_stiffness_serves_all_joints(accepted: Accepted) -> None:
+def test_one_stiffness_serves_all_joints(accepted):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
     one = accepted("arm.urdf", "--stiffness", "50")
     each = accepted("arm.urdf", "--stiffness", "j1=50,j2=50.0")
@@ -96,7 +94,7 @@ def test_one_stiffness_serves_all_joints(accepted: Accepted) -> None:
 
 
 @pytest.mark.parametrize("ending", ["json", "npz"])
-def test_output_holds_the_result(ending: str, accepted: Accepted, workplace: Path) -> None:
+def test_output_holds_the_result(ending, accepted, workplace):
     data = accepted("cubic", "-o", f"a b.{ending}")
     assert [p.name for p in workplace.iterdir()] == [f"a b.{ending}"]
     if ending == "json":
@@ -109,9 +107,7 @@ def test_output_holds_the_result(ending: str, accepted: Accepted, workplace: Pat
 # -- the real process -----------------------------------------------------------------------------
 
 
-def process(
-    *arguments: str, program: tuple[str, ...] = ("-m", "cartstiff"), **options: Any
-) -> subprocess.CompletedProcess[str]:
+def process(*arguments, program=("-m", "cartstiff"), **options):
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), **options.pop("env", {})}
     environment.pop("CARTSTIFF_TRACEBACK", None)
     return subprocess.run(
@@ -162,7 +158,7 @@ def test_process_refuses_in_one_line(workplace):
     assert {p.name for p in workplace.iterdir()} == set(CRASHERS)
 
 
-def test_process_prints_nothing_but_json(workplace: Path) -> None:
+def test_process_prints_nothing_but_json(workplace):
     text = ARM.replace(
         '<link name="a"/>',
         '<link name="a"><visual><geometry><mesh filename="x"/></geometry></visual></link>',
@@ -173,7 +169,7 @@ def test_process_prints_nothing_but_json(workplace: Path) -> None:
     assert json.loads(done.stdout)["mechanism"]["name"] == "arm"
 
 
-def test_process_with_closed_or_full_streams() -> None:
+def test_process_with_closed_or_full_streams():
     reader, writer = os.pipe()
     os.close(reader)
     try:
@@ -202,17 +198,17 @@ def test_process_with_closed_or_full_streams() -> None:
         assert done.stderr == "cartstiff: No space left on device\n"
 
 
-def test_process_where_text_is_ascii() -> None:
+def test_process_where_text_is_ascii():
     Path("Größe.urdf").write_text(ARM, encoding="utf-8")
     done = process("analyse", "Größe.urdf", env={"PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "")
     assert "serial, body frame" in done.stdout
 
 
-def test_joints_that_are_still_assumed_are_named(accepted: Accepted) -> None:
+def test_joints_that_are_still_assumed_are_named(accepted):
     Path("arm.urdf").write_text(ARM, encoding="utf-8")
 
-    def note(*options: str) -> dict[str, Any] | None:
+    def note(*options):
         notes = accepted("arm.urdf", *options)["notes"]
         return next((n for n in notes if n["code"] == "stiffness-assumed"), None)
 
@@ -237,7 +233,5 @@ def test_joints_that_are_still_assumed_are_named(accepted: Accepted) -> None:
         ("analyse", "--explain", "--profile"),
     ],
 )
-def test_an_option_that_was_renamed_says_its_name(
-    refused: Refused, command: str, old: str, new: str
-) -> None:
+def test_an_option_that_was_renamed_says_its_name(refused, command, old, new):
     refused(command, "ur5", old, "1", words=(f"{old} is called {new} now",))

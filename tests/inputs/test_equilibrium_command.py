@@ -1,11 +1,8 @@
 """``cartstiff equilibrium``: what it accepts, what it writes, what it refuses in one line."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -44,12 +41,12 @@ needs_plots = pytest.mark.skipif(
 )
 
 
-def _needs(mechanism: str) -> None:
+def _needs(mechanism):
     if mechanism in ROBOTS and not example_robots():
         pytest.skip("example-robot-data is not installed")
 
 
-def _codes(data: dict[str, Any]) -> list[str]:
+def _codes(data):
     return [note["code"] for note in data["notes"]]
 
 
@@ -167,7 +164,7 @@ def test_limits_stop_unless_they_are_left_out():
 # -- curves and paths -----------------------------------------------------------------------------
 
 
-def _table(path: str) -> tuple[list[str], np.ndarray]:
+def _table(path):
     header, *rows = list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))
     return header, np.array(rows, float)
 
@@ -226,7 +223,7 @@ POSES = [[0.0, 0.0, 0.75, 0.0, 0.0, 0.0], [0.02, 0.01, 0.76, 0.05, 0.1, 0.1]]
 WRENCHES = [[0, 0, 0, 10, 0, -300.0], [0, 0, 0, 200, 100, -300.0]]
 
 
-def _write(name: str, rows: Any, head: str = "") -> None:
+def _write(name, rows, head=""):
     lines = [",".join(map(str, row)) for row in rows]
     Path(name).write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
 
@@ -344,7 +341,7 @@ def test_bad_mechanism(refused):
 # -- between two gravities ------------------------------------------------------------------------
 
 
-def _line_stiffness(name: str) -> np.ndarray:
+def _line_stiffness(name):
     """K of unloaded legs about the body frame by their lines, sum of k g g^T (moment, force)."""
     mechanism = cartstiff.load(name).mechanism
     elastic = cartstiff.load(name)

@@ -3,17 +3,13 @@
 The keys are those of the models in `cartstiff.loading`; one without a case here fails.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from pydantic import BaseModel
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 from tests.mechanisms.test_superelement import beam_matrix
 from tests.mechanisms.test_superelement_mass import beam_mass
@@ -66,7 +62,7 @@ BENT = ELASTIC | {
 }
 
 
-def found(name: str, value: float) -> dict[str, Any]:
+def found(name, value):
     """One compliance that was measured."""
     return {"compliances": [{"name": name, "value": value}], "covariance": [[1e-12]]}
 
@@ -124,7 +120,7 @@ KINDS = {
 
 
 # Model.key: (file, path of the key in it, another value, further keys of both files).
-def _cases() -> dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]]:
+def _cases():
     """The table `every_key.yaml`: file, way to the key, value, and what else the file holds."""
     table = yaml.safe_load(Path(__file__).with_name("every_key.yaml").read_text(encoding="utf-8"))
     return {
@@ -138,7 +134,7 @@ def _cases() -> dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, 
     }
 
 
-CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = _cases() | {
+CASES = _cases() | {
     "LegModel.q": (PAIR | {"pose": None, "legs": [LEG]}, ("legs", 0, "q", "j3"), 1.0, {}),
     **{
         f"{name}.{key}": (file, (key,), [[1.1 * x for x in point] for point in file[key]], {})
@@ -148,9 +144,9 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
 }
 
 
-def keys() -> list[str]:
+def keys():
     """All keys of all models that stand in files, as Model.key."""
-    models: list[type[BaseModel]] = [schema.FileModel]
+    models = [schema.FileModel]
     found = []
     while models:
         model = models.pop()
@@ -160,7 +156,7 @@ def keys() -> list[str]:
     return sorted(set(found))
 
 
-def write_robots(folder: Path) -> None:
+def write_robots(folder):
     arm = [
         joint("j1", "base", "shoulder", at=(0, 0, 0.2), axis=(0, 0, 1)),
         joint("j2", "shoulder", "upper", axis=(0, 1, 0)),
@@ -188,7 +184,7 @@ def write_robots(folder: Path) -> None:
     path.write_text(masses(path.read_text(encoding="utf-8"), left_rod=1, right_rod=1.5))
 
 
-def answer(folder: Path, content: dict[str, Any]) -> str:
+def answer(folder, content):
     """Everything that comes out, or the refusal."""
     content = {key: value for key, value in content.items() if value is not None}
     try:
@@ -208,7 +204,7 @@ def answer(folder: Path, content: dict[str, Any]) -> str:
     return json.dumps([result, own, np.array(elastic.springs.stiffness).tolist()], default=str)
 
 
-def vibrating(elastic: cartstiff.ElasticMechanism) -> object:
+def vibrating(elastic):
     """Modes, or why there are none: what masses act on without gravity."""
     try:
         return cartstiff.modes(elastic).as_dict()
@@ -216,9 +212,9 @@ def vibrating(elastic: cartstiff.ElasticMechanism) -> object:
         return str(error)
 
 
-def changed(content: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str, Any]:
+def changed(content, path, value):
     content = copy.deepcopy(content)
-    place: Any = content
+    place = content
     for step in path[:-1]:
         place = place.setdefault(step, {}) if isinstance(place, dict) else place[step]
     place[path[-1]] = value
@@ -256,11 +252,11 @@ def test_every_key_acts(key, robots):
         assert "unknown key" not in now
 
 
-def test_no_case_is_left_over() -> None:
+def test_no_case_is_left_over():
     assert set(CASES) <= set(keys())
 
 
-def test_base_of_a_serial_arm(tmp_path: Path) -> None:
+def test_base_of_a_serial_arm(tmp_path):
     """An arm on the ceiling: as on the floor, seen in turned axes, under turned gravity."""
     write_robots(tmp_path)
     g = np.array([0.3, -0.2, -9.81])

@@ -1,10 +1,7 @@
 """``cartstiff frames``: the tree in words and as JSON, for every kind of mechanism."""
 
-from __future__ import annotations
-
 import json
 import math
-from pathlib import Path
 
 import pytest
 from tests.mechanisms.machines import joint, write_file, write_urdf
@@ -18,7 +15,7 @@ from cartstiff.report.json_schema import json_schema
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}
 
 
-def test_a_serial_arm(tmp_path: Path) -> None:
+def test_a_serial_arm(tmp_path):
     write_urdf(
         tmp_path,
         joint("turn", "base", "upper"),
@@ -51,7 +48,7 @@ def test_a_serial_arm(tmp_path: Path) -> None:
     assert "Payload: 2 kg" in words
 
 
-def test_a_closed_chain_names_its_closures() -> None:
+def test_a_closed_chain_names_its_closures():
     found = frames_of(cartstiff.load("five-bar"))
     assert found["closures"] == [{"frames": ["tip", "right_tip"], "type": "point"}]
     by_name = {j["name"]: j for j in found["joints"]}
@@ -60,14 +57,14 @@ def test_a_closed_chain_names_its_closures() -> None:
     assert "point: tip = right_tip" in describe_frames(found)
 
 
-def test_a_platform_names_its_legs() -> None:
+def test_a_platform_names_its_legs():
     found = frames_of(cartstiff.load("cubic"))
     assert [leg["name"] for leg in found["legs"]] == [f"leg{i}" for i in range(1, 7)]
     assert "leg6: (" in describe_frames(found)
 
 
 @pytest.mark.parametrize("name", sorted(bundled_files()))
-def test_every_kind_has_the_form(name: str) -> None:
+def test_every_kind_has_the_form(name):
     jsonschema = pytest.importorskip("jsonschema")
     if name in ROBOTS and not example_robots():
         pytest.skip("example-robot-data is not installed")

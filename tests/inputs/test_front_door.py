@@ -1,7 +1,5 @@
 """What a short script writes: names on arms and results, short names of outputs, tables."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

@@ -1,11 +1,7 @@
 """Mutated files: either they are read, or they are refused as any other."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -38,7 +34,7 @@ TOKENS += ["", "- ", "\t", "\n", "\0", "\ufeff", "\ud7ff", "? ", "<mimic joint='
 
 
 @st.composite
-def mutations(draw: Any, text: str) -> bytes:
+def mutations(draw, text):
     """A few changes of bytes, of tokens, or of the order of lines."""
     kind = draw(st.sampled_from(["bytes", "tokens", "lines"]))
     if kind == "bytes":
@@ -65,9 +61,9 @@ def mutations(draw: Any, text: str) -> bytes:
     return "".join(lines).encode()
 
 
-def split(text: str) -> list[str]:
+def split(text):
     """Words, numbers, and single signs; together the text."""
-    words: list[str] = []
+    words = []
     for sign in text:
         if (
             words
@@ -81,8 +77,8 @@ def split(text: str) -> list[str]:
 
 
 @pytest.fixture
-def answer(capfd: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    def check(name: str) -> None:
+def answer(capfd):
+    def check(name):
         with pytest.raises(SystemExit) as exit_:
             main(["analyse", name, "--json"])
         out, line = capfd.readouterr()
@@ -97,7 +93,7 @@ def answer(capfd: pytest.CaptureFixture[str]) -> Callable[[str], None]:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_changed_file_is_read_or_refused(name: str, answer: Callable[[str], None]) -> None:
+def test_a_changed_file_is_read_or_refused(name, answer):
     Path("two.urdf").write_text(URDF, encoding="utf-8")
 
     # Each MJCF file is compiled by a process of its own; `make fuzz` tries many more of all.
@@ -105,7 +101,7 @@ def test_a_changed_file_is_read_or_refused(name: str, answer: Callable[[str], No
 
     @settings(max_examples=count, suppress_health_check=list(HealthCheck))
     @given(mutations(FILES[name]))
-    def law(data: bytes) -> None:
+    def law(data):
         Path(name).write_bytes(data)
         answer(name)
 
@@ -113,12 +109,12 @@ def test_a_changed_file_is_read_or_refused(name: str, answer: Callable[[str], No
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".urdf", ".xml"])
-def test_any_bytes_are_refused(ending: str, answer: Callable[[str], None]) -> None:
+def test_any_bytes_are_refused(ending, answer):
     @settings(max_examples=15, suppress_health_check=list(HealthCheck))
     @given(
         st.binary(max_size=200) | st.text(max_size=200).map(lambda t: t.encode("utf-8", "replace"))
     )
-    def law(data: bytes) -> None:
+    def law(data):
         Path(f"x{ending}").write_bytes(data)
         answer(f"x{ending}")
 
@@ -126,15 +122,13 @@ def test_any_bytes_are_refused(ending: str, answer: Callable[[str], None]) -> No
 
 
 @pytest.mark.parametrize("option", ["--q", "--load", "--stiffness", "--rest", "--frame", "--pose"])
-def test_any_text_of_an_option_is_used_or_refused(
-    option: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_any_text_of_an_option_is_used_or_refused(option, capfd):
     Path("two.urdf").write_text(URDF, encoding="utf-8")
     texts = st.text(alphabet="j12=,.-+e0nainf_ \n", max_size=12) | st.text(max_size=12)
 
     @settings(max_examples=40, suppress_health_check=list(HealthCheck))
     @given(texts.filter(lambda t: "\0" not in t))
-    def law(text: str) -> None:
+    def law(text):
         with pytest.raises(SystemExit) as exit_:
             main(["analyse", "two.urdf", f"{option}={text}", "--json"])
         out, line = capfd.readouterr()

@@ -1,7 +1,5 @@
 """The fuzz harness sees what it must; a few inputs of every kind pass (`make fuzz`: many)."""
 
-from __future__ import annotations
-
 import pytest
 from tools.fuzz import run
 from tools.fuzz_inputs import FAMILIES

@@ -1,7 +1,5 @@
 """What `analyse_many` takes, and what it refuses in one line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,7 @@ def ur5():
     return cartstiff.load("ur5")
 
 
-def some(count: int = 5):
+def some(count=5):
     return np.random.default_rng(0).uniform(-1, 1, (count, 6))
 
 

@@ -1,7 +1,5 @@
 """``cartstiff map``: what it computes and prints, and what it refuses in one line."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path

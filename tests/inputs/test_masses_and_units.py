@@ -1,10 +1,6 @@
 """Masses in kg and gravity in m/s^2, whatever the units: weights in the file's units of force."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +20,7 @@ BASE = np.array([[np.cos(a), np.sin(a), 0] for a in np.deg2rad([0, 10, 120, 130,
 TOP = 0.5 * np.array([[np.cos(a), np.sin(a), 0] for a in np.deg2rad([310, 60, 70, 180, 190, 300])])
 
 
-def platform(length: str, force: str, **more: Any) -> Path:
+def platform(length, force, **more):
     metre, newton = 1 / LENGTHS[length], 1 / FORCES[force]
     keys = {
         "kind": "stewart-gough",
@@ -41,7 +37,7 @@ def platform(length: str, force: str, **more: Any) -> Path:
 
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("force", FORCES)
-def test_a_payload_sinks_as_far_in_all_units(length: str, force: str) -> None:
+def test_a_payload_sinks_as_far_in_all_units(length, force):
     """Twenty kg on a platform, by the file's payload, by the command's, and by a force in N."""
     metre = 1 / LENGTHS[length]
     si = cartstiff.load(platform("m", "N"))
@@ -61,7 +57,7 @@ def test_a_payload_sinks_as_far_in_all_units(length: str, force: str) -> None:
 
 
 @pytest.mark.parametrize(("length", "force"), [("mm", "kN"), ("in", "lbf")])
-def test_payload_of_the_command(length: str, force: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_payload_of_the_command(length, force, capfd):
     import json
 
     from cartstiff.cli.main import main
@@ -80,23 +76,19 @@ def test_payload_of_the_command(length: str, force: str, capfd: pytest.CaptureFi
     ("length", "gravity"),
     [("mm", 9810), ("cm", 981), ("in", 386.1), ("ft", 32.2), ("m", 9810), ("mm", 400)],
 )
-def test_gravity_in_other_units_is_refused(
-    length: str, gravity: float, refused: Callable[..., str]
-) -> None:
+def test_gravity_in_other_units_is_refused(length, gravity, refused):
     file = platform(length, "N", gravity=[0, 0, -gravity], payload="{mass: 1}")
     words = ("platform.yaml, line", "gravity", "m/s^2, whatever the units")
     refused("analyse", str(file), words=words)
 
 
 @pytest.mark.parametrize("gravity", [9.81, 1.62, 24.8, 98.1])
-def test_gravity_of_other_places_is_taken(
-    gravity: float, accepted: Callable[..., dict[str, Any]]
-) -> None:
+def test_gravity_of_other_places_is_taken(gravity, accepted):
     accepted(str(platform("mm", "N", gravity=[0, 0, -gravity], payload="{mass: 1}")))
 
 
-def test_gravity_without_mass_is_said(accepted: Callable[..., dict[str, Any]]) -> None:
-    def codes(**more: Any) -> list[str]:
+def test_gravity_without_mass_is_said(accepted):
+    def codes(**more):
         return [n["code"] for n in accepted(str(platform("m", "N", **more)))["notes"]]
 
     assert "weightless" in codes(gravity=[0, 0, -G])
@@ -109,21 +101,21 @@ def test_gravity_without_mass_is_said(accepted: Callable[..., dict[str, Any]]) -
     assert "weightless" in [n["code"] for n in accepted("arm.yaml")["notes"]]
 
 
-def test_bars_of_legs_end_where_the_legs_do() -> None:
+def test_bars_of_legs_end_where_the_legs_do():
     longer = "{stiffness: 1e5, mass: {fixed: 1, fixed_com: 1.5}}"
     with pytest.raises(InputError, match=r"leg 1 is beyond its other end.*leg's length"):
         cartstiff.load(platform("m", "N", legs=longer))
 
 
 @pytest.mark.parametrize(("moment", "doubtful"), [(0.5, True), (0.5e6, False)])
-def test_inertia_in_other_units_is_named(moment: float, doubtful: bool) -> None:
+def test_inertia_in_other_units_is_named(moment, doubtful):
     inertia = (moment * np.eye(3)).tolist()
     found = cartstiff.load(platform("mm", "N", body=f"{{mass: 5, inertia: {inertia}}}"))
     told = [n.message for n in found.notes if n.code == "doubtful-units"]
     assert any("kg and mm^2" in words for words in told) == doubtful
 
 
-def test_inertia_of_no_body_is_named(tmp_path: Path) -> None:
+def test_inertia_of_no_body_is_named(tmp_path):
     text = (
         '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="2"/>'
         '<inertia ixx="{}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'

@@ -1,7 +1,5 @@
 """Mechanism files: what is refused in one line with its place, and what must not be."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable
@@ -33,12 +31,12 @@ Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]
 
 
-def changed(old: str, new: str) -> str:
+def changed(old, new):
     assert PLATFORM.count(old) >= 1
     return PLATFORM.replace(old, new, 1)
 
 
-def place(text: str | bytes, name: str = "file.yaml") -> str:
+def place(text, name="file.yaml"):
     Path("two.urdf").write_text(URDF, encoding="utf-8")
     Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
     return name
@@ -77,7 +75,7 @@ NUMBERS = {
 
 
 @pytest.mark.parametrize("text", NUMBERS, ids=lambda t: t[:12])
-def test_bad_number_is_refused_with_line_and_key(text: str, refused: Refused) -> None:
+def test_bad_number_is_refused_with_line_and_key(text, refused):
     file = place(changed("[0, 0, 0]", f"[{text}, 0, 0]"))
     key = "key base.1: " if text == "1,5" else "key base.1.1: "
     refused("analyse", file, words=("file.yaml, line 10, ", key, NUMBERS[text]))
@@ -115,7 +113,7 @@ PLATFORMS = texts("platform files", changed) | {
 
 
 @pytest.mark.parametrize("case", PLATFORMS)
-def test_bad_platform_is_refused_with_line_and_key(case: str, refused: Refused) -> None:
+def test_bad_platform_is_refused_with_line_and_key(case, refused):
     text, words = PLATFORMS[case]
     refused("analyse", place(text), words=words)
 
@@ -129,14 +127,14 @@ ARMS = texts("arm files", changed) | {
 
 
 @pytest.mark.parametrize("case", ARMS)
-def test_bad_arm_is_refused(case: str, refused: Refused) -> None:
+def test_bad_arm_is_refused(case, refused):
     text, words = ARMS[case]
     refused("analyse", place(text), words=words)
 
 
 # -- files that are no mechanism files ------------------------------------------------------------
 
-CONTENTS: dict[str, tuple[bytes, str]] = {
+CONTENTS = {
     "empty": (b"", "file is empty"),
     "white space": (b" \n\t\r\n ", "file is empty"),
     "byte order mark": (b"\xef\xbb\xbf", "one YAML document"),
@@ -180,63 +178,63 @@ CONTENTS: dict[str, tuple[bytes, str]] = {
 
 
 @pytest.mark.parametrize("case", CONTENTS)
-def test_what_is_no_mechanism_file_is_refused(case: str, refused: Refused) -> None:
+def test_what_is_no_mechanism_file_is_refused(case, refused):
     content, words = CONTENTS[case]
     refused("analyse", place(content), words=("file.yaml", words))
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".YAML", ".URDF"])
 class TestPathsThatAreNoFiles:
-    def test_missing(self, ending: str, refused: Refused) -> None:
+    def test_missing(self, ending, refused):
         refused("analyse", f"none{ending}", words=(f"none{ending}", "No such file"))
 
-    def test_below_a_file(self, ending: str, refused: Refused) -> None:
+    def test_below_a_file(self, ending, refused):
         place("x", "here")
         refused("analyse", f"here/none{ending}", words=("Not a directory",))
 
-    def test_directory(self, ending: str, refused: Refused) -> None:
+    def test_directory(self, ending, refused):
         Path(f"folder{ending}").mkdir()
         refused("analyse", f"folder{ending}", words=(f"folder{ending}", "is a directory"))
 
-    def test_dangling_link(self, ending: str, refused: Refused) -> None:
+    def test_dangling_link(self, ending, refused):
         Path(f"link{ending}").symlink_to("nowhere")
         refused("analyse", f"link{ending}", words=(f"link{ending}", "No such file"))
 
-    def test_link_to_itself(self, ending: str, refused: Refused) -> None:
+    def test_link_to_itself(self, ending, refused):
         Path(f"loop{ending}").symlink_to(f"loop{ending}")
         refused("analyse", f"loop{ending}", words=(f"loop{ending}", "symbolic links"))
 
-    def test_pipe(self, ending: str, refused: Refused) -> None:
+    def test_pipe(self, ending, refused):
         os.mkfifo(f"pipe{ending}")
         refused("analyse", f"pipe{ending}", words=(f"pipe{ending}", "not a regular file"))
 
     @pytest.mark.parametrize("device", ["/dev/zero", "/dev/null"])
-    def test_device(self, ending: str, device: str, refused: Refused) -> None:
+    def test_device(self, ending, device, refused):
         Path(f"device{ending}").symlink_to(device)
         refused("analyse", f"device{ending}", words=(f"device{ending}", "not a regular file"))
 
-    def test_huge(self, ending: str, refused: Refused) -> None:
+    def test_huge(self, ending, refused):
         with Path(f"huge{ending}").open("wb") as file:
             file.truncate(1 << 40)
         refused("analyse", f"huge{ending}", words=(f"huge{ending}", "too large", str(1 << 40)))
 
     @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
-    def test_unreadable(self, ending: str, refused: Refused) -> None:
+    def test_unreadable(self, ending, refused):
         place("kind: serial\n", f"closed{ending}")
         Path(f"closed{ending}").chmod(0)
         refused("analyse", f"closed{ending}", words=(f"closed{ending}", "Permission denied"))
 
-    def test_name_too_long(self, ending: str, refused: Refused) -> None:
+    def test_name_too_long(self, ending, refused):
         refused("analyse", "x" * 5000 + ending, words=("File name too long",))
 
 
-def test_other_ending_is_refused(refused: Refused) -> None:
+def test_other_ending_is_refused(refused):
     refused("analyse", place(PLATFORM, "file.txt"), words=("file.txt", ".yaml"))
 
 
 # -- what must not be refused ---------------------------------------------------------------------
 
-SAME: dict[str, str | bytes] = {
+SAME = {
     "comments": "# before\n" + PLATFORM.replace("\nlegs:", "\n# between\nlegs: # behind"),
     "byte order mark": b"\xef\xbb\xbf" + PLATFORM.encode(),
     "carriage returns": PLATFORM.replace("\n", "\r\n").encode(),
@@ -255,7 +253,7 @@ SAME: dict[str, str | bytes] = {
 
 
 @pytest.mark.parametrize("case", SAME)
-def test_the_same_platform_in_other_words(case: str, accepted: Accepted) -> None:
+def test_the_same_platform_in_other_words(case, accepted):
     got, expected = accepted(place(SAME[case])), accepted("stewart-gough")
     assert got["stiffness"] == expected["stiffness"]
     assert got["wrench"] == expected["wrench"]
@@ -274,13 +272,13 @@ def test_the_same_platform_in_other_words(case: str, accepted: Accepted) -> None
         b"\xff.yaml",
     ],
 )
-def test_names_of_files(name: str | bytes, accepted: Accepted) -> None:
+def test_names_of_files(name, accepted):
     name = os.fsdecode(name)
     place(PLATFORM, name)
     assert accepted(f"./{name}")["mechanism"]["name"] == Path(name).stem
 
 
-def test_name_of_a_file_that_is_no_text_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+def test_name_of_a_file_that_is_no_text_is_printed(capfd):
     from cartstiff.cli.main import main
 
     name = os.fsdecode(b"\xff.yaml")
@@ -291,7 +289,7 @@ def test_name_of_a_file_that_is_no_text_is_printed(capfd: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize("number", ["300000", "3e5", "3.0e5", "3.0E+5", "300000.0", "0x493E0"])
-def test_ways_to_write_a_number(number: str, accepted: Accepted) -> None:
+def test_ways_to_write_a_number(number, accepted):
     springs = f"springs: {{j1: {{stiffness: {number}}}, j2: {{stiffness: 3e5}}}}\n"
     got = accepted(place(ARM + springs))
     even = accepted(place(ARM), "--stiffness", "300000")
@@ -299,7 +297,7 @@ def test_ways_to_write_a_number(number: str, accepted: Accepted) -> None:
 
 
 @pytest.mark.parametrize("model", ["two.urdf", "./two.urdf", "../folder/two.urdf", "A b/ü.URDF"])
-def test_model_paths_are_relative_to_the_file(model: str, accepted: Accepted) -> None:
+def test_model_paths_are_relative_to_the_file(model, accepted):
     folder = Path("folder")
     (folder / model).resolve().parent.mkdir(parents=True, exist_ok=True)
     folder.mkdir(exist_ok=True)
@@ -310,7 +308,7 @@ def test_model_paths_are_relative_to_the_file(model: str, accepted: Accepted) ->
     assert data["frame"] == "c"
 
 
-def test_absolute_and_linked_paths(accepted: Accepted, tmp_path: Path) -> None:
+def test_absolute_and_linked_paths(accepted, tmp_path):
     place(f"kind: serial\nmodel: {Path('two.urdf').resolve()}\n")
     (tmp_path / "link.yaml").symlink_to(Path("file.yaml").resolve())
     data = accepted(str(tmp_path / "link.yaml"))
@@ -318,7 +316,7 @@ def test_absolute_and_linked_paths(accepted: Accepted, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("position", [0.0, 0.7, -2.0])
-def test_locked_joint_is_a_fixed_joint(position: float, accepted: Accepted) -> None:
+def test_locked_joint_is_a_fixed_joint(position, accepted):
     got = accepted(place(ARM + f"locked: {{j1: {position}}}\n"), "--q", "0.4")
     fixed = URDF.replace('name="j1" type="revolute"', 'name="j1" type="fixed"').replace(
         '<origin xyz="0 0 1"/>', f'<origin xyz="0 0 1" rpy="0 0 {position}"/>'
@@ -331,7 +329,7 @@ def test_locked_joint_is_a_fixed_joint(position: float, accepted: Accepted) -> N
     assert np.allclose(got["compliance"]["B"], expected["compliance"]["B"], atol=1e-16)
 
 
-def test_anchors_aliases_and_repeated_lists_are_read_as_what_they_name(tmp_path) -> None:
+def test_anchors_aliases_and_repeated_lists_are_read_as_what_they_name(tmp_path):
     """As ordinary dumpers write them where two values are one object."""
     plain, aliased = tmp_path / "plain.yaml", tmp_path / "aliased.yaml"
     plain.write_text(PLATFORM, encoding="utf-8")
@@ -343,7 +341,7 @@ def test_anchors_aliases_and_repeated_lists_are_read_as_what_they_name(tmp_path)
     )
 
 
-def test_merged_keys_are_those_of_the_mapping_that_they_name(tmp_path) -> None:
+def test_merged_keys_are_those_of_the_mapping_that_they_name(tmp_path):
     """YAML's merge: keys that stand here count first, then those of the first mapping named."""
     path = tmp_path / "merged.yaml"
     text = changed("legs:\n", "legs:\n  <<: [{preload: 1}, {mass: {fixed: 1.0, radius: 0.1}}]\n")
@@ -362,7 +360,7 @@ def test_merged_keys_are_those_of_the_mapping_that_they_name(tmp_path) -> None:
     assert (lines[("b", "x")], lines[("b", "y")], lines[("c", "x")]) == (2, 1, 4)
 
 
-def test_mappings_that_grow_by_merging_are_refused(tmp_path) -> None:
+def test_mappings_that_grow_by_merging_are_refused(tmp_path):
     """They stay small in memory, and would take for ever."""
     names = "abcdefghijkl"
     text = "a: &a {k: 1}\n" + "".join(
@@ -374,7 +372,7 @@ def test_mappings_that_grow_by_merging_are_refused(tmp_path) -> None:
         read_yaml(_written(tmp_path, "a: &a {<<: *a, b: 1}\n"))
 
 
-def _written(folder: Path, text: str) -> Path:
+def _written(folder, text):
     path = folder / "f.yaml"
     path.write_text(text, encoding="utf-8")
     return path

@@ -1,7 +1,5 @@
 """MJCF files: what is refused, and kinematics and springs against MuJoCo itself."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable
@@ -58,7 +56,7 @@ APART = (
 def same_process(request, monkeypatch):
     """MuJoCo compiles in this process, which is quicker, but for some of the files that are bad."""
 
-    def answer(_file: str, arguments: list[Any], *_: Any) -> dict[str, Any]:
+    def answer(_file, arguments, *_):
         shown = os.dup(2)
         with Path(os.devnull).open("w") as nowhere:  # for what MuJoCo prints
             os.dup2(nowhere.fileno(), 2)
@@ -75,12 +73,12 @@ def same_process(request, monkeypatch):
         monkeypatch.setattr(mjcf, "answer_of", answer)
 
 
-def changed(old: str, new: str, count: int = 1) -> str:
+def changed(old, new, count=1):
     assert old in ARM
     return ARM.replace(old, new, count)
 
 
-def place(text: str | bytes, name: str = "arm.xml") -> str:
+def place(text, name="arm.xml"):
     Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
     return name
 
@@ -99,7 +97,7 @@ PLACES = {
 }
 
 
-def in_mujoco(text: str) -> tuple[Any, Any, Any]:
+def in_mujoco(text):
     model = mujoco.MjModel.from_xml_string(text)
     return mujoco, model, mujoco.MjData(model)
 
@@ -141,14 +139,14 @@ BAD = texts("MJCF", changed) | {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_mjcf_is_refused(case: str, refused: Refused) -> None:
+def test_bad_mjcf_is_refused(case, refused):
     text, words = BAD[case]
     refused("analyse", place(text), words=words)
 
 
 # -- what must not be refused ---------------------------------------------------------------------
 
-SAME: dict[str, str | bytes] = {
+SAME = {
     "byte order mark": b"\xef\xbb\xbf" + ARM.encode(),
     "carriage returns": ARM.replace("\n", "\r\n").encode(),
     "no names of bodies": changed(' name="a"', ""),
@@ -190,7 +188,7 @@ SAME: dict[str, str | bytes] = {
 
 
 @pytest.mark.parametrize("case", SAME)
-def test_the_same_arm_in_other_words(case: str, accepted: Accepted) -> None:
+def test_the_same_arm_in_other_words(case, accepted):
     options = ("--q", "0.3,-0.2", "--frame", "tip")
     place(ARM, "plain.xml")
     got, expected = accepted(place(SAME[case]), *options), accepted("plain.xml", *options)
@@ -198,7 +196,7 @@ def test_the_same_arm_in_other_words(case: str, accepted: Accepted) -> None:
     assert np.allclose(got["compliance"]["B"], expected["compliance"]["B"], rtol=1e-12, atol=1e-14)
 
 
-def test_includes_and_their_defaults(accepted: Accepted) -> None:
+def test_includes_and_their_defaults(accepted):
     place(ARM, "plain.xml")
     head, _ = ARM.split("<worldbody>")
     default = head[head.index("<default>") : head.rindex("</default>") + 10]
@@ -211,12 +209,12 @@ def test_includes_and_their_defaults(accepted: Accepted) -> None:
     assert got["compliance"]["B"] == expected["compliance"]["B"]
 
 
-def test_joints_without_names_get_some(accepted: Accepted) -> None:
+def test_joints_without_names_get_some(accepted):
     text = changed(' name="j2"', "").replace('"j1"', '"joint2"')
     assert accepted(place(text))["mechanism"]["joints"] == ["joint2", "joint3"]
 
 
-def test_default_classes_and_childclass() -> None:
+def test_default_classes_and_childclass():
     text = changed(BODY_A, BODY_A + ' childclass="soft"').replace(
         '<joint name="j2" class="soft"/>', '<joint name="j2"/><joint name="j3" class="main"/>'
     )
@@ -259,7 +257,7 @@ ORIENTATIONS = {
 
 @pytest.mark.parametrize("joints", JOINTS)
 @pytest.mark.parametrize("orientation", ["degrees", "radians"])
-def test_kinematics_and_springs_as_in_mujoco(joints: str, orientation: str) -> None:
+def test_kinematics_and_springs_as_in_mujoco(joints, orientation):
     compiler, turned = ORIENTATIONS[orientation]
     text = TWO.format(compiler=compiler, default="", orientation=turned, joints=JOINTS[joints])
     mujoco, model, data = in_mujoco(text)
@@ -282,7 +280,7 @@ def test_kinematics_and_springs_as_in_mujoco(joints: str, orientation: str) -> N
 
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
-def test_orientations_as_in_mujoco(orientation: str) -> None:
+def test_orientations_as_in_mujoco(orientation):
     compiler, turned = ORIENTATIONS[orientation]
     text = TWO.format(compiler=compiler, default="", orientation=turned, joints=JOINTS["hinge"])
     mujoco, model, data = in_mujoco(text)
@@ -292,7 +290,7 @@ def test_orientations_as_in_mujoco(orientation: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["ball", "free"])
-def test_ball_and_free_joints_reach_what_mujoco_reaches(kind: str) -> None:
+def test_ball_and_free_joints_reach_what_mujoco_reaches(kind):
     text = TWO.format(
         compiler="", default="", orientation="", joints=f'<joint name="j" type="{kind}"/>'
     )
@@ -324,7 +322,7 @@ def test_ball_and_free_joints_reach_what_mujoco_reaches(kind: str) -> None:
     assert np.allclose(posture.pose[:3, 3], data.body("e").xpos, atol=1e-14)
 
 
-def test_springref_is_in_degrees_unless_the_file_says_radians() -> None:
+def test_springref_is_in_degrees_unless_the_file_says_radians():
     joints = '<joint name="j" stiffness="3" springref="60"/>'
     for compiler, expected in (
         ("", np.pi / 3),
@@ -335,7 +333,7 @@ def test_springref_is_in_degrees_unless_the_file_says_radians() -> None:
         assert load(place(text)).springs.rest[0] == pytest.approx(expected, rel=1e-15)
 
 
-def test_springref_of_a_slide_is_a_length() -> None:
+def test_springref_of_a_slide_is_a_length():
     joints = '<joint name="j" type="slide" stiffness="3" springref="0.25"/>'
     text = TWO.format(compiler="", default="", orientation="", joints=joints)
     assert load(place(text)).springs.rest[0] == 0.25
@@ -366,7 +364,7 @@ def test_a_loose_thing_is_no_tool(tmp_path):
     assert len(found.names) == 3
 
 
-def test_the_base_of_a_floating_robot_is_held_until_it_is_let_go() -> None:
+def test_the_base_of_a_floating_robot_is_held_until_it_is_let_go():
     """The arm of a floating torso is that of a torso welded to the room, with one note more."""
     free = TWO.format(compiler="", default="", orientation="", joints='<joint name="j"/>')
     text = f"<mujoco><worldbody><body pos='0 0 1'>{{root}}{free.split('<worldbody>')[1]}"
@@ -382,7 +380,7 @@ def test_the_base_of_a_floating_robot_is_held_until_it_is_let_go() -> None:
     )
 
 
-def test_the_base_of_a_floating_urdf_is_held_too(tmp_path: Path) -> None:
+def test_the_base_of_a_floating_urdf_is_held_too(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(
         '<robot name="r"><link name="room"/><link name="torso"/><link name="hand"/>'
@@ -416,7 +414,7 @@ POSITIONS = """<actuator><position joint="a" kp="300"/><position joint="b" kp="2
 biasprm="0 -900 -3"/><motor joint="a" gear="7"/></actuator>"""
 
 
-def differences(text: str, q: list[float], force: str) -> np.ndarray:
+def differences(text, q, force):
     """Minus the derivative of one of MuJoCo's joint forces by the positions."""
     mujoco, model, data = in_mujoco(text)
     rows = []
@@ -432,7 +430,7 @@ def differences(text: str, q: list[float], force: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("own", [0, 20])
-def test_position_actuators_are_springs_on_request(own: float) -> None:
+def test_position_actuators_are_springs_on_request(own):
     text = HELD.format(root="", own=own, beside=POSITIONS)
     path = place(text)
     q = [0.2, -0.3, 0.05]
@@ -451,7 +449,7 @@ def test_position_actuators_are_springs_on_request(own: float) -> None:
     np.testing.assert_allclose(load(file).springs.stiffness, elastic.springs.stiffness)
 
 
-def test_robots_without_position_actuators_have_no_such_springs() -> None:
+def test_robots_without_position_actuators_have_no_such_springs():
     motors = '<actuator><motor joint="a"/><velocity joint="b" kv="3"/></actuator>'
     for beside in ("", motors):
         text = HELD.format(root="", own=1, beside=beside)
@@ -462,7 +460,7 @@ def test_robots_without_position_actuators_have_no_such_springs() -> None:
 
 
 @pytest.mark.parametrize("length", ["0.3", "0 0.3", "0 5", "-1"])
-def test_straight_tendons_are_lines(length: str) -> None:
+def test_straight_tendons_are_lines(length):
     """Spring force and its derivative at the joints, taut and slack, are those of MuJoCo."""
     tendon = (
         f'<tendon><spatial name="t" stiffness="700" springlength="{length}">'
@@ -482,7 +480,7 @@ def test_straight_tendons_are_lines(length: str) -> None:
     assert (length == "0 5") == (not data.qfrc_spring.any())
 
 
-def test_a_free_body_on_tendons_is_not_held() -> None:
+def test_a_free_body_on_tendons_is_not_held():
     tendons = "".join(
         f'<spatial stiffness="700"><site site="{a}"/><site site="{b}"/></spatial>'
         for a, b in (("post", "tip"), ("post", "torso_site"))

@@ -1,7 +1,5 @@
 """What a user may get wrong with robots, units, ranges, collisions, maps: one clear line each."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.inputs.refusals import rows

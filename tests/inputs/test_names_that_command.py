@@ -1,7 +1,5 @@
 """Names that command a terminal or turn the direction of text are shown as their escapes."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re
@@ -60,7 +58,7 @@ def arm(tmp_path, monkeypatch):
     return "arm.yaml"
 
 
-def harmless(text: str) -> bool:
+def harmless(text):
     """Nothing that a terminal obeys, nothing that turns the direction of text."""
     return not [c for c in text if c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cf")]
 

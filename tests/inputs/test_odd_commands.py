@@ -1,7 +1,5 @@
 """Odd files, counts and streams end in one line, not in a hang or an internal error."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,30 +1,25 @@
 """Trees of parallel machines: what does not act on the chosen frame is named before the answer."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.notes import Note
 
 CRANK, ROD = 0.2, 0.4
 
 
-def joint(name: str, parent: str, child: str, xyz: str, axis: str, yaw: float = 0.0) -> str:
+def joint(name, parent, child, xyz, axis, yaw=0.0):
     return (
         f'<link name="{child}"/><joint name="{name}" type="continuous"><parent link="{parent}"/>'
         f'<child link="{child}"/><origin xyz="{xyz}" rpy="0 0 {yaw}"/><axis xyz="{axis}"/></joint>'
     )
 
 
-def delta(extra: str = "", rods: Sequence[float] = (ROD, ROD, ROD)) -> str:
+def delta(extra="", rods=(ROD, ROD, ROD)):
     """A delta as drawing programs export it: the platform hangs on the first leg alone."""
     parts = ['<robot name="machine"><link name="base"/>']
     for i, rod in enumerate(rods):
@@ -38,26 +33,26 @@ def delta(extra: str = "", rods: Sequence[float] = (ROD, ROD, ROD)) -> str:
     return "".join(parts)
 
 
-def transmissions(*names: str) -> str:
+def transmissions(*names):
     return "".join(
         f'<transmission name="of_{n}"><type>x</type><joint name="{n}"/></transmission>'
         for n in names
     )
 
 
-def springs(*names: str) -> str:
+def springs(*names):
     return "".join(
         f'<gazebo reference="{n}"><springStiffness>900</springStiffness></gazebo>' for n in names
     )
 
 
-def notes_of(text: str, code: str, tmp_path: Path) -> list[Note]:
+def notes_of(text, code, tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(text)
     return [note for note in cartstiff.load(path).notes if note.code == code]
 
 
-def test_legs_beside_that_of_the_frame_are_named(tmp_path: Path) -> None:
+def test_legs_beside_that_of_the_frame_are_named(tmp_path):
     (note,) = notes_of(delta(), "open-loops", tmp_path)
     beside = [f"{kind}_{leg}" for leg in (1, 2) for kind in ("motor", "elbow", "swing")]
     assert note.values == {"frame": "platform", "joints": beside}
@@ -67,7 +62,7 @@ def test_legs_beside_that_of_the_frame_are_named(tmp_path: Path) -> None:
     )
 
 
-def test_springs_beside_the_chain_are_counted(tmp_path: Path) -> None:
+def test_springs_beside_the_chain_are_counted(tmp_path):
     text = delta(springs("motor_0", "motor_1", "motor_2"))
     (note,) = notes_of(text, "idle-springs", tmp_path)
     assert note.message == (
@@ -82,9 +77,7 @@ def test_springs_beside_the_chain_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("driven", [["motor_1"], ["motor_0", "motor_1"]])
-def test_actuators_beside_a_chain_that_has_too_few_are_named(
-    driven: list[str], tmp_path: Path
-) -> None:
+def test_actuators_beside_a_chain_that_has_too_few_are_named(driven, tmp_path):
     # Rods of different lengths: nothing but the actuators tells.
     unequal = delta(transmissions(*driven), rods=(0.4, 0.5))
     (note,) = notes_of(unequal, "open-loops", tmp_path)
@@ -127,14 +120,14 @@ SECOND_ARM = "".join(
     ],
     ids=["gripper", "head", "wheels", "second arm", "differential"],
 )
-def test_arms_are_not_doubted(beside: str, tmp_path: Path) -> None:
+def test_arms_are_not_doubted(beside, tmp_path):
     text = f'<robot name="arm"><link name="base"/>{ARM}<link name="tool0"/><joint name="f" '
     text += 'type="fixed"><parent link="l3"/><child link="tool0"/></joint>' + beside + "</robot>"
     for code in ("open-loops", "idle-springs"):
         assert not notes_of(text, code, tmp_path)
 
 
-def test_a_tree_with_open_loops_answers_for_one_leg_and_says_so() -> None:
+def test_a_tree_with_open_loops_answers_for_one_leg_and_says_so():
     """Of a five-bar linkage: the tip on both cranks, and on two sprung hinges of one arm."""
     robots = Path(cartstiff.__file__).parents[2] / "robots"
     closed = answer("analyse", robots / "five-bar.yaml")
@@ -162,7 +155,7 @@ def test_a_tree_with_open_loops_answers_for_one_leg_and_says_so() -> None:
     assert run(*words).startswith("'tip' is at the end of one of 2 equal chains")
 
 
-def elbow_of(q: Mapping[str, float]) -> Any:
+def elbow_of(q):
     """The elbow of the left arm."""
     a = q["left_motor"]
     return np.array([-0.15 + 0.25 * cos(a), 0.25 * sin(a)])

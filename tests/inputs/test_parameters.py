@@ -1,9 +1,6 @@
 """Parameters of mechanism files: their arithmetic against Python's, their refusals, and --set."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +23,7 @@ legs: {stiffness: =k}
 
 
 @pytest.fixture
-def tripod(tmp_path: Path) -> Path:
+def tripod(tmp_path):
     """Three legs to a point over the middle of an equilateral triangle."""
     path = tmp_path / "tripod.yaml"
     path.write_text(FILE, encoding="utf-8")
@@ -34,7 +31,7 @@ def tripod(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("r", "given"), [(0.25, None), (0.4, {"r": 0.4})])
-def test_numbers_follow_from_the_parameters(tripod: Path, r: float, given: dict | None) -> None:
+def test_numbers_follow_from_the_parameters(tripod, r, given):
     """The tripod's stiffness by hand: k (3/2 sin^2, 3/2 sin^2, 3 cos^2) of the leg's angle."""
     elastic = cartstiff.load(tripod, parameters=given)
     h, k = 2 * r, 4e3 * r**2 / (2 * r)
@@ -62,7 +59,7 @@ texts = st.recursive(
 
 @settings(max_examples=60)
 @given(text=texts)
-def test_arithmetic_is_that_of_python(text: str) -> None:
+def test_arithmetic_is_that_of_python(text):
     names = {
         "x": 0.7,
         "y": -1.3,
@@ -113,12 +110,12 @@ def test_arithmetic_is_that_of_python(text: str) -> None:
         "9" * 500,
     ],
 )
-def test_what_is_no_arithmetic_is_refused(text: str) -> None:
+def test_what_is_no_arithmetic_is_refused(text):
     with pytest.raises(InputError, match=r"(arithmetic|unknown function).* here|here: "):
         Expression(text, "here")
 
 
-def test_parameters_may_need_each_other_in_a_long_row(tripod: Path) -> None:
+def test_parameters_may_need_each_other_in_a_long_row(tripod):
     """Each is one more than the next, which is written after it: the first is their number."""
     row = ", ".join(f"p{i}: =p{i + 1}+1" for i in range(1999))
     tripod.write_text(FILE.replace("{r: 0.25", f"{{r: =p0/8000, {row}, p1999: 1"), encoding="utf-8")
@@ -143,7 +140,7 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("case", REFUSALS)
-def test_refusals_name_the_place(tripod: Path, case: str) -> None:
+def test_refusals_name_the_place(tripod, case):
     old, new, where, what = REFUSALS[case]
     text = FILE.replace(old, new)
     if case == "list":
@@ -171,7 +168,7 @@ def test_what_is_set_is_known_and_told(tripod):
         cartstiff.load(tripod, parameters={"r": math.nan})
 
 
-def test_counts_and_xacro_arguments_may_be_arithmetic(tmp_path: Path) -> None:
+def test_counts_and_xacro_arguments_may_be_arithmetic(tmp_path):
     """What is a whole number can stand where a count stands."""
     arm = (
         "<robot name='a'><link name='b'/><link name='l'/><link name='t'/>"

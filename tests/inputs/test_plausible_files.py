@@ -1,9 +1,5 @@
 """What a file says that a person can hardly mean is named; what cannot act is refused."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -33,7 +29,7 @@ BEAM = "{E: 2.1e11, G: 8.0e10, length: 0.4, area: 0.001, Iy: 1.0e-6, Iz: 1.0e-6,
 ON_FOREARM = f"flexible: {{forearm_link: {{beam: {BEAM}}}}}\n"
 
 
-def notes(folder: Path, text: str) -> dict[str, str]:
+def notes(folder, text):
     path = folder / "made.yaml"
     path.write_text(text, encoding="utf-8")
     return {note.code: note.message for note in cartstiff.load(path).notes}

@@ -1,7 +1,5 @@
 """What belongs to the process, and not to a call: its streams, its umask."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

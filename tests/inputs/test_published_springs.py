@@ -17,7 +17,7 @@ KLIMCHIK = "kuka-kr270/klimchik-2013"
 PRINTED = (0.302, 0.406, 3.002, 3.303, 2.365)
 
 
-def notes_of(data: dict) -> dict:
+def notes_of(data):
     return {note["code"]: note for note in data["notes"]}
 
 

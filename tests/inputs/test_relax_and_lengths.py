@@ -1,7 +1,5 @@
 """Two ways to a posture: the self-motion settles, or the leg lengths say where the platform is."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -20,7 +18,7 @@ BALANCED = 1e-8
 LINKS = 7
 
 
-def _arm() -> str:
+def _arm():
     """Seven revolutes with alternating axes."""
     parts = ['<robot name="seven">', '<link name="l0"/>']
     for i in range(LINKS):

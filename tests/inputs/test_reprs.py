@@ -1,7 +1,5 @@
 """Results cannot be changed behind what they print, and show themselves in a few lines."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Xacro files, packages, names of robot_descriptions, XML text."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

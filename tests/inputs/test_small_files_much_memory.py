@@ -1,7 +1,5 @@
 """Small files that would take much memory or time are refused before they do, in one line."""
 
-from __future__ import annotations
-
 import json
 import re
 import resource
@@ -22,7 +20,7 @@ SOURCE = str(Path(cartstiff.__file__).parents[1])
 ROOM = 3 * 1024**3
 
 
-def _chain(kind: str, count: int) -> str:
+def _chain(kind, count):
     head = "".join(
         f'<body name="b{i}" pos="0 0 .1"><joint name="j{i}" type="{kind}"/><geom size=".1"/>'
         for i in range(count)
@@ -30,7 +28,7 @@ def _chain(kind: str, count: int) -> str:
     return f"<mujoco><worldbody>{head}{'</body>' * count}</worldbody></mujoco>"
 
 
-def _links(kind: str, count: int) -> str:
+def _links(kind, count):
     parts = "".join(
         f'<link name="l{i + 1}"/><joint name="j{i}" type="{kind}"><parent link="l{i}"/>'
         f'<child link="l{i + 1}"/><origin xyz="0 0 .1"/></joint>'
@@ -39,7 +37,7 @@ def _links(kind: str, count: int) -> str:
     return f'<robot name="r"><link name="l0"/>{parts}</robot>'
 
 
-def _tied(count: int) -> str:
+def _tied(count):
     bodies = "".join(
         f'<body name="b{i}" pos="{i} 0 .1"><joint name="j{i}"/><geom size=".1"/></body>'
         for i in range(60)
@@ -177,7 +175,7 @@ def test_the_limits_are_those_of_the_reference():
         assert str(int(value)) in digits or digits.startswith(str(int(value))), words
 
 
-def _meshes(folder: Path) -> list[Path]:
+def _meshes(folder):
     found = {
         "m.off": b"OFF\n1000000000 1 0\n0 0 0\n",
         "c.off": b"OFF # x\n# y\n 7 900000000 0\n",

@@ -1,7 +1,5 @@
 """URDF files: what is refused, what must not be, and every robot of example-robot-data."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable
@@ -20,7 +18,7 @@ Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]
 
 
-def joint(name: str, parent: str, child: str, axis: str = "0 0 1", kind: str = "revolute") -> str:
+def joint(name, parent, child, axis="0 0 1", kind="revolute"):
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="0.1 0.2 0.3" rpy="0.3 0.1 -0.2"/><axis xyz="{axis}"/>'
@@ -39,18 +37,18 @@ ARM = (
 )
 
 
-def changed(old: str, new: str, count: int = 1, text: str = ARM) -> str:
+def changed(old, new, count=1, text=ARM):
     assert old in text
     return text.replace(old, new, count)
 
 
-def mimic(joint: str, inside: str) -> str:
+def mimic(joint, inside):
     return changed(
         f'<joint name="{joint}" type="revolute">', f'<joint name="{joint}" type="revolute">{inside}'
     )
 
 
-def chain(n: int, kind: str = "revolute") -> str:
+def chain(n, kind="revolute"):
     links = "".join(f'<link name="l{i}"/>' for i in range(n + 1))
     return (
         f'<robot name="r">{links}'
@@ -59,7 +57,7 @@ def chain(n: int, kind: str = "revolute") -> str:
     )
 
 
-def place(text: str | bytes, name: str = "arm.urdf") -> str:
+def place(text, name="arm.urdf"):
     Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
     return name
 
@@ -120,14 +118,14 @@ BAD = texts("URDF", changed) | {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_urdf_is_refused(case: str, refused: Refused) -> None:
+def test_bad_urdf_is_refused(case, refused):
     text, words = BAD[case]
     refused("analyse", place(text), words=words)
 
 
 # -- what must not be refused ---------------------------------------------------------------------
 
-SAME: dict[str, str | bytes] = {
+SAME = {
     "byte order mark": b"\xef\xbb\xbf" + ARM.encode(),
     "declaration": '<?xml version="1.0" encoding="utf-8"?>\n<!-- arm -->\n' + ARM,
     "carriage returns": ARM.replace("\n", "\r\n").encode(),
@@ -168,7 +166,7 @@ SAME: dict[str, str | bytes] = {
 
 
 @pytest.mark.parametrize("case", SAME)
-def test_the_same_arm_in_other_words(case: str, accepted: Accepted) -> None:
+def test_the_same_arm_in_other_words(case, accepted):
     place(ARM, "plain.urdf")
     options = ("--q", "0.3,-0.2,0.5", "--frame", "d", "--stiffness", "100")
     got, expected = accepted(place(SAME[case]), *options), accepted("plain.urdf", *options)
@@ -178,18 +176,18 @@ def test_the_same_arm_in_other_words(case: str, accepted: Accepted) -> None:
 
 
 @pytest.mark.parametrize("name", ["a b.urdf", "робот.urdf", "ARM.URDF", "arm.xml", b"\xff.urdf"])
-def test_names_of_files(name: str | bytes, accepted: Accepted) -> None:
+def test_names_of_files(name, accepted):
     assert accepted(place(ARM, os.fsdecode(name)))["mechanism"]["joints"] == ["j1", "j2", "j3"]
 
 
-def test_names_of_links_and_joints(accepted: Accepted) -> None:
+def test_names_of_links_and_joints(accepted):
     text = ARM.replace('"d"', '"Greifer für 六足 &amp; &lt;x&gt;"').replace('"j3"', '"j 3"')
     data = accepted(place(text), "--q", "j 3=0.5")
     assert data["frame"] == "Greifer für 六足 & <x>"
     assert data["q"] == [0, 0, 0.5]
 
 
-def test_what_is_no_urdf_is_named(accepted: Accepted) -> None:
+def test_what_is_no_urdf_is_named(accepted):
     text = changed(AXIS, f"{AXIS}<friction/>").replace(
         '"a"/>', '"a"><pose>1 0 0 0 0 0</pose></link>', 1
     )
@@ -197,13 +195,13 @@ def test_what_is_no_urdf_is_named(accepted: Accepted) -> None:
     assert note["values"]["elements"] == ["<friction> in <joint>", "<pose> in <link>"]
 
 
-def test_a_remark_between_tags_is_named(accepted: Accepted) -> None:
+def test_a_remark_between_tags_is_named(accepted):
     text = changed(AXIS, AXIS + " the first one ")
     (note,) = (n for n in accepted(place(text), "--frame", "d")["notes"] if n["code"] == "ignored")
     assert note["values"]["elements"] == ["text 'the first one' in <joint>"]
 
 
-def test_frame_is_a_link_where_a_joint_elsewhere_has_its_name(accepted: Accepted) -> None:
+def test_frame_is_a_link_where_a_joint_elsewhere_has_its_name(accepted):
     at = ("--q", "0.3,-0.2,0.5", "--frame", "d", "--stiffness", "100")
     expected = accepted(place(ARM, "plain.urdf"), *at)
     got = accepted(place(ARM.replace('"j1"', '"d"')), *at)
@@ -213,7 +211,7 @@ def test_frame_is_a_link_where_a_joint_elsewhere_has_its_name(accepted: Accepted
     assert "ambiguous-frame" not in [note["code"] for note in expected["notes"]]
 
 
-def test_planar_joint_moves_across_its_axis(accepted: Accepted) -> None:
+def test_planar_joint_moves_across_its_axis(accepted):
     axis = np.array([1.0, -2.0, 0.5])
     text = changed('name="j3" type="revolute"', 'name="j3" type="planar"').replace(
         '<axis xyz="1 0 0"/>', '<axis xyz="1 -2 0.5"/>'
@@ -230,14 +228,14 @@ def test_planar_joint_moves_across_its_axis(accepted: Accepted) -> None:
 
 
 @pytest.mark.parametrize("name", ["universe", "world", "root_joint", "c"])
-def test_names_that_pinocchio_uses_too(name: str, accepted: Accepted) -> None:
+def test_names_that_pinocchio_uses_too(name, accepted):
     expected = accepted(place(ARM), "--frame", "d")["pose"]
     assert np.allclose(
         accepted(place(ARM.replace('"j2"', f'"{name}"')), "--frame", "d")["pose"], expected
     )
 
 
-def test_continuous_joint_is_a_revolute_without_limits(accepted: Accepted) -> None:
+def test_continuous_joint_is_a_revolute_without_limits(accepted):
     at = ("--q", "0.3,2.9,0.5", "--frame", "d")
     expected = accepted(place(ARM), *at)
     got = accepted(place(ARM.replace("revolute", "continuous")), *at)
@@ -246,7 +244,7 @@ def test_continuous_joint_is_a_revolute_without_limits(accepted: Accepted) -> No
         assert np.allclose(got[key], expected[key], atol=1e-14)
 
 
-def test_prismatic_joint_slides(accepted: Accepted) -> None:
+def test_prismatic_joint_slides(accepted):
     text = changed('name="j1" type="revolute"', 'name="j1" type="prismatic"')
     zero, one = (
         np.array(accepted(place(text), "--q", f"{x},0,0", "--frame", "d")["pose"]) for x in (0, 1)
@@ -260,9 +258,7 @@ def test_prismatic_joint_slides(accepted: Accepted) -> None:
 
 
 @pytest.mark.parametrize(("factor", "offset"), [(1.0, 0.0), (-2.0, 0.3), (0.5, -0.1), (0.0, 0.2)])
-def test_mimic_joint_moves_as_the_same_arm_without_mimic(
-    factor: float, offset: float, accepted: Accepted
-) -> None:
+def test_mimic_joint_moves_as_the_same_arm_without_mimic(factor, offset, accepted):
     tag = f'<mimic joint="j1" multiplier="{factor}" offset="{offset}"/>'
     q1, q2 = 0.4, -0.7
     got = accepted(place(mimic("j3", tag)), "--q", f"{q1},{q2}", "--frame", "d")
@@ -274,7 +270,7 @@ def test_mimic_joint_moves_as_the_same_arm_without_mimic(
     assert np.allclose(got["jacobian"], expected, atol=1e-14)
 
 
-def test_mimic_of_a_mimic(accepted: Accepted) -> None:
+def test_mimic_of_a_mimic(accepted):
     text = mimic("j3", '<mimic joint="j2" multiplier="2" offset="0.1"/>').replace(
         '"j2" type="revolute">',
         '"j2" type="revolute"><mimic joint="j1" multiplier="-1" offset="0.2"/>',
@@ -284,14 +280,14 @@ def test_mimic_of_a_mimic(accepted: Accepted) -> None:
     assert np.allclose(got["pose"], plain["pose"], atol=1e-14)
 
 
-def test_mimic_of_a_joint_that_is_not_there_is_free_and_said(accepted: Accepted) -> None:
+def test_mimic_of_a_joint_that_is_not_there_is_free_and_said(accepted):
     got = accepted(place(mimic("j3", '<mimic joint="nobody"/>')), "--frame", "d")
     assert got["mechanism"]["joints"] == ["j1", "j2", "j3"]
     assert "mimic-ignored" in [note["code"] for note in got["notes"]]
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-def test_mimic_of_a_fixed_joint_stands_at_its_offset(kind: str, accepted: Accepted) -> None:
+def test_mimic_of_a_fixed_joint_stands_at_its_offset(kind, accepted):
     free = changed('name="j3" type="revolute"', f'name="j3" type="{kind}"')
     tied = free.replace('name="j2" type="revolute"', 'name="j2" type="fixed"').replace(
         f'"j3" type="{kind}">',
@@ -303,12 +299,12 @@ def test_mimic_of_a_fixed_joint_stands_at_its_offset(kind: str, accepted: Accept
     assert np.allclose(got["pose"], plain["pose"], atol=1e-14)
 
 
-def test_long_chain_of_fixed_joints(accepted: Accepted) -> None:
+def test_long_chain_of_fixed_joints(accepted):
     text = chain(1000, "fixed").replace('type="fixed"', 'type="revolute"', 1)
     assert accepted(place(text))["mechanism"]["joints"] == ["j0"]
 
 
-def test_hundred_moving_joints(accepted: Accepted) -> None:
+def test_hundred_moving_joints(accepted):
     data = accepted(place(chain(100)))
     assert np.isfinite(data["compliance"]["B"]).all()
 
@@ -319,7 +315,7 @@ MOVES = re.compile(r"type=.(revolute|continuous|prismatic|floating|planar)\b")
 ROBOTS = [name for name, path in example_robots().items() if path is not None]
 
 
-def check_finite(data: dict[str, Any]) -> None:
+def check_finite(data):
     assert np.isfinite(data["pose"]).all()
     for group in ("stiffness", "compliance"):
         assert set(data[group]) == {"A", "B", "K", "F"}
@@ -332,7 +328,7 @@ def check_finite(data: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", bundled_files())
-def test_bundled_mechanism(name: str, accepted: Accepted) -> None:
+def test_bundled_mechanism(name, accepted):
     data = accepted(name)
     check_finite(data)
     rng = np.random.default_rng(7)
@@ -344,7 +340,7 @@ def test_bundled_mechanism(name: str, accepted: Accepted) -> None:
 
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data is not installed")
 @pytest.mark.parametrize("name", ROBOTS)
-def test_example_robot_at_a_random_posture(name: str, accepted: Accepted, refused: Refused) -> None:
+def test_example_robot_at_a_random_posture(name, accepted, refused):
     path = example_robots()[name]
     if path is None or not path.is_file():
         refused("analyse", name, words=(name,))
@@ -360,17 +356,17 @@ def test_example_robot_at_a_random_posture(name: str, accepted: Accepted, refuse
     check_finite(data)
 
 
-def test_unknown_example_robot(refused: Refused) -> None:
+def test_unknown_example_robot(refused):
     refused("analyse", "ur55", words=("unknown mechanism", "ur5", "'ur55'"))
 
 
-def test_robot_without_description(refused: Refused) -> None:
+def test_robot_without_description(refused):
     without = [name for name, path in example_robots().items() if path is None]
     for name in without:
         refused("analyse", name, words=(name,))
 
 
-def test_reading_is_an_input_error_in_python_too() -> None:
+def test_reading_is_an_input_error_in_python_too():
     with pytest.raises(InputError, match="zero axis"):
         cartstiff.load(place(changed(AXIS, '<axis xyz="0 0 0"/>')))
 
@@ -378,7 +374,7 @@ def test_reading_is_an_input_error_in_python_too() -> None:
 # -- the frame that is taken where none is named --------------------------------------------------
 
 
-def hand(*more: str) -> str:
+def hand(*more):
     """The arm with a hand of two fingers on link d, and further links fixed to d."""
     fingers = (
         '<link name="hand"/>'
@@ -403,9 +399,7 @@ def hand(*more: str) -> str:
         (("coffee", "settcp2"), "settcp2"),
     ],
 )
-def test_default_frame_is_a_tool_before_fingers_and_sensors(
-    links: tuple[str, ...], frame: str, accepted: Accepted
-) -> None:
+def test_default_frame_is_a_tool_before_fingers_and_sensors(links, frame, accepted):
     data = accepted(place(hand(*links)))
     assert data["frame"] == frame
     assert data["mechanism"]["joints"] == ["j1", "j2", "j3"]
@@ -413,7 +407,7 @@ def test_default_frame_is_a_tool_before_fingers_and_sensors(
     assert note["values"]["frame"] == frame
 
 
-def test_a_hand_alone_is_all_fingers(accepted: Accepted) -> None:
+def test_a_hand_alone_is_all_fingers(accepted):
     text = ARM.replace('"j3"', '"finger_tip"').replace('"j1"', '"finger_base"')
     assert accepted(place(text))["frame"] == "d"
 
@@ -433,7 +427,7 @@ def test_a_hand_alone_is_all_fingers(accepted: Accepted) -> None:
         ("baxter", "left_gripper"),
     ],
 )
-def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) -> None:
+def test_default_frame_of_example_robots(name, frame, tmp_path):
     from cartstiff.loading.build import default_frame
     from cartstiff.loading.robot_description import read_robot_description
 

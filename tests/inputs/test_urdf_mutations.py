@@ -1,11 +1,7 @@
 """URDF files with one thing changed: read as Pinocchio reads the file itself, or refused."""
 
-from __future__ import annotations
-
 import copy
 import xml.etree.ElementTree as ET
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -48,7 +44,7 @@ EVERYTHING = """<robot name="everything" version="1.1">
 PLANE = " plane"
 
 
-def for_pinocchio(text: str) -> str:
+def for_pinocchio(text):
     """The same robot with every planar joint across its z axis, which is what Pinocchio takes."""
     root = ET.fromstring(text.encode())
     for joint in root.findall("joint"):
@@ -78,7 +74,7 @@ def for_pinocchio(text: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def check_against_pinocchio(path: Path, rng: np.random.Generator, capfd: Any) -> bool:
+def check_against_pinocchio(path, rng, capfd):
     """Compare with Pinocchio's reading of the file itself; False where that refuses the file."""
     capfd.readouterr()
     description = read_robot_description(path)
@@ -125,8 +121,8 @@ def check_against_pinocchio(path: Path, rng: np.random.Generator, capfd: Any) ->
     data = model.createData()
     pin.framesForwardKinematics(model, data, theirs)
     state = tree.at(q)
-    frames: dict[str, Any] = {}
-    planes: dict[str, Any] = {}
+    frames = {}
+    planes = {}
     for kind in (pin.FrameType.BODY, None):
         for index, frame in enumerate(model.frames):
             if PLANE in frame.name:
@@ -167,7 +163,7 @@ SLIPS = {"origin": "orgin", "axis": "axes", "limit": "limits", "inertial": "iner
 NUMBERS = {"xyz", "rpy", "quat_xyzw", "lower", "upper", "value", "multiplier", "offset"}
 
 
-def mutated(root: ET.Element, rng: np.random.Generator) -> ET.Element:
+def mutated(root, rng):
     """A copy with one thing changed: of what bears on statics, in a random place."""
     root = copy.deepcopy(root)
     parts = {"joint", "link", "inertial", "origin", "axis", "limit", "mimic", "mass"} | {
@@ -217,7 +213,7 @@ def mutated(root: ET.Element, rng: np.random.Generator) -> ET.Element:
     return root
 
 
-def sources() -> dict[str, str]:
+def sources():
     found = {"everything": EVERYTHING}
     folder = next(iter(bundled_files().values())).parent
     found |= {p.stem: p.read_text(encoding="utf-8") for p in sorted(folder.glob("*.urdf"))}
@@ -232,7 +228,7 @@ SOURCES = sources()
 
 
 @pytest.mark.parametrize("name", SOURCES)
-def test_read_as_pinocchio_reads_it_or_refused(name: str, tmp_path: Path, capfd: Any) -> None:
+def test_read_as_pinocchio_reads_it_or_refused(name, tmp_path, capfd):
     rng = np.random.default_rng(sum(name.encode()))
     path = tmp_path / "robot.urdf"
     path.write_text(SOURCES[name], encoding="utf-8")

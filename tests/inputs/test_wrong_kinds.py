@@ -1,7 +1,5 @@
 """Objects of another kind than a function takes, and points out of reach: refused in one line."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np
@@ -157,7 +155,7 @@ SHARED = (
 )
 
 
-def public_functions() -> dict[str, list[str]]:
+def public_functions():
     """Names of the parameters of every function of the package."""
     values = {name: getattr(cartstiff, name) for name in cartstiff.__all__}
     return {

@@ -1,7 +1,5 @@
 """A planar arm of three revolute joints, with its kinematics and compliance written out by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from tests.support import translation
@@ -15,7 +13,7 @@ LENGTHS = np.array([0.5, 0.4, 0.2])
 STIFFNESS = np.array([900.0, 700.0, 300.0])
 
 
-def arm(limits: float | np.ndarray = np.pi, lengths: np.ndarray = LENGTHS) -> ElasticMechanism:
+def arm(limits=np.pi, lengths=LENGTHS):
     """The arm in the plane z = 0; limits are +- these."""
     model = pin.Model()
     model.name = "planar"
@@ -42,7 +40,7 @@ def arm(limits: float | np.ndarray = np.pi, lengths: np.ndarray = LENGTHS) -> El
     return ElasticMechanism("planar", chain, np.array([0.3, 0.8, -0.4]), springs)
 
 
-def positions(q: np.ndarray) -> np.ndarray:
+def positions(q):
     """Places (..., 4, 2) of the joints and of the tip."""
     heading = np.cumsum(q, axis=-1)
     links = LENGTHS[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
@@ -50,7 +48,7 @@ def positions(q: np.ndarray) -> np.ndarray:
     return np.concatenate([zero, np.cumsum(links, axis=-2)], axis=-2)
 
 
-def inverse(x: float, y: float, yaw: np.ndarray) -> np.ndarray:
+def inverse(x, y, yaw):
     """Both postures (..., 2, 3) at a pose, NaN where out of reach; angles in [-pi, pi]."""
     yaw = np.asarray(yaw, float)
     a, b, c = LENGTHS
@@ -66,27 +64,27 @@ def inverse(x: float, y: float, yaw: np.ndarray) -> np.ndarray:
     return q - 2 * np.pi * np.round(q / (2 * np.pi))
 
 
-def jacobian(q: np.ndarray) -> np.ndarray:
+def jacobian(q):
     """Rows yaw, x, y in the axes of F: (..., 3, 3)."""
     p = positions(q)
     arm_of = p[..., 3:, :] - p[..., :3, :]
     return np.stack([np.ones(q.shape), -arm_of[..., 1], arm_of[..., 0]], axis=-2)
 
 
-def deflection(q: np.ndarray, force: np.ndarray) -> np.ndarray:
+def deflection(q, force):
     """Displacement of the tip (...,) under a small force (2,) in the plane, in F."""
     J = jacobian(q)[..., 1:, :]
     moved = np.einsum("...ij,j,...kj,...k->...i", J, 1 / STIFFNESS, J, np.asarray(force, float))
     return np.linalg.norm(moved, axis=-1)
 
 
-def ratio(q: np.ndarray, length: float) -> np.ndarray:
+def ratio(q, length):
     """Smallest over largest singular value, lengths in units of `length`."""
     values = np.linalg.svd(jacobian(q) / np.array([1.0, length, length])[:, None], compute_uv=False)
     return values[..., 2] / values[..., 0]
 
 
-def poses(points: np.ndarray, yaw: float | np.ndarray = 0.0) -> np.ndarray:
+def poses(points, yaw=0.0):
     """Poses (m, 4, 4) at points (m, 2) of the plane."""
     xyz = np.column_stack([points, np.zeros(len(points))])
     angles = np.zeros((len(points), 3))

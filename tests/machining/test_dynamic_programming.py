@@ -1,7 +1,5 @@
 """Dynamic programming against trying every way."""
 
-from __future__ import annotations
-
 from itertools import pairwise, product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Inverse kinematics against closed forms, Pinocchio's forward kinematics, and what must hold."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.machining import planar
@@ -21,7 +19,7 @@ needs_robots = pytest.mark.skipif(not example_robots(), reason="example robots a
 D1, A2, A3, D4, D5, D6 = 0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823
 
 
-def ur5_branches(T: np.ndarray) -> tuple[int, float]:
+def ur5_branches(T):
     """How many postures a UR5 has at a pose of its flange, and the distance to where that changes.
 
     The wrist's centre lies D4 aside of the arm's plane: two planes. In each, the flange's axis

@@ -1,7 +1,5 @@
 """Where to put the workpiece: against brute force over the grid, and what is said of the rest."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paths of best stiffness: against brute force on closed forms, the engine, and what must hold."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.machining import planar

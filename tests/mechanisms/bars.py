@@ -1,10 +1,5 @@
 """A bar of length 1 along x between two hinges about y, as a URDF and a mechanism file."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 from tests.mechanisms.machines import write_file
 
 from cartstiff import load
@@ -22,17 +17,15 @@ SECTION = {"E": 2e11, "G": 8e10, "area": 1e-2, "Iy": 1e-9, "Iz": 2e-9, "J": 2e-9
 EI = 200.0
 
 
-def bar(
-    folder: Path, segments: int | None = None, *, hinged: tuple[str, ...] = (), **section: float
-) -> Any:
+def bar(folder, segments=None, *, hinged=(), **section):
     """The bar, clamped at its foot; the hinges named turn freely, the others are locked."""
-    beam: dict[str, Any] = {**SECTION, "length": 1.0, **section}
+    beam = {**SECTION, "length": 1.0, **section}
     if segments is not None:
         beam["segments"] = segments
     return load_bar(folder, {"beam": beam}, hinged)
 
 
-def load_bar(folder: Path, give: dict[str, Any], hinged: tuple[str, ...] = ()) -> Any:
+def load_bar(folder, give, hinged=()):
     """The same with any entry under `flexible`."""
     (folder / "bar.urdf").write_text(URDF, encoding="utf-8")
     locked = {name: 0.0 for name in ("foot", "end") if name not in hinged}

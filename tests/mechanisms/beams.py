@@ -4,20 +4,18 @@ Unknowns are node displacements in fixed axes, (translation, rotation). A hinge 
 element its own rotation about z at a node and shares the other five.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 
 
-def element(section: dict[str, float], length: float) -> np.ndarray:
+def element(section, length):
     """Stiffness (12, 12) of a beam along x; per end: three displacements, three rotations."""
     E, G = section["E"], section["G"]
     a, t = E * section["area"] / length, G * section["J"] / length
     K = np.zeros((12, 12))
 
-    def spring(i: int, j: int, k: float) -> None:
+    def spring(i, j, k):
         K[np.ix_([i, j], [i, j])] += k * np.array([[1, -1], [-1, 1]])
 
     spring(0, 6, a)
@@ -41,18 +39,18 @@ def element(section: dict[str, float], length: float) -> np.ndarray:
 class Frame:
     """Beams, hinges and one rigid body, assembled unknown by unknown."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.count = 6  # the body's translation and rotation come first
-        self.entries: list[tuple[np.ndarray, np.ndarray]] = []
+        self.entries = []
 
-    def new(self, n: int = 6) -> list[np.ndarray]:
+    def new(self, n=6):
         """Selection rows of n new unknowns."""
         first = self.count
         self.count += n
         return [_unit(first + i) for i in range(n)]
 
     @staticmethod
-    def on_body(arm: np.ndarray) -> list[np.ndarray]:
+    def on_body(arm):
         """Rows of a point of the body: u = u_b + r x arm, and its rotation."""
         x, y, z = arm
         turn = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
@@ -61,13 +59,13 @@ class Frame:
 
     def beam(
         self,
-        start: list[np.ndarray],
-        end: list[np.ndarray],
-        a: np.ndarray,
-        b: np.ndarray,
-        section: dict[str, float],
-        pieces: int = 1,
-    ) -> None:
+        start,
+        end,
+        a,
+        b,
+        section,
+        pieces=1,
+    ):
         """A straight beam in the x-y plane from a to b, in equal elements."""
         along = (b - a) / np.linalg.norm(b - a)
         R = np.stack([along, np.cross([0, 0, 1], along), [0, 0, 1]])
@@ -77,15 +75,15 @@ class Frame:
         for first, second in pairwise(nodes):
             self.entries.append((self._stack([*first, *second]), K))
 
-    def spring(self, row: np.ndarray, k: float) -> None:
+    def spring(self, row, k):
         self.entries.append((self._stack([row]), np.array([[k]])))
 
     @staticmethod
-    def _stack(rows: list[np.ndarray]) -> np.ndarray:
+    def _stack(rows):
         width = max(len(r) for r in rows)
         return np.array([np.pad(r, (0, width - len(r))) for r in rows])
 
-    def body_stiffness(self) -> np.ndarray:
+    def body_stiffness(self):
         """Everything else eliminated: 6x6 in fixed axes, (rotation, translation) at the origin."""
         K = np.zeros((self.count, self.count))
         for rows, k in self.entries:
@@ -100,7 +98,7 @@ class Frame:
 GROUND = np.zeros(0)
 
 
-def _unit(i: int) -> np.ndarray:
+def _unit(i):
     row = np.zeros(i + 1)
     row[i] = 1.0
     return row

@@ -1,10 +1,6 @@
 """Small machines written to files: URDF text from a few joints, mechanism files from keys."""
 
-from __future__ import annotations
-
 import io
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -13,14 +9,14 @@ Z = (0, 0, 1)
 
 
 def joint(
-    name: str,
-    parent: str,
-    child: str,
-    at: Any = (0, 0, 0),
-    axis: Any = Z,
-    kind: str = "continuous",
-    rpy: Any = (0, 0, 0),
-) -> str:
+    name,
+    parent,
+    child,
+    at=(0, 0, 0),
+    axis=Z,
+    kind="continuous",
+    rpy=(0, 0, 0),
+):
     """One joint and the link it carries."""
     limit = '<limit lower="-100" upper="100" effort="0" velocity="0"/>'
     words = [" ".join(repr(float(x)) for x in v) for v in (at, rpy, axis)]
@@ -31,7 +27,7 @@ def joint(
     )
 
 
-def masses(urdf: str, **mass: float) -> str:
+def masses(urdf, **mass):
     """The same URDF with point masses at the origins of links."""
     for link, m in mass.items():
         body = (
@@ -42,13 +38,13 @@ def masses(urdf: str, **mass: float) -> str:
     return urdf
 
 
-def write_urdf(folder: Path, *joints: str, name: str = "machine", root: str = "base") -> Path:
+def write_urdf(folder, *joints, name="machine", root="base"):
     path = folder / f"{name}.urdf"
     path.write_text(f'<robot name="{name}"><link name="{root}"/>{"".join(joints)}</robot>')
     return path
 
 
-def _plain(value: Any) -> Any:
+def _plain(value):
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -56,7 +52,7 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, (np.floating, np.integer)) else value
 
 
-def write_file(folder: Path, name: str = "machine", **content: Any) -> Path:
+def write_file(folder, name="machine", **content):
     """A mechanism file; numbers keep all their digits."""
     text = io.StringIO()
     yaml = YAML(typ="safe")
@@ -66,12 +62,12 @@ def write_file(folder: Path, name: str = "machine", **content: Any) -> Path:
     return path
 
 
-def codes(result: Any) -> list[str]:
+def codes(result):
     """Codes of a result's notes, without the chart's."""
     return [n.code for n in result.notes if n.code != "kf-undefined"]
 
 
-def note(result: Any, code: str) -> Any:
+def note(result, code):
     """The first note with a code."""
     found = [n for n in result.notes if n.code == code]
     assert found, f"{code} not among {[n.code for n in result.notes]}"

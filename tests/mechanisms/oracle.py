@@ -5,12 +5,8 @@ It is found here by Newton steps on the conditions of stationarity; only its val
 at displaced poses are used, so nothing depends on how second derivatives are formed elsewhere.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -30,13 +26,13 @@ DISPLACED = np.array([0.02, -0.03, 0.025, 0.004, -0.003, 0.005])
 _VIRTUAL = {"near_ry", "near_rz", "px", "rx", "far_rz", "far_ry"}
 
 
-def _small_twist(T: np.ndarray) -> np.ndarray:
+def _small_twist(T):
     """Zero, with unit derivative, at the identity: a twist to first order elsewhere."""
     skew = 0.5 * (T[:3, :3] - T[:3, :3].T)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0], *T[:3, 3]])
 
 
-def small_motion(x: Any) -> np.ndarray:
+def small_motion(x):
     """Exponential of a twist of at most unit size, by its series."""
     X = twist_matrix(x)
     total = term = np.eye(4)
@@ -49,16 +45,16 @@ def small_motion(x: Any) -> np.ndarray:
 class Held:
     """A mechanism whose body is held at a pose, or left free, all the rest relaxed."""
 
-    def __init__(self, elastic: Any, q: Any = None) -> None:
+    def __init__(self, elastic, q=None):
         self.elastic = elastic
         self.mechanism = elastic.mechanism
         self.q0 = np.array(elastic.q if q is None else q, float)
         self.n = self.q0.size
         self.pose0 = self.mechanism.at(self.q0).pose.copy()
-        self.frozen: dict[bool, np.ndarray] = {}
-        self.solved: dict[bytes, np.ndarray] = {}
+        self.frozen = {}
+        self.solved = {}
 
-    def _parts(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, Any]:
+    def _parts(self, q):
         """Energy, gradient, closure residual and Jacobian, and the posture."""
         posture = self.mechanism.at(q)
         parts = [term.evaluate(posture) for term in self.elastic.terms()]
@@ -68,7 +64,7 @@ class Held:
             return energy, gradient, np.zeros(0), np.zeros((0, self.n)), posture
         return energy, gradient, posture.residual, posture.closure.jacobian, posture
 
-    def _conditions(self, q: np.ndarray, target: np.ndarray | None) -> tuple[Any, ...]:
+    def _conditions(self, q, target):
         energy, g, c, D, posture = self._parts(q)
         if target is not None:
             away = _small_twist(np.linalg.inv(target) @ posture.pose)
@@ -76,14 +72,14 @@ class Held:
             D = np.concatenate([D, -posture.motion.jacobian])
         return energy, g, c, D
 
-    def _curvature(self, with_pose: bool) -> np.ndarray:
+    def _curvature(self, with_pose):
         """Hessian of the Lagrangian at the start, by differences: only steers the iteration."""
         if with_pose not in self.frozen:
             target = self.pose0 if with_pose else None
             _, g, _, D = self._conditions(self.q0, target)
             mu = np.linalg.lstsq(D.T, -g, rcond=1e-10)[0] if len(D) else np.zeros(0)
 
-            def forces(d: np.ndarray) -> np.ndarray:
+            def forces(d):
                 _, g, _, D = self._conditions(self.q0 + d, target)
                 return g + D.T @ mu
 
@@ -93,7 +89,7 @@ class Held:
             self.frozen[with_pose] = 0.5 * (H + H.T)
         return self.frozen[with_pose]
 
-    def solve(self, target: np.ndarray | None, q: Any = None) -> tuple[np.ndarray, float]:
+    def solve(self, target, q=None):
         """Coordinates of least energy and that energy; with the body at `target`, if given."""
         q = self.q0.copy() if q is None else np.array(q, float)
         H = self._curvature(target is not None)
@@ -114,32 +110,32 @@ class Held:
             before = largest
         raise AssertionError(f"no minimum found: last step {largest:.2g}")
 
-    def held_at(self, target: np.ndarray) -> np.ndarray:
+    def held_at(self, target):
         """Coordinates of least energy with the body held there, found once."""
         key = np.round(target, 13).tobytes()
         if key not in self.solved:
             self.solved[key] = self.solve(target)[0]
         return self.solved[key]
 
-    def at(self, x: np.ndarray) -> float:
+    def at(self, x):
         """Energy with the body displaced along a screw motion."""
         return self._parts(self.held_at(self.pose0 @ small_motion(x)))[0]
 
     @property
-    def forces(self) -> np.ndarray:
+    def forces(self):
         """Size of the forces that meet in the body at the start, before they cancel."""
         _, g, _, D = self._conditions(self.q0, self.pose0)
         mu = np.linalg.lstsq(D.T, -g, rcond=1e-10)[0]
         inside = np.abs(self.mechanism.at(self.q0).motion.jacobian) @ np.abs(g)
         return np.abs(mu[-6:]) + inside
 
-    def wrench(self, target: np.ndarray) -> np.ndarray:
+    def wrench(self, target):
         """Wrench that holds the body at a pose, in its own components."""
         _, g, c, D = self._conditions(self.held_at(target), target)
         return np.linalg.lstsq(D.T, -g, rcond=1e-10)[0][len(c) - 6 :]
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _solved(matrix, right):
     try:
         x = np.linalg.solve(matrix, right)
         size = np.abs(right).max()
@@ -151,9 +147,7 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
 
 
-def displaced(
-    elastic: Any, by: Any, spread: float, springs: float | None = None, *, seed: int
-) -> tuple[Any, np.ndarray]:
+def displaced(elastic, by, spread, springs=None, *, seed):
     """A mechanism under gravity with rest positions off by `spread`, and where it comes to rest.
 
     `by` displaces the pose in which the body is held; None lets it go. `springs` gives joints that
@@ -174,12 +168,12 @@ def displaced(
 class Lines:
     """Line springs from the ground to a body, written out by hand: lengths, energies, wrench."""
 
-    def __init__(self, pose0: Any, base: Any, points: Any, k: Any, rest: Any, pull: bool) -> None:
+    def __init__(self, pose0, base, points, k, rest, pull):
         self.pose0 = np.array(pose0, float)
         self.base, self.points = np.array(base, float), np.array(points, float)
         self.k, self.rest, self.pull = np.array(k, float), np.array(rest, float), pull
 
-    def _geometry(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _geometry(self, T):
         ends = self.points @ T[:3, :3].T + T[:3, 3]
         along = ends - self.base
         lengths = np.linalg.norm(along, axis=1)
@@ -187,28 +181,28 @@ class Lines:
         return ends, along / lengths[:, None], np.maximum(tension, 0) if self.pull else tension
 
     @property
-    def forces(self) -> np.ndarray:
+    def forces(self):
         """Size of the forces that meet in the body, before they cancel."""
         ends, _, tension = self._geometry(self.pose0)
         arms = np.linalg.norm(ends - self.pose0[:3, 3], axis=1)
         force = np.abs(tension).sum()
         return np.array([np.abs(tension) @ arms] * 3 + [force] * 3)
 
-    def energy(self, T: np.ndarray) -> float:
+    def energy(self, T):
         tension = self._geometry(T)[2]
         return 0.5 * float(np.sum(tension**2 / self.k))
 
-    def at(self, x: np.ndarray) -> float:
+    def at(self, x):
         return self.energy(self.pose0 @ small_motion(x))
 
-    def wrench(self, T: np.ndarray) -> np.ndarray:
+    def wrench(self, T):
         ends, u, t = self._geometry(T)
         force = t[:, None] * u
         moment = np.cross(ends - T[:3, 3], force).sum(axis=0)
         return np.concatenate([T[:3, :3].T @ moment, T[:3, :3].T @ force.sum(axis=0)])
 
 
-def bundled_lines(name: str, rest: Any) -> Lines:
+def bundled_lines(name, rest):
     """The lines of a bundled platform, from its file alone (its frames coincide at the pose)."""
     data = YAML(typ="safe").load((ROBOTS / f"{name}.yaml").read_text(encoding="utf-8"))
     pose = np.eye(4)
@@ -222,7 +216,7 @@ def bundled_lines(name: str, rest: Any) -> Lines:
 # -- stiffness from its definitions ----------------------------------------------------------------
 
 
-def transports(y: np.ndarray, t: float) -> dict[str, np.ndarray]:
+def transports(y, t):
     """Matrices that carry a twist in parallel along the geodesic of y for a time t, by connection.
 
     A: components in the body frame are kept. B: half the screw motion, seen from the body. K: half
@@ -238,7 +232,7 @@ def transports(y: np.ndarray, t: float) -> dict[str, np.ndarray]:
     }
 
 
-def geodesics(pose: np.ndarray, y: np.ndarray, t: float) -> dict[str, np.ndarray]:
+def geodesics(pose, y, t):
     """Poses reached along y: on screw motions (A, B), or turning about the moved origin (K)."""
     apart = pose.copy()
     apart[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(t * y[:3]).as_matrix()
@@ -247,41 +241,37 @@ def geodesics(pose: np.ndarray, y: np.ndarray, t: float) -> dict[str, np.ndarray
     return {"A": screw, "B": screw, "K": apart}
 
 
-def stiffness_by_definition(
-    wrench: Callable[[np.ndarray], np.ndarray], pose: np.ndarray, sizes: np.ndarray, h: float
-) -> dict[str, np.ndarray]:
+def stiffness_by_definition(wrench, pose, sizes, h):
     """K^A, K^B, K^K: rate of the load against fields carried in parallel, column by column."""
     found = {name: np.empty((6, 6)) for name in "ABK"}
     for j, y in enumerate(np.eye(6)):
         # Along a basis direction the screw motion and the other geodesic are the same curve.
-        curve: dict[float, np.ndarray] = {}
+        curve = {}
 
-        def load(t: float, y: np.ndarray = y, curve: dict = curve) -> np.ndarray:
+        def load(t, y=y, curve=curve):
             if t not in curve:
                 curve[t] = wrench(geodesics(pose, y, t)["A"])
             return curve[t]
 
         for name, K in found.items():
 
-            def along(t: float, y: np.ndarray = y, name: str = name) -> np.ndarray:
+            def along(t, y=y, name=name):
                 return transports(y, t)[name].T @ load(t)
 
             K[:, j] = slope(along, h * sizes[j])
     return found
 
 
-def by_energy(
-    held: Any, sizes: np.ndarray, h: float, rng: np.random.Generator, count: int = 8
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def by_energy(held, sizes, h, rng, count=8):
     """Directions, and first and second differences of the energy along their screw motions."""
     directions = np.concatenate([np.eye(6), rng.normal(size=(count - 6, 6))])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     directions = directions * sizes
     slopes, bends = [], []
     for x in directions:
-        values: dict[float, float] = {}
+        values = {}
 
-        def energy(t: float, x: np.ndarray = x, values: dict = values) -> float:
+        def energy(t, x=x, values=values):
             return values.setdefault(t, held.at(t * x)) if t not in values else values[t]
 
         slopes.append(slope(energy, h))
@@ -289,7 +279,7 @@ def by_energy(
     return directions, np.array(slopes), np.array(bends)
 
 
-def natural_error(got: Any, expected: Any, length: float) -> float:
+def natural_error(got, expected, length):
     """Largest difference of two 6x6 matrices in rad and `length`, over the largest entry."""
     s = np.array([1.0] * 3 + [length] * 3)
     s = np.outer(s, s) / s.mean() ** 2
@@ -297,7 +287,7 @@ def natural_error(got: Any, expected: Any, length: float) -> float:
     return float(np.abs(got - expected).max() / np.abs(expected).max())
 
 
-def missed(result: Any, held: Any, step: float, seed: int = 2) -> tuple[float, float, float]:
+def missed(result, held, step, seed=2):
     """Largest errors of K^A, K^B and K^K, of K^B and of the load at the pose of `held`.
 
     Against their definitions and against second and first differences of the energy, those of the

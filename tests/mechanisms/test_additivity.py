@@ -1,7 +1,5 @@
 """Energies add: so do loads and K^A of springs, legs and fields on one body."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

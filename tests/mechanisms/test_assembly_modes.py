@@ -1,7 +1,5 @@
 """Assembly modes: how many there are, that they are poses, what is said without any."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -29,7 +27,7 @@ FICHTER = ROOT / "cases" / "fichter-singular-pose" / "mechanism.yaml"
 MA_ANGELES = ROOT / "cases" / "ma-angeles-architecture" / "mechanism.yaml"
 
 
-def _elastic(platform: Platform, q: np.ndarray) -> ElasticMechanism:
+def _elastic(platform, q):
     m = len(platform.points)
     springs = LineSprings(
         anchors=platform.anchors,
@@ -40,7 +38,7 @@ def _elastic(platform: Platform, q: np.ndarray) -> ElasticMechanism:
     return ElasticMechanism("test", platform, q, springs)
 
 
-def _random_platform(seed: int) -> tuple[Platform, np.ndarray]:
+def _random_platform(seed):
     """Some general, some with a flat base, some with both flat; and a pose."""
     rng = np.random.default_rng(seed)
     base, points = rng.normal(size=(2, 6, 3))
@@ -170,11 +168,11 @@ def test_det_times_leg_lengths_is_a_cubic_of_the_position(seed):
     platform, _ = _random_platform(seed)
     turn = rng.normal(size=3)
 
-    def times_lengths(p: np.ndarray) -> float:
+    def times_lengths(p):
         lines = platform.at(np.append(p, turn)).lines
         return float(np.linalg.det(lines.lines) * np.prod(lines.lengths))
 
-    def monomials(p: np.ndarray) -> list[float]:
+    def monomials(p):
         x, y, z = p
         return [
             x**i * y**j * z**k for i in range(4) for j in range(4 - i) for k in range(4 - i - j)

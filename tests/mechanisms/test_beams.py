@@ -1,7 +1,5 @@
 """Beams that feel their own axial force, against textbooks, mpmath and shooting."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Cables: a closed form, slack ones, loads that would need pushing, tensions found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear

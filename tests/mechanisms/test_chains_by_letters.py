@@ -1,9 +1,5 @@
 """Legs by letters: every chain closes and comes back from its poses; what cannot be is refused."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -12,12 +8,12 @@ import cartstiff
 from cartstiff.errors import InputError
 
 EXACT = 1e-10
-SIX: dict[str, Any] = {
+SIX = {
     "base": {"radius": 0.3, "half_angle": 0.25},
     "platform": {"radius": 0.12, "half_angle": 0.25},
     "stiffness": 1e6,
 }
-THREE: dict[str, Any] = {
+THREE = {
     "base": {"radius": 0.3},
     "platform": {"radius": 0.15},
     "stiffness": 1e6,
@@ -25,7 +21,7 @@ THREE: dict[str, Any] = {
 ROD = {"rod": 0.5}
 CRANK = {"crank": 0.2, "rod": 0.5, "mode": "minus"}
 #: Legs, height, and how many freedoms the body has.
-CHAINS: dict[str, tuple[dict[str, Any], float, int]] = {
+CHAINS = {
     "UPS": (SIX, 0.5, 6),
     "SPS": (SIX, 0.5, 6),
     "UCU": (SIX, 0.5, 6),
@@ -48,7 +44,7 @@ CHAINS: dict[str, tuple[dict[str, Any], float, int]] = {
 
 
 @pytest.mark.parametrize("chain", CHAINS)
-def test_chains_close_and_come_back_from_their_poses(chain: str) -> None:
+def test_chains_close_and_come_back_from_their_poses(chain):
     legs, height, freedoms = CHAINS[chain]
     machine = cartstiff.parallel({"chain": chain, **legs}, [0, 0, height, 0, 0, 0])
     m = machine.mechanism
@@ -73,7 +69,7 @@ def test_chains_close_and_come_back_from_their_poses(chain: str) -> None:
     assert np.abs(np.angle(np.exp(1j * (back - q)))[driven]).max() < EXACT
 
 
-def test_struts_are_the_lines_of_a_platform() -> None:
+def test_struts_are_the_lines_of_a_platform():
     """A hexapod's legs as UPS chains, with springs along them only, are its line springs."""
     lines = cartstiff.load("hexapod")
     legs = {
@@ -90,7 +86,7 @@ def test_struts_are_the_lines_of_a_platform() -> None:
         assert np.abs(a.matrices[name] - b.matrices[name]).max() < 1e-9 * size
 
 
-def test_delta_by_name_is_the_delta_of_links() -> None:
+def test_delta_by_name_is_the_delta_of_links():
     """Cranks and forearms that give, against the bundled machine made of a URDF."""
     links = cartstiff.load("delta")
     beam = {
@@ -122,7 +118,7 @@ def test_delta_by_name_is_the_delta_of_links() -> None:
             assert np.abs(a.matrices[name] - b.matrices[name]).max() < 1e-7 * size
 
 
-def test_lengths_in_other_units_and_a_tool() -> None:
+def test_lengths_in_other_units_and_a_tool():
     legs = {"chain": "RUS", **SIX, **CRANK, "axis": "radial"}
     machine = cartstiff.parallel(legs, [0, 0, 0.5, 0.1, 0, 0])
     from cartstiff.mechanisms.other_units import in_units
@@ -161,13 +157,13 @@ def test_lengths_in_other_units_and_a_tool() -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused(change: dict[str, Any], pose: Any, words: str) -> None:
+def test_what_cannot_be_is_refused(change, pose, words):
     legs = {"chain": "PUS", **SIX, **ROD, **change}
     with pytest.raises(InputError, match=words):
         cartstiff.parallel(legs, pose or [0, 0, 0.5, 0, 0, 0], name="machine")
 
 
-def test_legs_by_name_need_a_pose() -> None:
+def test_legs_by_name_need_a_pose():
     with pytest.raises(InputError, match="key 'pose' is missing"):
         cartstiff.parallel({"chain": "UPS", **SIX})
 
@@ -176,7 +172,7 @@ def test_legs_by_name_need_a_pose() -> None:
 @pytest.mark.parametrize(
     "axis", ["tangential", [0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.1, 0.9, 0.05]]
 )
-def test_modes_of_cranks_are_angles_between_minus_pi_and_pi(mode: str | None, axis: object) -> None:
+def test_modes_of_cranks_are_angles_between_minus_pi_and_pi(mode, axis):
     """Both roots by bisection on |B - C(t)| = rod, C on a circle that starts outwards."""
     radius, crank, rod, z = 0.3, 0.15, 0.42, 0.38
     legs = {
@@ -199,7 +195,7 @@ def test_modes_of_cranks_are_angles_between_minus_pi_and_pi(mode: str | None, ax
         B = R @ [0.12, 0, 0] + [0.02, -0.01, z]
         out, up = R @ level, R @ np.cross(own, level)
 
-        def gap(t: float, R: Any = R, B: Any = B, out: Any = out, up: Any = up) -> float:
+        def gap(t, R=R, B=B, out=out, up=up):
             C = R @ [radius, 0, 0] + crank * (np.cos(t) * out + np.sin(t) * up)
             return float(np.linalg.norm(B - C) - rod)
 

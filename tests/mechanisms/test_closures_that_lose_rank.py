@@ -1,7 +1,5 @@
 """Closures that lose rank: branches that cross, shaky structures, and harmless repetition."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest

@@ -1,11 +1,7 @@
 """Arms by Denavit-Hartenberg tables against products of matrices, a published pose and URDFs."""
 
-from __future__ import annotations
-
 from functools import reduce
 from math import cos, pi, sin
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +10,6 @@ from tests.mechanisms.machines import write_file
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
 
 # a, alpha, d, theta. Puma 560: Corke, Robotics, Vision and Control (2011), without the height of
@@ -48,7 +43,7 @@ PANDA = [
 Q = np.array([0.3, -1.1, 1.4, -0.7, 0.9, 0.2, 0.5])
 
 
-def standard(a: float, alpha: float, d: float, theta: float) -> Array:
+def standard(a, alpha, d, theta):
     c, s, ca, sa = cos(theta), sin(theta), cos(alpha), sin(alpha)
     return np.array(
         [
@@ -60,7 +55,7 @@ def standard(a: float, alpha: float, d: float, theta: float) -> Array:
     )
 
 
-def modified(a: float, alpha: float, d: float, theta: float) -> Array:
+def modified(a, alpha, d, theta):
     c, s, ca, sa = cos(theta), sin(theta), cos(alpha), sin(alpha)
     return np.array(
         [
@@ -72,20 +67,20 @@ def modified(a: float, alpha: float, d: float, theta: float) -> Array:
     )
 
 
-def rows(table: list[tuple[float, ...]], fixed: int = 0) -> list[dict[str, Any]]:
+def rows(table, fixed=0):
     keys = ("a", "alpha", "d", "theta")
-    listed: list[dict[str, Any]] = [dict(zip(keys, row, strict=True)) for row in table]
+    listed = [dict(zip(keys, row, strict=True)) for row in table]
     for row in listed[len(listed) - fixed :]:
         row |= {"type": "fixed", "name": "flange"}
     return listed
 
 
-def arm(folder: Path, convention: str, joints: list[dict[str, Any]], **more: Any) -> Any:
+def arm(folder, convention, joints, **more):
     dh = {"convention": convention, "joints": joints}
     return cartstiff.load(write_file(folder, "arm", kind="serial", dh=dh, **more))
 
 
-def product(form: Any, table: list[tuple[float, ...]], q: Any) -> Array:
+def product(form, table, q):
     """Pose of the last row's frame, revolute joints only; rows beyond q are fixed."""
     q = [*q, *[0.0] * (len(table) - len(q))]
     turned = [

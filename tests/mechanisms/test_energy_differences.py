@@ -1,7 +1,5 @@
 """Bundled mechanisms, loaded: every stiffness matrix against differences of the reduced energy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

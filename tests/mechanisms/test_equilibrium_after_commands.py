@@ -1,7 +1,5 @@
 """`--actuate`: what the drives are told, and the pose that results under load."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support.commands import answer
@@ -16,7 +14,7 @@ TOLD = {"leg1/slide": 0.004, "leg4/slide": -0.003}
 STEPS = np.array([0.004, 0, 0, -0.003, 0, 0])
 
 
-def slides(T: np.ndarray) -> np.ndarray:
+def slides(T):
     """Where the slides of 6-pus stand at a pose: rods of 0.5 m on vertical rails."""
     found = []
     for k in range(6):
@@ -28,17 +26,17 @@ def slides(T: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def gradient(rest: np.ndarray, T: np.ndarray) -> np.ndarray:
+def gradient(rest, T):
     """Wrench by differences of the springs' energy, 2e7 N/m each."""
 
-    def energy(x: np.ndarray) -> float:
+    def energy(x):
         return 1e7 * float(((slides(T @ exp_reference(x)) - rest) ** 2).sum())
 
     steps = 1e-5 * np.eye(6)
     return np.array([(energy(h) - energy(-h)) / 2e-5 for h in steps])
 
 
-def test_without_a_load_the_drives_go_where_they_are_told() -> None:
+def test_without_a_load_the_drives_go_where_they_are_told():
     machine = cartstiff.load("6-pus")
     before = slides(machine.mechanism.at(machine.q).pose)
     state = after_command(machine, TOLD)
@@ -48,7 +46,7 @@ def test_without_a_load_the_drives_go_where_they_are_told() -> None:
 
 
 @pytest.mark.parametrize("kind", ["dead", "follower"])
-def test_the_load_stays_and_the_springs_carry_it(kind: str) -> None:
+def test_the_load_stays_and_the_springs_carry_it(kind):
     machine = cartstiff.load("6-pus")
     T = machine.mechanism.at(machine.q).pose
     state = after_command(machine, TOLD, wrench=LOAD, load_kind=kind)
@@ -63,7 +61,7 @@ def test_the_load_stays_and_the_springs_carry_it(kind: str) -> None:
     assert np.abs(state.displacement).max() > 1e-4
 
 
-def test_equilibrium_goes_to_the_same_place() -> None:
+def test_equilibrium_goes_to_the_same_place():
     """The load put on after the command: that of springs at rest before."""
     machine = cartstiff.load("6-pus")
     told, start = commanded(machine, TOLD)
@@ -75,7 +73,7 @@ def test_equilibrium_goes_to_the_same_place() -> None:
     assert np.abs(gradient(rest, state.pose) - now).max() < 1e-3
 
 
-def test_lengths_of_lines() -> None:
+def test_lengths_of_lines():
     platform = cartstiff.load("hexapod")
     told = {"leg1": 0.01, "leg2": -0.02}
     state = after_command(platform, told)
@@ -85,7 +83,7 @@ def test_lengths_of_lines() -> None:
     assert np.abs(platform.mechanism.pose_of(pose) - state.pose).max() < EXACT
 
 
-def test_rigid_drives_go_along() -> None:
+def test_rigid_drives_go_along():
     machine = cartstiff.load("6-pus").with_springs({"leg1/slide": np.inf, "leg2/slide": np.inf})
     before = slides(machine.mechanism.at(machine.q).pose)
     state = after_command(machine, {"leg1/slide": 0.004, "leg3/slide": 0.001})
@@ -101,7 +99,7 @@ def test_rigid_drives_go_along() -> None:
         ({}, "no drive"),
     ],
 )
-def test_what_cannot_be_told_is_refused(told: dict[str, float], words: str) -> None:
+def test_what_cannot_be_told_is_refused(told, words):
     with pytest.raises(InputError, match=words):
         commanded(cartstiff.load("6-pus"), told)
 

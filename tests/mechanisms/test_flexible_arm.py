@@ -1,7 +1,5 @@
 """A serial arm with one link that gives: its compliance adds to that of the joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The planar 3-RRR with links that give, against two assemblies that share nothing with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from ruamel.yaml import YAML

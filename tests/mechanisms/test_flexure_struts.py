@@ -1,10 +1,7 @@
 """Struts between flexures: each condensed, against the machine with every joint written out."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -299,7 +296,7 @@ def test_assembly_modes_of_struts_are_those_at_rest(tmp_path):
         assert mode.notes[0].code == "struts-not-in-equilibrium"
 
 
-def test_moments_of_flexures_are_in_newton_metres_whatever_the_units(tmp_path: Path) -> None:
+def test_moments_of_flexures_are_in_newton_metres_whatever_the_units(tmp_path):
     """One machine in a file of metres and in one of millimetres, with the same N m/rad."""
     units = {"m": 1.0, "mm": 1e3}
     found = {}

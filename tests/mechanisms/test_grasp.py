@@ -1,7 +1,5 @@
 """Fingers that squeeze: internal forces change the stiffness and leave no load behind."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from ruamel.yaml import YAML

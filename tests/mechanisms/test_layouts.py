@@ -1,9 +1,6 @@
 """Platforms by radii and angles: points of published machines, closed forms of their stiffness."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,12 +30,12 @@ CUBES = {
 }
 
 
-def stiffness(elastic: cartstiff.ElasticMechanism) -> np.ndarray:
+def stiffness(elastic):
     """The unloaded matrix at the file's pose."""
     return cartstiff.analyse(elastic).matrices["B"]
 
 
-def test_the_points_of_stewart_simscape() -> None:
+def test_the_points_of_stewart_simscape():
     """Its documentation prints them; the strokes of its kinematic study follow."""
     elastic, published = (
         cartstiff.hexapod(**SIMSCAPE),
@@ -53,7 +50,7 @@ def test_the_points_of_stewart_simscape() -> None:
 
 
 @pytest.mark.parametrize("case", CUBES)
-def test_cubic_platforms_of_stewart_simscape(case: str, tmp_path: Path) -> None:
+def test_cubic_platforms_of_stewart_simscape(case, tmp_path):
     """Each published table from a file of at most 15 lines."""
     size, centre, height, above = CUBES[case]
     text = (
@@ -73,7 +70,7 @@ def test_cubic_platforms_of_stewart_simscape(case: str, tmp_path: Path) -> None:
         assert np.abs(a[order] - b).max() < 1e-14
 
 
-def test_a_cube_by_its_edge_is_the_bundled_one() -> None:
+def test_a_cube_by_its_edge_is_the_bundled_one():
     found = stiffness(cartstiff.hexapod(cubic={"edge": 0.5}, legs=1e6))
     assert np.abs(found - stiffness(cartstiff.load("cubic"))).max() < 1e-8
     moved = cartstiff.hexapod(cubic={"edge": 0.5, "centre": [0.1, 0.2, 0.3]}, legs=1e6)
@@ -87,9 +84,7 @@ def test_a_cube_by_its_edge_is_the_bundled_one() -> None:
     radii=st.tuples(st.floats(0.2, 2.0), st.floats(0.2, 2.0)),
     halves=st.tuples(st.floats(0.0, 0.5), st.floats(0.0, 0.5)),
 )
-def test_rotations_of_an_isotropic_platform_are_one_to_four(
-    radii: tuple[float, float], halves: tuple[float, float]
-) -> None:
+def test_rotations_of_an_isotropic_platform_are_one_to_four(radii, halves):
     """Where each leg rises by 1/sqrt 3, K about x and z are in the ratio 1 to 4.
 
     By hand, with n the unit vector of a leg at a point where rotation and translation do not
@@ -116,20 +111,20 @@ def test_rotations_of_an_isotropic_platform_are_one_to_four(
     assert K[2, 2] == pytest.approx(4.0 * about_x, rel=1e-9, abs=1e-12)
 
 
-def joints(**keys: Any) -> tuple[int, int]:
+def joints(**keys):
     """How many different joints base and platform have."""
     found = cartstiff.hexapod(height=0.5, legs=1.0, **keys).mechanism
     return tuple(len(np.unique(p.round(9), axis=0)) for p in (found.anchors, found.points_P))
 
 
-def test_half_angles_say_how_many_joints_there_are() -> None:
+def test_half_angles_say_how_many_joints_there_are():
     ring, pairs = {"radius": 1.0}, {"radius": 1.0, "half_angle": 0.2}
     assert joints(base=ring, platform=ring) == (3, 3)
     assert joints(base=pairs, platform=ring) == (6, 3)
     assert joints(base=pairs, platform=pairs) == (6, 6)
 
 
-def test_angles_with_and_without_symmetry_say_the_same_as_pairs() -> None:
+def test_angles_with_and_without_symmetry_say_the_same_as_pairs():
     base, platform = {"radius": 1.0, "half_angle": 0.2}, {"radius": 0.7, "half_angle": 0.3}
     pairs = cartstiff.hexapod(base=base, platform=platform, height=0.5, turn=0.9, legs=1.0)
     third = 2 * np.pi / 3
@@ -152,7 +147,7 @@ def test_angles_with_and_without_symmetry_say_the_same_as_pairs() -> None:
         assert np.abs(other.mechanism.anchors - pairs.mechanism.anchors).max() < 1e-15
 
 
-def test_units_are_those_of_the_file() -> None:
+def test_units_are_those_of_the_file():
     ring = {"radius": 300, "half_angle": 0.2}
     keys = {"base": ring, "platform": ring, "height": 400}
     small = cartstiff.hexapod(**keys, legs=1e3, units={"length": "mm"})
@@ -163,7 +158,7 @@ def test_units_are_those_of_the_file() -> None:
 
 
 RING = {"radius": 1.0}
-REFUSALS: list[tuple[dict[str, Any], str]] = [
+REFUSALS = [
     ({"base": RING, "platform": RING}, "'height' is missing"),
     ({"base": RING, "height": 1.0}, "'radius' of platform is missing"),
     ({"base": {"radius": -1.0}, "platform": RING, "height": 1.0}, r"layout.base.radius: .*above"),
@@ -193,12 +188,12 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("keys", "words"), REFUSALS)
-def test_refusals(keys: dict[str, Any], words: str) -> None:
+def test_refusals(keys, words):
     with pytest.raises(InputError, match=words):
         cartstiff.hexapod(**{"legs": 1.0, **keys})
 
 
-def test_points_and_layout_together_are_refused_with_the_line(tmp_path: Path) -> None:
+def test_points_and_layout_together_are_refused_with_the_line(tmp_path):
     path = tmp_path / "both.yaml"
     path.write_text("kind: stewart-gough\nlayout: {cubic: {edge: 1}}\nbase: []\nlegs: {}\n")
     with pytest.raises(InputError, match=r"line 3, key base: give layout or base, not both"):

@@ -1,7 +1,5 @@
 """Limits of legs besides their lengths: angles of joints, distances, forces; in one place."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

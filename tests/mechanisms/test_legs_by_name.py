@@ -8,8 +8,6 @@ differences with 50 digits. With tensions t of the drives, springs k and W on th
     C^B = V (A^T k A + t . d2a - W . d2 log)^-1 V^T
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
@@ -33,7 +31,7 @@ Vector = list[Any]
 Formula = Callable[[Sequence[Any]], tuple[Any, Vector, Vector]]
 
 
-def rotation(axis: int, angle: Any) -> Any:
+def rotation(axis, angle):
     c, s = mp.cos(angle), mp.sin(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     R = mp.eye(3)
@@ -41,7 +39,7 @@ def rotation(axis: int, angle: Any) -> Any:
     return R
 
 
-def logarithm(R: Any, p: Vector) -> Vector:
+def logarithm(R, p):
     """Twist (angular, linear) whose exponential is a small motion."""
     s = [(R[2, 1] - R[1, 2]) / 2, (R[0, 2] - R[2, 0]) / 2, (R[1, 0] - R[0, 1]) / 2]
     sine = mp.sqrt(sum(x * x for x in s))
@@ -53,53 +51,53 @@ def logarithm(R: Any, p: Vector) -> Vector:
     return [*w, *v]
 
 
-def plus(a: Sequence[Any], b: Sequence[Any], c: Any = 1) -> Vector:
+def plus(a, b, c=1):
     return [x + c * y for x, y in zip(a, b, strict=True)]
 
 
-def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def dot(a, b):
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
-def on_circle(radius: float, angle: Any, z: float = 0.0) -> Vector:
+def on_circle(radius, angle, z=0.0):
     return [radius * mp.cos(angle), radius * mp.sin(angle), mp.mpf(z)]
 
 
-def third(k: int) -> Any:
+def third(k):
     return 2 * mp.pi * k / 3
 
 
-def paired(half: Any) -> list[Any]:
+def paired(half):
     return [third(k // 2) + (mp.mpf(half) if k % 2 else -mp.mpf(half)) for k in range(6)]
 
 
-def carried(R: Any, p: Vector, b: Vector) -> Vector:
+def carried(R, p, b):
     return plus(list(R * mp.matrix(b)), p)
 
 
-def on_rail(d: Vector, along: Vector, rod: float, sign: int) -> Any:
+def on_rail(d, along, rod, sign):
     x = dot(d, along)
     return x + sign * mp.sqrt(mp.mpf(rod) ** 2 - dot(d, d) + x * x)
 
 
-def on_crank(d: Vector, zero: Vector, up: Vector, crank: float, rod: float, sign: int) -> Any:
+def on_crank(d, zero, up, crank, rod, sign):
     a, b = dot(d, zero), dot(d, up)
     c = (dot(d, d) + mp.mpf(crank) ** 2 - mp.mpf(rod) ** 2) / (2 * mp.mpf(crank))
     return mp.atan2(b, a) + sign * mp.acos(c / mp.sqrt(a * a + b * b))
 
 
-def entry(name: str) -> dict[str, Any]:
+def entry(name):
     return YAML(typ="safe").load(bundled_files()[name].read_text())
 
 
-def free(name: str) -> tuple[Any, Vector]:
+def free(name):
     """The file's pose."""
     pose = entry(name)["pose"]
     r, p, y = map(mp.mpf, pose.get("rpy", [0, 0, 0]))
     return rotation(2, y) * rotation(1, p) * rotation(0, r), [mp.mpf(x) for x in pose["xyz"]]
 
 
-def six(name: str, drive: Callable[[int, Vector], Any]) -> Formula:
+def six(name, drive):
     """Six freedoms: y is a small twist of the body; its points stand on a circle."""
     legs = entry(name)["legs"]["platform"]
     if "half_angle" in legs:  # the platform's pairs stand between those of the base
@@ -109,7 +107,7 @@ def six(name: str, drive: Callable[[int, Vector], Any]) -> Formula:
     points = [on_circle(legs["radius"], mp.mpf(a)) for a in angles]
     R0, p0 = free(name)
 
-    def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
+    def formula(y):
         K = skew(y)
         v = (mp.eye(3) + K / 2 + K * K / 6) * mp.matrix(y[3:])
         R, p = R0 * turned(y[:3]), plus(p0, list(R0 * v))
@@ -118,28 +116,28 @@ def six(name: str, drive: Callable[[int, Vector], Any]) -> Formula:
     return formula
 
 
-def six_pus() -> Formula:
+def six_pus():
     legs = entry("6-pus")["legs"]
     base = [on_circle(legs["base"]["radius"], a) for a in paired(legs["base"]["half_angle"])]
     return six("6-pus", lambda k, B: on_rail(plus(B, base[k], -1), [0, 0, 1], legs["rod"], -1))
 
 
-def hexaglide() -> Formula:
+def hexaglide():
     legs = entry("hexaglide")["legs"]
     base = [[mp.mpf(x) for x in p] for p in legs["base"]["points"]]
     signs = [{"plus": 1, "minus": -1}[m] for m in legs["mode"]]
 
-    def drive(k: int, B: Vector) -> Any:
+    def drive(k, B):
         return on_rail(plus(B, base[k], -1), [1, 0, 0], legs["rod"], signs[k])
 
     return six("hexaglide", drive)
 
 
-def six_rus() -> Formula:
+def six_rus():
     legs = entry("6-rus")["legs"]
     angles = paired(legs["base"]["half_angle"])
 
-    def drive(k: int, B: Vector) -> Any:
+    def drive(k, B):
         # Cranks of a pair point away from each other at zero, and rise with their angles.
         side = 1 if k % 2 else -1
         zero = [-side * mp.sin(angles[k]), side * mp.cos(angles[k]), mp.mpf(0)]
@@ -149,22 +147,22 @@ def six_rus() -> Formula:
     return six("6-rus", drive)
 
 
-def tilting(name: str, drive: Callable[[int, Vector], Any]) -> Formula:
+def tilting(name, drive):
     """Height and two angles; the third, x and y keep every point of the body in its leg's plane."""
     points = [on_circle(entry(name)["legs"]["platform"]["radius"], third(k)) for k in range(3)]
     across = [[-mp.sin(third(k)), mp.cos(third(k)), 0] for k in range(3)]
     height = free(name)[1][2]
 
-    def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
+    def formula(y):
         tilt = rotation(1, y[2]) * rotation(0, y[1])
 
-        def body(u: Sequence[Any]) -> tuple[Any, Vector]:
+        def body(u):
             return rotation(2, u[2]) * tilt, [u[0], u[1], height + y[0]]
 
         u = [mp.mpf(0)] * 3
         for _ in range(6):  # Newton's method, with differences
 
-            def gap(u: Sequence[Any]) -> Vector:
+            def gap(u):
                 R, p = body(u)
                 return [dot(n, carried(R, p, b)) for n, b in zip(across, points, strict=True)]
 
@@ -181,28 +179,28 @@ def tilting(name: str, drive: Callable[[int, Vector], Any]) -> Formula:
     return formula
 
 
-def three_rps() -> Formula:
+def three_rps():
     base = [on_circle(entry("3-rps")["legs"]["base"]["radius"], third(k)) for k in range(3)]
 
-    def drive(k: int, B: Vector) -> Any:
+    def drive(k, B):
         d = plus(B, base[k], -1)
         return mp.sqrt(dot(d, d))
 
     return tilting("3-rps", drive)
 
 
-def three_prs() -> Formula:
+def three_prs():
     legs = entry("3-prs")["legs"]
     base = [on_circle(legs["base"]["radius"], third(k)) for k in range(3)]
     return tilting("3-prs", lambda k, B: on_rail(plus(B, base[k], -1), [0, 0, 1], legs["rod"], -1))
 
 
-def orthoglide() -> Formula:
+def orthoglide():
     legs = entry("orthoglide")["legs"]
     base = [[mp.mpf(x) for x in p] for p in legs["base"]["points"]]
     points = [[mp.mpf(x) for x in p] for p in legs["platform"]["points"]]
 
-    def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
+    def formula(y):
         drives = [
             on_rail(
                 plus(plus(y, points[k]), base[k], -1),
@@ -217,13 +215,13 @@ def orthoglide() -> Formula:
     return formula
 
 
-def tricept() -> Formula:
+def tricept():
     struts = entry("tricept")["legs"][0]
     height = free("tricept")[1][2]
     base = [on_circle(struts["base"]["radius"], third(k)) for k in range(3)]
     points = [on_circle(struts["platform"]["radius"], third(k)) for k in range(3)]
 
-    def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
+    def formula(y):
         p = plus(y, [0, 0, height])
         # The column turns about x, then about an axis across itself: its own y.
         L = mp.sqrt(dot(p, p))
@@ -235,11 +233,11 @@ def tricept() -> Formula:
     return formula
 
 
-def delta() -> Formula:
+def delta():
     """With stiff forearms the body translates; cranks rise with their angles."""
     height = DELTA_HEIGHT
 
-    def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
+    def formula(y):
         p, drives = plus(y, [0, 0, mp.mpf(height)]), []
         for a in (third(k) for k in range(3)):
             d = plus(plus(p, on_circle(0.05, a)), on_circle(0.15, a), -1)
@@ -250,12 +248,12 @@ def delta() -> Formula:
     return formula
 
 
-def four_rrr() -> Formula:
+def four_rrr():
     legs = entry("4-rrr")["legs"]
     angles = [mp.pi / 2 * k for k in range(4)]
     yaw = mp.mpf(entry("4-rrr")["pose"]["rpy"][2])
 
-    def formula(y: Sequence[Any]) -> tuple[Any, Vector, Vector]:
+    def formula(y):
         R, p = rotation(2, yaw + y[2]), [y[0], y[1], mp.mpf(0)]
         drives = []
         for a in angles:
@@ -271,7 +269,7 @@ def four_rrr() -> Formula:
     return formula
 
 
-MACHINES: dict[str, tuple[Callable[[], Formula], int]] = {
+MACHINES = {
     "6-pus": (six_pus, 6),
     "hexaglide": (hexaglide, 6),
     "6-rus": (six_rus, 6),
@@ -284,7 +282,7 @@ MACHINES: dict[str, tuple[Callable[[], Formula], int]] = {
 }
 
 
-def machine_of(name: str) -> Any:
+def machine_of(name):
     if name != "delta":
         return cartstiff.load(name)
     legs = {
@@ -299,18 +297,18 @@ def machine_of(name: str) -> Any:
 
 
 @cache
-def derivatives(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def derivatives(name):
     """Values of log and drives at the file's pose, first and second derivatives by y."""
     make, n = MACHINES[name]
     with mp.workdps(DIGITS):
         formula = make()
         R0, p0, _ = formula([mp.mpf(0)] * n)
 
-        def values(y: Sequence[Any]) -> Vector:
+        def values(y):
             R, p, drives = formula(y)
             return [*logarithm(R0.T * R, list(R0.T * mp.matrix(plus(p, p0, -1)))), *drives]
 
-        def at(**steps: int) -> Vector:
+        def at(**steps):
             return values([steps.get(f"y{i}", 0) * STEP for i in range(n)])
 
         f0 = at()
@@ -337,7 +335,7 @@ def derivatives(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("name", MACHINES)
-def test_stiffness_is_that_of_the_energy(name: str, loaded: bool) -> None:
+def test_stiffness_is_that_of_the_energy(name, loaded):
     machine = machine_of(name)
     f0, slopes, bends = derivatives(name)
     drives = [machine.names.index(n) for n in machine.names if n.endswith(("/slide", "/crank"))]

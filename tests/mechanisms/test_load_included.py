@@ -1,7 +1,5 @@
 """With the load's own potential included, nothing is left to be held: one matrix for all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,10 +1,5 @@
 """Loops cut at hinges, universal joints and balls: planar formulas, counts of motions, own rows."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,8 +9,7 @@ from tests.laws.test_many_engine import assert_same
 from tests.mechanisms.machines import joint, masses, note, write_file, write_urdf
 
 import cartstiff
-from cartstiff import ElasticMechanism, InputError
-from cartstiff.geometry.se3 import Array
+from cartstiff import InputError
 
 Y = (0, 1, 0)
 #: Crank, coupler and rocker of a four-bar that is no parallelogram, and the way between pivots.
@@ -28,7 +22,7 @@ HINGE = {
 }
 
 
-def four_bar(folder: Path, closure: dict[str, Any] | None = None, **more: Any) -> ElasticMechanism:
+def four_bar(folder, closure=None, **more):
     write_urdf(
         folder,
         joint("motor", "base", "crank", axis=Y),
@@ -45,7 +39,7 @@ def four_bar(folder: Path, closure: dict[str, Any] | None = None, **more: Any) -
     return cartstiff.load(write_file(folder, "four_bar", kind="closed-chain", **(keys | more)))
 
 
-def angles(motor: float) -> tuple[float, float]:
+def angles(motor):
     """Pivot, and turn of the rocker against the coupler, by the law of cosines (about y)."""
     x, z = CRANK * np.cos(motor), -CRANK * np.sin(motor)
     dx, dz = x - SPAN, z
@@ -57,7 +51,7 @@ def angles(motor: float) -> tuple[float, float]:
     return float(pivot), float(pivot - coupler)
 
 
-def wrapped(angle: float) -> float:
+def wrapped(angle):
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -98,7 +92,7 @@ AXES = {"hinge": [[1, 2, 0.5], [0.3, -1, 1]], "universal": [[1, 2, 0.5], [0.3, -
 POINTS = [[0.1, 0.02, 0.03], [-0.05, 0.04, 0.1]]
 
 
-def two_arms(folder: Path, kind: str, **more: Any) -> ElasticMechanism:
+def two_arms(folder, kind, **more):
     """Two arms of six joints about random axes, joined at their ends."""
     rng = np.random.default_rng(4)
     parts, q = [], {}
@@ -128,7 +122,7 @@ def two_arms(folder: Path, kind: str, **more: Any) -> ElasticMechanism:
     )
 
 
-def conditions(kind: str, model: Any, q: Array) -> Array:
+def conditions(kind, model, q):
     """Rows by hand: the points coincide; axes are parallel (hinge), square, or all of them."""
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.integrate(model, pin.neutral(model), q))
@@ -234,7 +228,7 @@ def test_a_hinge_of_the_room(tmp_path):
 # -- in a URDF ------------------------------------------------------------------------------------
 
 
-def sdf_joint(kind: str, axes: str) -> str:
+def sdf_joint(kind, axes):
     return (
         f'<gazebo><joint name="close" type="{kind}"><pose>0.4 0 0 0.1 0.2 0.3</pose>'
         f"<parent>coupler</parent><child>rocker</child>{axes}</joint></gazebo>"
@@ -273,7 +267,7 @@ def test_joints_of_sdf_between_links(tmp_path, kind, axes, rows):
 # -- lists of closures beside a URDF --------------------------------------------------------------
 
 
-def write_list(folder: Path, **keys: Any) -> Path:
+def write_list(folder, **keys):
     write_urdf(
         folder,
         joint("mot1", "base", "l1", at=(-0.1, 0, 0), rpy=(0, 0, 2.2)),
@@ -361,7 +355,7 @@ def test_closures_that_cannot_be_used(tmp_path, closure, words):
     assert words in str(raised.value)
 
 
-def _step(d: Array, alpha: float, angle: float) -> Array:
+def _step(d, alpha, angle):
     """A turn about z, then the next axis at a distance and twist along x."""
     turn, twist = (Rotation.from_euler(a, x).as_matrix() for a, x in (("z", angle), ("x", alpha)))
     T = np.eye(4)

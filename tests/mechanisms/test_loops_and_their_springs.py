@@ -5,10 +5,7 @@ parallelogram: the coupler only translates, by l d(theta) across the crank. A sp
 resists it with k / l^2 along the one motion; with unit twist norm as printed, with l^2 / 2.
 """
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,18 +43,18 @@ MJCF = f"""<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody
 <equality><connect body1="coupler" body2="rocker" anchor="{SPAN} 0 0"/></equality></mujoco>"""
 
 
-def urdf(beside: str = "") -> str:
+def urdf(beside=""):
     return f'<robot name="fourbar" xmlns:drake="http://drake.mit.edu">{TREE}{beside}</robot>'
 
 
-def file_of(folder: Path, keys: str = "", beside: str = "", name: str = "m.yaml") -> Path:
+def file_of(folder, keys="", beside="", name="m.yaml"):
     (folder / "fourbar.urdf").write_text(urdf(beside), encoding="utf-8")
     head = "kind: closed-chain\nmodel: fourbar.urdf\nframe: coupler\n"
     (folder / name).write_text(head + CLOSURE + keys, encoding="utf-8")
     return folder / name
 
 
-def about_motor(elastic: cartstiff.ElasticMechanism, q: object = None) -> float:
+def about_motor(elastic, q=None):
     """Stiffness that the crank's pivot feels: l^2 over the compliance across the crank."""
     result = cartstiff.analyse(elastic, q)
     C = result.compliances["B"]
@@ -82,16 +79,14 @@ def about_motor(elastic: cartstiff.ElasticMechanism, q: object = None) -> float:
         ("springs: {motor: {stiffness: 700}}\nactuated: [motor, elbow]", None, 10700.0),
     ],
 )
-def test_springs_are_those_of_actuated_joints(
-    tmp_path: Path, keys: str, stiffness: object, k: float
-) -> None:
+def test_springs_are_those_of_actuated_joints(tmp_path, keys, stiffness, k):
     elastic = cartstiff.load(file_of(tmp_path, keys), stiffness=stiffness)
     assert about_motor(elastic) == pytest.approx(k, rel=1e-9)
     codes = [note.code for note in elastic.notes]
     assert ("stiffness-assumed" in codes) == (k >= 1e4)
 
 
-def test_with_neither_springs_nor_actuated_joints_the_answer_asks(tmp_path: Path) -> None:
+def test_with_neither_springs_nor_actuated_joints_the_answer_asks(tmp_path):
     elastic = cartstiff.load(file_of(tmp_path))
     (note,) = [note for note in elastic.notes if note.code == "springs-missing"]
     assert "Which are actuated?" in note.message
@@ -106,7 +101,7 @@ def test_with_neither_springs_nor_actuated_joints_the_answer_asks(tmp_path: Path
 
 
 @pytest.mark.parametrize("name", ["6-pus", "five-bar", "6-rus", "delta", "3-rrr", "grasp"])
-def test_one_number_is_not_for_passive_joints(name: str) -> None:
+def test_one_number_is_not_for_passive_joints(name):
     """The bundled machines have one stiffness in their drives: the same number changes nothing."""
     elastic = cartstiff.load(name)
     k = elastic.springs.stiffness
@@ -116,7 +111,7 @@ def test_one_number_is_not_for_passive_joints(name: str) -> None:
     assert set(again.springs.stiffness[driven]) == {k.max()}
 
 
-def test_virtual_joints_of_links_are_not_driven(tmp_path: Path) -> None:
+def test_virtual_joints_of_links_are_not_driven(tmp_path):
     K6 = np.diag([5e3, 5e3, 5e3, 1e6, 1e6, 1e6]).tolist()
     keys = f"actuated: [motor]\nflexible: {{coupler: {{stiffness: {K6}}}}}"
     elastic = cartstiff.load(file_of(tmp_path, keys)).with_springs(300.0)
@@ -124,7 +119,7 @@ def test_virtual_joints_of_links_are_not_driven(tmp_path: Path) -> None:
     assert [name for name, value in k.items() if value] == ["motor"]
 
 
-def test_lines_hold_a_tree_without_springs(tmp_path: Path) -> None:
+def test_lines_hold_a_tree_without_springs(tmp_path):
     """One bar on a pivot, held by a line of stiffness c across it at distance l: c l^2."""
     (tmp_path / "bar.urdf").write_text(
         '<robot name="bar"><link name="base"/><link name="bar"/><joint name="j" type="continuous">'
@@ -145,16 +140,16 @@ def test_lines_hold_a_tree_without_springs(tmp_path: Path) -> None:
 # -- what is named stays --------------------------------------------------------------------------
 
 
-def closed(motor: float) -> np.ndarray:
+def closed(motor):
     """The parallelogram: motor, elbow, pivot."""
     return np.array([motor, -motor, motor])
 
 
 @pytest.mark.parametrize("source", ["file", "URDF", "MJCF"])
 @pytest.mark.parametrize(("name", "sign"), [("motor", 1), ("elbow", -1), ("pivot", 1)])
-def test_a_named_joint_is_held(tmp_path: Path, source: str, name: str, sign: int) -> None:
+def test_a_named_joint_is_held(tmp_path, source, name, sign):
     if source == "file":
-        path: Path = file_of(tmp_path, "springs: {motor: {stiffness: 700}}")
+        path = file_of(tmp_path, "springs: {motor: {stiffness: 700}}")
     else:
         path = tmp_path / ("m.urdf" if source == "URDF" else "m.xml")
         path.write_text(urdf(BALL) if source == "URDF" else MJCF, encoding="utf-8")
@@ -177,7 +172,7 @@ def test_a_named_joint_is_held(tmp_path: Path, source: str, name: str, sign: int
         np.testing.assert_allclose(many.q[0], result.q, atol=1e-9)
 
 
-def test_what_cannot_be_held_is_named(tmp_path: Path) -> None:
+def test_what_cannot_be_held_is_named(tmp_path):
     elastic = cartstiff.load(file_of(tmp_path, "springs: {motor: {stiffness: 700}}"))
     result = cartstiff.analyse(elastic, {"motor": 0.4, "elbow": 0.1})
     (note,) = [note for note in result.notes if note.code == "actuators-adjusted"]
@@ -186,7 +181,7 @@ def test_what_cannot_be_held_is_named(tmp_path: Path) -> None:
     assert note.values["elbow"] == pytest.approx(moved["elbow"] - 0.1)
 
 
-def test_the_posture_of_a_file_is_held(tmp_path: Path) -> None:
+def test_the_posture_of_a_file_is_held(tmp_path):
     elastic = cartstiff.load(file_of(tmp_path, "springs: {motor: {stiffness: 7}}\nq: {motor: 0.4}"))
     np.testing.assert_allclose(elastic.q, closed(0.4), atol=1e-10)
 
@@ -194,7 +189,7 @@ def test_the_posture_of_a_file_is_held(tmp_path: Path) -> None:
 # -- loops and springs in a URDF ------------------------------------------------------------------
 
 
-def test_a_ball_constraint_is_a_closure(tmp_path: Path) -> None:
+def test_a_ball_constraint_is_a_closure(tmp_path):
     path = tmp_path / "m.urdf"
     path.write_text(urdf(BALL), encoding="utf-8")
     elastic = cartstiff.load(path, stiffness={"motor": 640.0})
@@ -217,7 +212,7 @@ def test_a_ball_constraint_is_a_closure(tmp_path: Path) -> None:
         f'<link2 link="rocker" xyz="0 0 {L}"/><axis xyz="0 1 0"/></loop_joint>',
     ],
 )
-def test_other_closures_are_refused_with_the_lines_to_write(tmp_path: Path, beside: str) -> None:
+def test_other_closures_are_refused_with_the_lines_to_write(tmp_path, beside):
     path = tmp_path / "m.urdf"
     path.write_text(urdf(beside), encoding="utf-8")
     with pytest.raises(InputError) as refused:
@@ -248,7 +243,7 @@ ARM = (
         ("<gazebo><springStiffness>70</springStiffness></gazebo>", ""),
     ],
 )
-def test_springs_of_a_urdf_act(inside: str, beside: str) -> None:
+def test_springs_of_a_urdf_act(inside, beside):
     elastic = cartstiff.load(ARM.format(inside=inside, beside=beside))
     assert elastic.springs.stiffness.tolist() == [70.0]
     assert elastic.springs.rest.tolist() == [0.0]
@@ -277,9 +272,7 @@ def test_springs_of_a_urdf_act(inside: str, beside: str) -> None:
         ),
     ],
 )
-def test_other_springs_are_refused_with_the_lines_to_write(
-    tmp_path: Path, beside: str, line: str
-) -> None:
+def test_other_springs_are_refused_with_the_lines_to_write(tmp_path, beside, line):
     (tmp_path / "r.urdf").write_text(ARM.format(inside="", beside=beside), encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(line)):
         cartstiff.load(tmp_path / "r.urdf")
@@ -317,7 +310,7 @@ SPRING = '<force_element><linear_spring_damper stiffness="9"><link1 link="tool0"
         {"beside": f"{SPRING}</linear_spring_damper></force_element>"},
     ],
 )
-def test_joints_off_the_way_never_refuse_the_robot(fault: dict[str, str]) -> None:
+def test_joints_off_the_way_never_refuse_the_robot(fault):
     text = HAND.format(**(USUAL | fault))
     plain = cartstiff.load(HAND.format(**USUAL), frame="tool0")
     elastic = cartstiff.load(text)
@@ -329,7 +322,7 @@ def test_joints_off_the_way_never_refuse_the_robot(fault: dict[str, str]) -> Non
         cartstiff.load(text, frame="r")
 
 
-def test_couplings_of_fingers_in_mjcf_never_refuse_the_robot() -> None:
+def test_couplings_of_fingers_in_mjcf_never_refuse_the_robot():
     text = """<mujoco><worldbody><body name="arm"><joint name="q1" type="hinge" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 .5 0 0" size=".02" mass="1"/><site name="flange" pos=".5 0 0"/>
 <body name="f1" pos=".5 0 0"><joint name="j1" type="hinge" axis="0 1 0"/>

@@ -1,7 +1,5 @@
 """Loops written in MJCF: what its parser drops must be there all the same."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an MJCF file means is what MuJoCo says: posture, gravity, springs, ties, stiffness."""
 
-from __future__ import annotations
-
 import random
 import warnings
 

@@ -1,7 +1,5 @@
 """A base and a platform that give, in a row with the struts between them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

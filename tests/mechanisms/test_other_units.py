@@ -1,7 +1,5 @@
 """A mechanism in millimetres is the same mechanism: every number is converted, in one place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +41,7 @@ NAMES = [
 ]
 
 
-def loaded(name: str):
+def loaded(name):
     if name == "sliding":
         return cartstiff.load(SLIDING, gravity=[0, 0, -9.81], payload=[1.0, 0.1, 0.0, 0.2])
     if name == "finger":

@@ -1,7 +1,5 @@
 """A Pinocchio model in hand: the same robot as its file, its joints where Pinocchio has them."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 
@@ -29,12 +27,12 @@ POINTS = {
 }
 
 
-def _urdf(body: str, count: int) -> str:
+def _urdf(body, count):
     links = "".join(f'<link name="l{i}"/>' for i in range(count))
     return f'<robot name="r">{links}{body}</robot>'
 
 
-def _joint(i: int, kind: str = "revolute", more: str = "", axis: str = "0 0 1") -> str:
+def _joint(i, kind="revolute", more="", axis="0 0 1"):
     return (
         f'<joint name="j{i}" type="{kind}"><parent link="l{i - 1}"/><child link="l{i}"/>'
         f'<origin xyz="0.3 0.1 0.2" rpy="0.4 {0.3 * i} -0.2"/><axis xyz="{axis}"/>'

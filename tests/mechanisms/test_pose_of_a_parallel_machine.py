@@ -1,10 +1,5 @@
 """`pose:` of a body that several legs carry: the machine is put together there, or refused."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,7 +14,7 @@ CRANK, ROD = 0.12, 0.34
 RADIUS = 0.25, 0.15
 
 
-def six_rus(folder: Path, **keys: Any) -> Path:
+def six_rus(folder, **keys):
     """Six cranks on a ring, a rod on each by a universal joint, a ball at the platform."""
     leg = [
         joint("crank", "base", "arm", axis=(0, 1, 0)),
@@ -55,7 +50,7 @@ def six_rus(folder: Path, **keys: Any) -> Path:
     ("xyz", "rpy"),
     [((0, 0, 0.35), (0, 0, 0)), ((0.02, -0.01, 0.33), (0.05, -0.1, 0.15)), ((0, 0, 0.3), (0,) * 3)],
 )
-def test_six_rus_is_put_together_at_its_pose(xyz: Any, rpy: Any, tmp_path: Path) -> None:
+def test_six_rus_is_put_together_at_its_pose(xyz, rpy, tmp_path):
     file = six_rus(tmp_path, pose={"xyz": list(xyz), "rpy": list(rpy)})
     machine = cartstiff.load(file)
     result = cartstiff.analyse(machine)
@@ -73,12 +68,12 @@ def test_six_rus_is_put_together_at_its_pose(xyz: Any, rpy: Any, tmp_path: Path)
         assert np.linalg.norm(ball - knee) == pytest.approx(ROD, abs=CLOSED)
 
 
-def test_the_same_file_gives_the_same_machine(tmp_path: Path) -> None:
+def test_the_same_file_gives_the_same_machine(tmp_path):
     file = six_rus(tmp_path, pose={"xyz": [0, 0, 0.35]})
     assert np.array_equal(cartstiff.load(file).q, cartstiff.load(file).q)
 
 
-def test_a_pose_out_of_reach_is_refused(tmp_path: Path) -> None:
+def test_a_pose_out_of_reach_is_refused(tmp_path):
     file = six_rus(tmp_path, pose={"xyz": [0, 0, 0.6]})
     with pytest.raises(InputError, match=r"line \d+, key pose: the pose cannot be reached.*leg 1"):
         cartstiff.load(file)

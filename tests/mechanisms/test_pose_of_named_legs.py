@@ -1,7 +1,5 @@
 """`--pose` for bodies on legs: there in closed form, or as far as the freedoms go, and said so."""
 
-from __future__ import annotations
-
 import json
 from itertools import product
 
@@ -31,7 +29,7 @@ FREE = {
 }
 
 
-def pose_numbers(T: np.ndarray) -> np.ndarray:
+def pose_numbers(T):
     angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
     return np.concatenate([T[:3, 3], angles])
 

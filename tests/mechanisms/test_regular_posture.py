@@ -1,9 +1,5 @@
 """The posture of an arm that names none: regular, within its limits, the same every time."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, write_urdf
@@ -22,12 +18,12 @@ WRIST = [
 ]
 
 
-def posture_note(arm: cartstiff.ElasticMechanism) -> dict[str, object] | None:
+def posture_note(arm):
     notes = [note.values for note in arm.notes if note.code == "default-posture"]
     return dict(notes[0]) if notes else None
 
 
-def test_an_arm_that_is_singular_at_zero_shows_its_matrix(tmp_path: Path) -> None:
+def test_an_arm_that_is_singular_at_zero_shows_its_matrix(tmp_path):
     arm = cartstiff.load(str(write_urdf(tmp_path, *WRIST)))
     values = posture_note(arm)
     assert values is not None
@@ -51,7 +47,7 @@ def test_an_arm_that_is_singular_at_zero_shows_its_matrix(tmp_path: Path) -> Non
     assert np.array_equal(arm.q, again.q)
 
 
-def test_limits_hold(tmp_path: Path) -> None:
+def test_limits_hold(tmp_path):
     text = write_urdf(tmp_path, *WRIST).read_text()
     narrow = text.replace('type="continuous"', 'type="revolute"').replace(
         "</joint>", '<limit lower="-0.6" upper="0.7" effort="0" velocity="0"/></joint>'
@@ -63,7 +59,7 @@ def test_limits_hold(tmp_path: Path) -> None:
     assert cartstiff.analyse(arm).B is not None
 
 
-def test_a_posture_that_is_given_or_good_stays(tmp_path: Path) -> None:
+def test_a_posture_that_is_given_or_good_stays(tmp_path):
     write_urdf(tmp_path, *WRIST)
     file = tmp_path / "arm.yaml"
     file.write_text("kind: serial\nmodel: machine.urdf\nq: {a5: 0.0}\n")
@@ -79,20 +75,20 @@ def test_a_posture_that_is_given_or_good_stays(tmp_path: Path) -> None:
     assert not arm.q.any()
 
 
-def test_five_joints_stay_at_zero(tmp_path: Path) -> None:
+def test_five_joints_stay_at_zero(tmp_path):
     arm = cartstiff.load(str(write_urdf(tmp_path, *WRIST[:5])))
     assert posture_note(arm) is None
     assert not arm.q.any()
 
 
-def test_the_same_for_a_model_in_hand(tmp_path: Path) -> None:
+def test_the_same_for_a_model_in_hand(tmp_path):
     pin = pytest.importorskip("pinocchio")
     path = write_urdf(tmp_path, *WRIST)
     in_hand = cartstiff.load(pin.buildModelFromUrdf(str(path)))
     np.testing.assert_allclose(in_hand.q, cartstiff.load(str(path)).q, atol=SAME)
 
 
-def test_springs_at_rest_positions_keep_zero(tmp_path: Path) -> None:
+def test_springs_at_rest_positions_keep_zero(tmp_path):
     write_urdf(tmp_path, *WRIST)
     file = tmp_path / "arm.yaml"
     springs = ", ".join(f"a{k}: {{stiffness: 10, rest: 0}}" for k in range(1, 7))
@@ -100,7 +96,7 @@ def test_springs_at_rest_positions_keep_zero(tmp_path: Path) -> None:
     assert not cartstiff.load(str(file)).q.any()
 
 
-def test_an_arm_of_four_joints_that_is_singular_at_zero_says_so(tmp_path: Path) -> None:
+def test_an_arm_of_four_joints_that_is_singular_at_zero_says_so(tmp_path):
     """A SCARA whose arm is stretched; three turns about one line lose nothing elsewhere."""
     scara = [
         joint("a1", "base", "l1", at=(0, 0, 0.5)),

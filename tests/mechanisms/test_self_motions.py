@@ -1,7 +1,5 @@
 """Motions that leave the end-effector where it is: idle, unstable, or pushed by the springs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import null_space

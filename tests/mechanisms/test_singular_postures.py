@@ -1,7 +1,5 @@
 """Actuators that do not hold, end-effectors that do not move: named, with numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """One platform on six legs, four ways: line springs, a tree with closures, six chains, by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,15 +4,11 @@ The same arm with locked joints in place of the fixed ones takes another way thr
 there each soft link is the only one on its joint.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
-from cartstiff import DeadForce, ElasticMechanism, analyse, equilibrium, load
+from cartstiff import DeadForce, analyse, equilibrium, load
 
 # Two ways through the same few rotations.
 ROUNDING = 1e-12
@@ -20,9 +16,7 @@ K = np.diag([3e3, 4e3, 5e3, 2e5, 3e5, 4e5]) + 100.0
 FRAMES = ("upper", "camera", "adapter", "tool", "spindle", "gripper")
 
 
-def arm(
-    folder: Path, kind: str, frame: str, soft: tuple[str, ...] = ("adapter",)
-) -> ElasticMechanism:
+def arm(folder, kind, frame, soft=("adapter",)):
     """Upper arm with a camera, an adapter, on that a tool and a spindle, and a gripper.
 
     The gripper's joint comes before those beyond the adapter: the tree is not in one piece.
@@ -60,7 +54,7 @@ SOFT = (("adapter",), ("tool", "adapter", "upper"), ("adapter", "camera"))
 
 @pytest.mark.parametrize("links", SOFT, ids="-".join)
 @pytest.mark.parametrize("frame", FRAMES)
-def test_soft_links_behind_fixed_joints(frame: str, links: tuple[str, ...], tmp_path: Path) -> None:
+def test_soft_links_behind_fixed_joints(frame, links, tmp_path):
     soft, other = (arm(tmp_path, kind, frame, links) for kind in ("fixed", "revolute"))
     assert sorted(soft.names) == sorted(other.names)
     rng = np.random.default_rng(3)
@@ -78,7 +72,7 @@ def test_soft_links_behind_fixed_joints(frame: str, links: tuple[str, ...], tmp_
     assert np.abs(a.momentum()[0] - b.momentum()[0][:, order]).max() < ROUNDING
 
 
-def test_links_before_the_adapter_do_not_feel_it(tmp_path: Path) -> None:
+def test_links_before_the_adapter_do_not_feel_it(tmp_path):
     for frame in ("camera", "adapter", "gripper"):
         soft = arm(tmp_path, "fixed", frame)
         J = soft.mechanism.at(soft.q).motion.jacobian
@@ -90,7 +84,7 @@ def test_links_before_the_adapter_do_not_feel_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mass", [0.0, 7800.0])
-def test_two_beams_in_a_row_are_one_of_two_segments(mass: float, tmp_path: Path) -> None:
+def test_two_beams_in_a_row_are_one_of_two_segments(mass, tmp_path):
     """Stiffness and weight of a cantilever, in one link and in two that are fixed together."""
     section = {
         "E": 2e11,

@@ -1,7 +1,5 @@
 """A finite-element matrix of a beam, reduced to the spring of a link, against the beam itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

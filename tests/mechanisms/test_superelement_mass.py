@@ -1,7 +1,5 @@
 """The mass of a superelement against finite elements of the same beam, assembled here."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh

@@ -1,7 +1,5 @@
 """A four-legged robot on its feet: the body is free, the feet are points of the ground."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

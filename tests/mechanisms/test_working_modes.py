@@ -1,10 +1,6 @@
 """Bodies carried by legs: all combinations of the legs' solutions, against elbows by hand."""
 
-from __future__ import annotations
-
 from itertools import product
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,13 +14,13 @@ from cartstiff import inverse_kinematics
 EXACT = 1e-10
 
 
-def cosine_and_sine(a: float, b: float, c: float) -> list[float]:
+def cosine_and_sine(a, b, c):
     """The two angles t with ``a cos t + b sin t = c``."""
     middle, half = np.arctan2(b, a), np.arccos(c / np.hypot(a, b))
     return [middle - half, middle + half]
 
 
-def cranks(T: np.ndarray) -> list[list[float]]:
+def cranks(T):
     """Angles of the six cranks: each knee is a rod's length away from its ball."""
     found = []
     for k in range(6):
@@ -39,11 +35,11 @@ def cranks(T: np.ndarray) -> list[list[float]]:
     return found
 
 
-def wrapped(angles: Any) -> np.ndarray:
+def wrapped(angles):
     return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
 
 
-def same_rows(found: np.ndarray, wanted: np.ndarray) -> None:
+def same_rows(found, wanted):
     """Each wanted row of angles stands once among those found."""
     assert found.shape == wanted.shape
     for row in wanted:
@@ -51,7 +47,7 @@ def same_rows(found: np.ndarray, wanted: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("rpy", [(0.05, -0.1, 0.15), (-0.08, 0.02, -0.2)])
-def test_six_rus_has_sixty_four(rpy: Any, tmp_path: Path) -> None:
+def test_six_rus_has_sixty_four(rpy, tmp_path):
     machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33], "rpy": list(rpy)}))
     T = machine.mechanism.at(machine.q).pose
     found = inverse_kinematics(machine, T)
@@ -68,7 +64,7 @@ def test_six_rus_has_sixty_four(rpy: Any, tmp_path: Path) -> None:
     assert found[:3].search is None
 
 
-def test_of_many_combinations_the_nearest_are_listed(tmp_path: Path) -> None:
+def test_of_many_combinations_the_nearest_are_listed(tmp_path):
     machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33]}))
     T = machine.mechanism.at(machine.q).pose
     every = inverse_kinematics(machine, T)
@@ -80,7 +76,7 @@ def test_of_many_combinations_the_nearest_are_listed(tmp_path: Path) -> None:
     assert "nearest 5 are listed" in str(few.search)
 
 
-def test_planar_three_rrr_has_eight() -> None:
+def test_planar_three_rrr_has_eight():
     machine = cartstiff.load("3-rrr")
     T = machine.mechanism.at(machine.q).pose
     found = inverse_kinematics(machine, T)
@@ -103,7 +99,7 @@ def test_planar_three_rrr_has_eight() -> None:
         assert np.abs(machine.mechanism.at(q).residual).max() < EXACT
 
 
-def test_delta_has_eight_and_six_ups_one() -> None:
+def test_delta_has_eight_and_six_ups_one():
     for name, count in (("delta", 8), ("6-ups", 1)):
         machine = cartstiff.load(name)
         T = machine.mechanism.at(machine.q).pose
@@ -115,7 +111,7 @@ def test_delta_has_eight_and_six_ups_one() -> None:
             assert np.abs(posture.pose - T).max() < EXACT
 
 
-def test_five_bar_with_its_body_free_to_turn_has_four() -> None:
+def test_five_bar_with_its_body_free_to_turn_has_four():
     machine = cartstiff.load("five-bar")
     T = machine.mechanism.at(machine.q).pose
     found = inverse_kinematics(machine, T, free="rotation")
@@ -127,7 +123,7 @@ def test_five_bar_with_its_body_free_to_turn_has_four() -> None:
         assert np.abs(posture.pose[:3, 3] - T[:3, 3]).max() < EXACT
 
 
-def test_a_leg_out_of_reach_leaves_none(tmp_path: Path) -> None:
+def test_a_leg_out_of_reach_leaves_none(tmp_path):
     machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33]}))
     T = np.eye(4)
     T[2, 3] = 0.9
@@ -136,7 +132,7 @@ def test_a_leg_out_of_reach_leaves_none(tmp_path: Path) -> None:
     assert found.search.found == 0
 
 
-def test_legs_that_hang_on_the_body(tmp_path: Path) -> None:
+def test_legs_that_hang_on_the_body(tmp_path):
     """A body on an arm of two sliders and a turn, with a leg from it to a point of the base."""
     write_urdf(
         tmp_path,

@@ -1,7 +1,5 @@
 """Workspaces: volumes against grids, boundaries against `analyse`, cables against linprog."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

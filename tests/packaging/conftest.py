@@ -1,7 +1,5 @@
 """The distributions, built once for all tests of this folder."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tarfile
@@ -12,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def build(kind: str, source: Path, target: Path) -> Path:
+def build(kind, source, target):
     """Build a distribution with the backend of pyproject.toml, here and without the network."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(target)]
     done = subprocess.run(command, cwd=source, capture_output=True, text=True, check=False)
@@ -22,12 +20,12 @@ def build(kind: str, source: Path, target: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sdist(tmp_path_factory):
     return build("sdist", ROOT, tmp_path_factory.mktemp("sdist"))
 
 
 @pytest.fixture(scope="session")
-def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(sdist, tmp_path_factory):
     """The wheel that the sdist gives: what a user without the repository gets."""
     unpacked = tmp_path_factory.mktemp("unpacked")
     with tarfile.open(sdist) as archive:

@@ -4,8 +4,6 @@ The packages are links to those of the running environment. What cartstiff impor
 declaring it is therefore missing, as it would be for a user.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess
@@ -13,7 +11,7 @@ import sys
 import tomllib
 import venv
 from collections import Counter
-from importlib.metadata import Distribution, distribution, distributions
+from importlib.metadata import distribution, distributions
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -21,13 +19,13 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def requirements(distribution: Distribution, extra: str = "") -> list[str]:
+def requirements(distribution, extra=""):
     """Names of the packages that a distribution needs here, with an extra or without."""
     found = [Requirement(text) for text in distribution.requires or []]
     return [r.name for r in found if r.marker is None or r.marker.evaluate({"extra": extra})]
 
 
-def closure(extra: str = "") -> dict[str, Distribution]:
+def closure(extra=""):
     """Distributions that cartstiff needs, directly and indirectly; itself left out.
 
     What it declares is read from pyproject.toml: an installed copy may be older.
@@ -37,7 +35,7 @@ def closure(extra: str = "") -> dict[str, Distribution]:
     if extra:
         texts += project["optional-dependencies"][extra]
     waiting = [Requirement(text).name for text in texts]
-    found: dict[str, Distribution] = {}
+    found = {}
     while waiting:
         name = waiting.pop()
         if name.lower() in found:
@@ -47,24 +45,24 @@ def closure(extra: str = "") -> dict[str, Distribution]:
     return found
 
 
-def _files(distribution: Distribution) -> list[str]:
+def _files(distribution):
     """Files inside site-packages; scripts and headers stay where they are."""
     rows = csv.reader((distribution.read_text("RECORD") or "").splitlines())
     return [row[0] for row in rows if row[0][:2] != ".." and "__pycache__" not in row[0]]
 
 
-def _link(target: Path, source: Path) -> None:
+def _link(target, source):
     target.parent.mkdir(parents=True, exist_ok=True)
     if not target.exists():
         target.symlink_to(source)
 
 
-def python_of(folder: Path) -> Path:
+def python_of(folder):
     """The environment's interpreter."""
     return folder / "bin" / "python"
 
 
-def make(folder: Path) -> Path:
+def make(folder):
     """Make the environment; its interpreter."""
     venv.create(folder, with_pip=False, symlinks=True)
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
@@ -83,7 +81,7 @@ def make(folder: Path) -> Path:
     return python_of(folder)
 
 
-def install(python: Path, built: Path) -> None:
+def install(python, built):
     """Install a wheel or an sdist there with this environment's pip and build backend."""
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     command += ["--python", str(python), "install", "--no-index", "--no-deps"]
@@ -99,7 +97,7 @@ def install(python: Path, built: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+def run(*command, cwd):
     """Run there, with nothing of this environment in the way."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "CARTSTIFF"))}
     return subprocess.run(

@@ -1,7 +1,5 @@
 """The sdist installs where only the declared packages are, and runs; so does the wheel."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -12,14 +10,14 @@ from cartstiff import __version__
 
 
 @pytest.fixture(scope="module")
-def scripts(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scripts(sdist, tmp_path_factory):
     """Folder of the interpreter and the commands of an environment with cartstiff."""
     python = environment.make(tmp_path_factory.mktemp("empty") / "env")
     environment.install(python, sdist)
     return python.parent
 
 
-def test_the_wheel_installs_what_the_sdist_does(scripts: Path, wheel: Path) -> None:
+def test_the_wheel_installs_what_the_sdist_does(scripts, wheel):
     """The same files with the same contents: what runs from one runs from the other."""
     records = {}
     for kind in ("sdist", "wheel"):
@@ -33,7 +31,7 @@ def test_the_wheel_installs_what_the_sdist_does(scripts: Path, wheel: Path) -> N
     assert records["wheel"] == records["sdist"]
 
 
-def test_nothing_but_the_declared_packages_is_there(scripts: Path, tmp_path: Path) -> None:
+def test_nothing_but_the_declared_packages_is_there(scripts, tmp_path):
     code = (
         "import importlib.util as u, cartstiff; print(cartstiff.__file__); "
         "print([n for n in ('matplotlib', 'example_robot_data', 'hatchling', 'pytest', 'zarr', "
@@ -45,7 +43,7 @@ def test_nothing_but_the_declared_packages_is_there(scripts: Path, tmp_path: Pat
     assert found == "[]"
 
 
-def test_the_command_analyses_the_platform(scripts: Path, tmp_path: Path) -> None:
+def test_the_command_analyses_the_platform(scripts, tmp_path):
     done = environment.run(
         scripts / "cartstiff", "analyse", "stewart-gough", "--json", cwd=tmp_path
     )
@@ -55,7 +53,7 @@ def test_the_command_analyses_the_platform(scripts: Path, tmp_path: Path) -> Non
     assert data["stiffness"]["A"][0][1] == pytest.approx(-1725.1, abs=0.05)  # as printed
 
 
-def test_the_command_knows_its_version(scripts: Path, tmp_path: Path) -> None:
+def test_the_command_knows_its_version(scripts, tmp_path):
     done = environment.run(scripts / "cartstiff", "--version", cwd=tmp_path)
     assert __version__ in done.stdout
 
@@ -69,9 +67,7 @@ def test_the_command_knows_its_version(scripts: Path, tmp_path: Path) -> None:
     ],
     ids=["robots", "plots", "maps"],
 )
-def test_a_missing_extra_is_named_in_one_line(
-    scripts: Path, tmp_path: Path, command: str, extra: str
-) -> None:
+def test_a_missing_extra_is_named_in_one_line(scripts, tmp_path, command, extra):
     done = environment.run(scripts / "cartstiff", *command.split(), cwd=tmp_path)
     assert done.returncode == 2
     assert f"pip install 'cartstiff[{extra}]'" in done.stderr
@@ -79,7 +75,7 @@ def test_a_missing_extra_is_named_in_one_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_the_page_comes_with_the_plain_install(scripts: Path, tmp_path: Path) -> None:
+def test_the_page_comes_with_the_plain_install(scripts, tmp_path):
     command = ["export", "cubic", "-o", "cubic.html"]
     done = environment.run(scripts / "cartstiff", *command, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

@@ -1,12 +1,10 @@
 """One version everywhere, and licences that go together."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy
 import tomllib
-from importlib.metadata import Distribution, PackageNotFoundError
+from importlib.metadata import PackageNotFoundError
 
 import pytest
 from packaging.requirements import Requirement
@@ -47,7 +45,7 @@ WORDS = {
 }
 
 
-def licence(distribution: Distribution) -> str:
+def licence(distribution):
     """The licence that a package's metadata states, in SPDX's words; "" if it states none."""
     metadata = distribution.metadata
     found = [metadata.get(key, "") or "" for key in ("License-Expression", "License")]
@@ -57,13 +55,13 @@ def licence(distribution: Distribution) -> str:
     return WORDS.get(short[0], short[0]) if short else ""
 
 
-def table() -> dict[str, str]:
+def table():
     """Licence by package, as docs/licences.md lists them."""
     text = (ROOT / "docs" / "licences.md").read_text(encoding="utf-8")
     return dict(re.findall(r"^\| `([\w.-]+)` \| ([^|]+?) \|", text, re.M))
 
 
-def test_one_version_everywhere() -> None:
+def test_one_version_everywhere():
     citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["version"] == __version__
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
@@ -73,7 +71,7 @@ def test_one_version_everywhere() -> None:
     assert "version" in PROJECT["dynamic"]  # pyproject.toml has no number of its own
 
 
-def test_citation_names_the_same_licence_and_a_complete_reference() -> None:
+def test_citation_names_the_same_licence_and_a_complete_reference():
     citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["cff-version"] == "1.2.0"
     assert citation["license"] == PROJECT["license"]
@@ -84,7 +82,7 @@ def test_citation_names_the_same_licence_and_a_complete_reference() -> None:
 
 
 @pytest.mark.parametrize("extra", EXTRAS, ids=lambda name: name or "required")
-def test_licences_are_permissive_or_listed(extra: str) -> None:
+def test_licences_are_permissive_or_listed(extra):
     try:
         needed = closure(extra)
     except PackageNotFoundError as missing:
@@ -100,14 +98,14 @@ def test_licences_are_permissive_or_listed(extra: str) -> None:
             assert set(parts) <= PERMISSIVE, f"docs/licences.md does not list {name}: {stated!r}"
 
 
-def test_every_direct_dependency_is_listed() -> None:
+def test_every_direct_dependency_is_listed():
     texts = [*PROJECT["dependencies"]]
     texts += [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
     names = {Requirement(text).name.lower() for text in texts}
     assert names <= set(table()), f"docs/licences.md does not list {names - set(table())}"
 
 
-def test_actions_of_the_workflow_are_pinned_by_commit() -> None:
+def test_actions_of_the_workflow_are_pinned_by_commit():
     """A tag can be moved to other code, a commit cannot."""
     text = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
     used = re.findall(r"uses: (.*)", text)
@@ -116,7 +114,7 @@ def test_actions_of_the_workflow_are_pinned_by_commit() -> None:
 
 
 @pytest.mark.parametrize("name", ["requirements.lock", "requirements-dev.lock"])
-def test_a_lock_with_hashes_has_one_for_every_package(name: str) -> None:
+def test_a_lock_with_hashes_has_one_for_every_package(name):
     """pip then refuses a file that is not the one that was locked."""
     text = (ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
     lines = [line for line in text.splitlines() if re.match(r"[\w.-]+==", line)]
@@ -126,7 +124,7 @@ def test_a_lock_with_hashes_has_one_for_every_package(name: str) -> None:
     assert "--generate-hashes" in (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
-def test_an_audit_that_was_not_answered_is_no_good_news() -> None:
+def test_an_audit_that_was_not_answered_is_no_good_news():
     """Names of packages without an answer are counted; an advisory ends the check."""
     tool = runpy.run_path(str(ROOT / "tools" / "check_release.py"))
     whole = {"name": "a", "version": "1.0", "vulns": []}
@@ -142,7 +140,7 @@ def test_an_audit_that_was_not_answered_is_no_good_news() -> None:
         tool["judged"](answer, "")
 
 
-def test_every_direct_dependency_has_a_lower_bound_that_is_audited() -> None:
+def test_every_direct_dependency_has_a_lower_bound_that_is_audited():
     names = [
         text.partition("==")[0]
         for text in runpy.run_path(str(ROOT / "tools" / "check_release.py"))["bounds"]()

@@ -1,7 +1,5 @@
 """What is built from this tree installs and works away from it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -18,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = sorted(path.name for path in (ROOT / "robots").iterdir())
 
 
-def run(*command: str | Path, cwd: Path, **environment: str) -> str:
+def run(*command, cwd, **environment):
     """Standard output of a command that must succeed."""
     done = subprocess.run(
         [str(part) for part in command],
@@ -33,7 +31,7 @@ def run(*command: str | Path, cwd: Path, **environment: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(wheel, tmp_path_factory):
     """A folder that holds the installed wheel; its dependencies are this environment's."""
     target = tmp_path_factory.mktemp("site")
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
@@ -41,7 +39,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-def test_sdist_holds_what_builds_tests_and_describes_the_package(sdist: Path) -> None:
+def test_sdist_holds_what_builds_tests_and_describes_the_package(sdist):
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     wanted = ["LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "Makefile", "pyproject.toml"]
@@ -51,7 +49,7 @@ def test_sdist_holds_what_builds_tests_and_describes_the_package(sdist: Path) ->
     assert names.issuperset(wanted), set(wanted) - names
 
 
-def test_wheel_holds_the_package_the_robots_and_nothing_else(wheel: Path) -> None:
+def test_wheel_holds_the_package_the_robots_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
         licences = [name for name in names if name.endswith("licenses/LICENSE")]
@@ -70,9 +68,7 @@ def test_wheel_holds_the_package_the_robots_and_nothing_else(wheel: Path) -> Non
     assert {name for name in package if name.endswith(".py")} == modules
 
 
-def test_installed_wheel_analyses_the_platform_from_elsewhere(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_installed_wheel_analyses_the_platform_from_elsewhere(installed, tmp_path):
     where = run(
         sys.executable,
         "-c",
@@ -97,7 +93,7 @@ def test_installed_wheel_analyses_the_platform_from_elsewhere(
     assert all(len(data["stiffness"][name]) == 6 for name in "ABKF")
 
 
-def test_installed_wheel_lists_its_bundled_mechanisms(installed: Path, tmp_path: Path) -> None:
+def test_installed_wheel_lists_its_bundled_mechanisms(installed, tmp_path):
     out = run(
         sys.executable,
         "-m",
@@ -111,7 +107,7 @@ def test_installed_wheel_lists_its_bundled_mechanisms(installed: Path, tmp_path:
     assert sorted(json.loads(out)["bundled"]) == sorted(stems)
 
 
-def test_sources_of_every_bundled_file_are_told() -> None:
+def test_sources_of_every_bundled_file_are_told():
     told = (ROOT / "robots/SOURCES.md").read_text(encoding="utf-8")
     untold = [name for name in ROBOTS if f"`{name}`" not in told and name != "SOURCES.md"]
     assert not untold, f"robots/SOURCES.md says nothing of {', '.join(untold)}"

@@ -1,10 +1,6 @@
 """Without the extra `robots`: a user's own arm works, and a hint says what is missing."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -26,7 +22,7 @@ URDF = """<robot name="two">
 
 
 @pytest.fixture(autouse=True)
-def _no_example_robots(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _no_example_robots(monkeypatch):
     """The data's folder is not found, as in an install without it."""
     monkeypatch.setattr(catalogue, "_data_directory", lambda: None)
     catalogue.example_robots.cache_clear()
@@ -34,7 +30,7 @@ def _no_example_robots(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     catalogue.example_robots.cache_clear()
 
 
-def cartstiff(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+def cartstiff(capsys, *arguments):
     """Exit code, standard output and standard error."""
     with pytest.raises(SystemExit) as caught:
         main(list(arguments))
@@ -44,7 +40,7 @@ def cartstiff(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int,
     return code, out, err
 
 
-def test_own_urdf_is_analysed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_urdf_is_analysed(tmp_path, capsys):
     path = tmp_path / "two.urdf"
     path.write_text(URDF, encoding="utf-8")
     code, out, err = cartstiff(capsys, "analyse", str(path), "--json")
@@ -52,20 +48,20 @@ def test_own_urdf_is_analysed(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert json.loads(out)["mechanism"]["joints"] == ["shoulder", "slide"]
 
 
-def test_platform_is_analysed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_platform_is_analysed(capsys):
     code, out, err = cartstiff(capsys, "analyse", "stewart-gough", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["stiffness"]["F"] is not None
 
 
-def test_an_arm_of_the_extra_names_it_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_arm_of_the_extra_names_it_in_one_line(capsys):
     code, out, err = cartstiff(capsys, "analyse", "ur5")
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert "pip install 'cartstiff[robots]'" in err
 
 
-def test_models_names_the_extra(capsys: pytest.CaptureFixture[str]) -> None:
+def test_models_names_the_extra(capsys):
     code, out, _ = cartstiff(capsys, "models")
     assert code == 0
     assert "pip install 'cartstiff[robots]'" in out

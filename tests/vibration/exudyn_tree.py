@@ -4,9 +4,6 @@ The file is read here, body by body, and built as Exudyn's kinematic tree. A loo
 the two forces that its closure carries, each of constant direction on its own body.
 """
 
-from __future__ import annotations
-
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -16,11 +13,11 @@ STEP = 1e-3
 _WEIGHTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 
 
-def _vector(text: str | None, default: str = "0 0 0") -> np.ndarray:
+def _vector(text, default="0 0 0"):
     return np.array((text or default).split(), float)
 
 
-def _onto(axis: np.ndarray) -> np.ndarray:
+def _onto(axis):
     """A rotation that takes z to an axis."""
     z = axis / np.linalg.norm(axis)
     x = np.cross([0.3, -0.8, 0.52], z)
@@ -31,26 +28,26 @@ def _onto(axis: np.ndarray) -> np.ndarray:
 class ExudynTree:
     """Hinges and slides of an MJCF with dead forces at its site `tip`."""
 
-    def __init__(self, xml: str, dead: Any) -> None:
+    def __init__(self, xml, dead):
         self.exu = pytest.importorskip("exudyn")
         self.items = pytest.importorskip("exudyn.itemInterface")
         root = ET.fromstring(xml)
-        self.names: list[str] = []
-        self.at: dict[str, tuple[int, np.ndarray]] = {}
-        self._links: dict[str, list[Any]] = {
+        self.names = []
+        self.at = {}
+        self._links = {
             key: []
             for key in ("types", "parents", "turns", "offsets", "inertias", "centres", "masses")
         }
-        self.k: list[float] = []
-        self.rest: list[float] = []
-        self.armature: list[float] = []
-        self._home: dict[str, np.ndarray] = {}
-        self._frames: dict[str, np.ndarray] = {}
-        self._bodies: list[str] = []
+        self.k = []
+        self.rest = []
+        self.armature = []
+        self._home = {}
+        self._frames = {}
+        self._bodies = []
         for body in root.find("worldbody").findall("body"):
             self._read(body, -1, np.eye(3))
         gravity = _vector(root.find("option").get("gravity"))
-        self.ties: list[list[tuple[int, np.ndarray]]] = []
+        self.ties = []
         for tie in root.iter("connect"):
             anchor = _vector(tie.get("anchor"))
             one, other = tie.get("body1"), tie.get("body2")
@@ -59,7 +56,7 @@ class ExudynTree:
             self.ties.append([(self.at[n][0], self._frames[n].T @ point) for n, point in ends])
         self._build(gravity, np.asarray(dead, float))
 
-    def _read(self, body: Any, parent: int, turned: np.ndarray) -> None:
+    def _read(self, body, parent, turned):
         """One joint a body; the link's frame has its z along the joint's axis."""
         link, (joint,) = len(self.names), body.findall("joint")
         name, pos = body.get("name"), _vector(body.get("pos"))
@@ -93,7 +90,7 @@ class ExudynTree:
         for child in body.findall("body"):
             self._read(child, link, R)
 
-    def _build(self, gravity: np.ndarray, dead: np.ndarray) -> None:
+    def _build(self, gravity, dead):
         exu, items, rows = self.exu, self.items, self._links
         n = len(self.names)
         self.container = exu.SystemContainer()
@@ -121,7 +118,7 @@ class ExudynTree:
             )
         )
 
-        def load(link: int, point: np.ndarray, force: Any) -> int:
+        def load(link, point, force):
             marker = self.system.AddMarker(
                 items.MarkerKinematicTreeRigid(
                     objectNumber=tree, linkNumber=link, localPosition=list(point)
@@ -139,7 +136,7 @@ class ExudynTree:
         self.solver = exu.MainSolverStatic()
         self.solver.InitializeSolver(self.system, self.settings)
 
-    def force(self, q: np.ndarray) -> np.ndarray:
+    def force(self, q):
         """Generalised forces of weights, loads and springs."""
         self.system.systemData.SetODE2Coordinates(list(q))
         self.system.systemData.SetODE2Coordinates_t([0.0] * len(q))
@@ -147,12 +144,12 @@ class ExudynTree:
         pushed = np.array(self.solver.GetSystemResidual())[: len(q)]
         return pushed - np.array(self.k) * (q - np.array(self.rest))
 
-    def _carry(self, multipliers: np.ndarray) -> None:
+    def _carry(self, multipliers):
         for (one, other), lam in zip(self.pulls, multipliers.reshape(-1, 3), strict=True):
             for load, sign in ((one, 1.0), (other, -1.0)):
                 self.system.SetLoadParameter(load, "loadVector", list(sign * lam))
 
-    def squares(self, q: np.ndarray) -> tuple[np.ndarray, float]:
+    def squares(self, q):
         """omega^2 about q, and what nothing balances there."""
         n, m = len(q), 3 * len(self.ties)
         self._carry(np.zeros(m))

@@ -1,9 +1,5 @@
 """Small vibrations by MuJoCo: its masses, and differences of its forces about a rest state."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 
 STEP = 2e-6
@@ -12,7 +8,7 @@ STEP = 2e-6
 class Vibrating:
     """A model with dead forces at its site `tip`."""
 
-    def __init__(self, mujoco: Any, xml: str, dead: Any = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, mujoco, xml, dead=(0.0, 0.0, 0.0)):
         self.mujoco = mujoco
         self.model = mujoco.MjModel.from_xml_string(xml)
         self.data = mujoco.MjData(self.model)
@@ -20,13 +16,13 @@ class Vibrating:
         self.site = self.model.site("tip").id
         self.body = int(self.model.site_bodyid[self.site])
 
-    def _at(self, q: np.ndarray, step: np.ndarray) -> None:
+    def _at(self, q, step):
         moved = q.copy()
         self.mujoco.mj_integratePos(self.model, moved, step, 1.0)
         self.data.qpos[:], self.data.qvel[:] = moved, 0.0
         self.mujoco.mj_forward(self.model, self.data)
 
-    def forces(self, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def forces(self, q, step):
         """Generalised forces of all but the constraints, and the constraints' Jacobian."""
         self._at(q, step)
         total = self.data.qfrc_passive - self.data.qfrc_bias
@@ -35,7 +31,7 @@ class Vibrating:
         J = self.data.efc_J.reshape(-1, self.model.nv)[: self.data.ne].copy()
         return total, J
 
-    def squares(self, q: np.ndarray) -> tuple[np.ndarray, float]:
+    def squares(self, q):
         """omega^2 about q, and what nothing balances there over the weights."""
         nv = self.model.nv
         force, J = self.forces(q, np.zeros(nv))

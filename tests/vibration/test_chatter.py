@@ -1,7 +1,5 @@
 """Stability of milling: closed forms, and two theories against each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

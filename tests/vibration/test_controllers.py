@@ -1,7 +1,5 @@
 """Damping of impedance controllers, and the same stiffness in the dress of controllers."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Dampers that a URDF or an MJCF file has."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ Platforms by its own linearisation, with the force at the mass centre: it leaves
 lever turns, and feels the load by what it does to the legs.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

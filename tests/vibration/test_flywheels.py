@@ -1,7 +1,5 @@
 """Links that have an inertia and no mass: rotors, as files of drives and of the Puma give them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Frequencies over many postures equal those of one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Motions without mass follow the others: fifty digits, and a cantilever by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mpmath as mp

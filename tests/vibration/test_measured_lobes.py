@@ -1,7 +1,5 @@
 """Lobes of a measured response: one mode, by the closed form that is written out here."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.io import savemat

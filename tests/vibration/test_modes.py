@@ -1,7 +1,5 @@
 """Modes against printed tables, closed forms and kinetic energies found from positions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frequencies under load against MuJoCo: arms, platforms, closed chains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

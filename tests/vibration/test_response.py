@@ -1,7 +1,5 @@
 """Responses: against full matrices, closed forms, statics at frequency zero."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensitivities against differences of frequencies, and shortcuts against what they leave out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

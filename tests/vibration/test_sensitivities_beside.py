@@ -1,7 +1,5 @@
 """Lines, and links that give, are parameters beside the springs: closed forms of one link."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, write_file, write_urdf
